@@ -164,10 +164,18 @@ def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
     for _ in range(_ROUNDS):
         faults = settings_faults(mended)
         if not faults:
-            return mended
+            return None if _is_read_otherwise(campaign, mended) else mended
         if not all(_remove(mended.document, fault.column or "") for fault in faults):
             return None
     return None
+
+
+def _is_read_otherwise(campaign: CampaignFolder, mended: CampaignFolder) -> bool:
+    """Whether a campaign without its faulty keys is of another kind of mechanism, which has other files."""
+    from stages.ingest import OF_TYPES
+
+    own, left = (document.get("mechanism") for document in (campaign.document, mended.document))
+    return isinstance(own, dict) and own.get("type") in OF_TYPES and not left
 
 
 def _remove(document: Mapping[str, Any], dotted: str) -> bool:

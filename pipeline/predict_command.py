@@ -16,6 +16,9 @@ from schemas.settings_text import parsed_toml, read_settings_text
 if TYPE_CHECKING:
     import pyarrow as pa
 
+# What is predicted, by a column that tells it from poses.
+_ARTIFACTS = {"reading": "readings", "encoder": "axis_prediction"}
+
 
 def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
     """Predict poses, or readings of a loaded sensor; CSV on stdout, or the file ``out``. Raises CampaignFaults."""
@@ -75,4 +78,4 @@ def _write(out: Path, predicted: pa.Table, campaign: str, made_from: list[str]) 
 
 
 def _artifact(predicted: pa.Table) -> str:
-    return "readings" if "reading" in predicted.schema.names else "poses"
+    return next((artifact for mark, artifact in _ARTIFACTS.items() if mark in predicted.schema.names), "poses")

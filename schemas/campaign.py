@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
+from schemas.axis_mechanism import AxisMechanism
 from schemas.certificate import Certificate
 from schemas.faults import CampaignFaults, Fault
 from schemas.interferometer import Interferometer
@@ -41,14 +42,20 @@ def _is_first_format(value: Any) -> Any:
     return value
 
 
+# Sections of [mechanism] by tag, which is the name of no key; types without a tag of their own are of legs.
+_TYPES = {"legged": LeggedMechanism, "6-upur": SensorMechanism, "one-axis": AxisMechanism, "none": NoMechanism}
+_TAGS = {"6-upur": "6-upur", "axis": "one-axis", "none": "none"}
+
+
 def _tag(section: Any) -> str:
     kind = section.get("type", "none") if isinstance(section, dict) else getattr(section, "type", "none")
-    return kind if kind in ("none", "6-upur") else "legged"
+    return _TAGS.get(kind, "legged") if isinstance(kind, str) else "legged"
 
 
 Mechanism = Annotated[
     Annotated[LeggedMechanism, Tag("legged")]
     | Annotated[SensorMechanism, Tag("6-upur")]
+    | Annotated[AxisMechanism, Tag("one-axis")]
     | Annotated[NoMechanism, Tag("none")],
     Discriminator(_tag),
 ]
@@ -147,7 +154,6 @@ _KINDS = {
     "model_type": "a table",
     "model_attributes_type": "a table",
 }
-_TYPES = {"legged": LeggedMechanism, "6-upur": SensorMechanism, "none": NoMechanism}
 
 
 def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:

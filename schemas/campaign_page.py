@@ -15,6 +15,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from schemas.axis_mechanism import AxisMechanism
 from schemas.campaign import Campaign
 from schemas.column import LARGEST
 from schemas.mechanism import LeggedMechanism
@@ -82,6 +83,7 @@ def _top() -> Iterator[Table]:
         if table.places == ("[mechanism]",):
             yield Table(table.places, LeggedMechanism, " of legs and actuators")
             yield Table(table.places, SensorMechanism, " of a force sensor")
+            yield Table(table.places, AxisMechanism, " of one axis")
         else:
             yield table
 

@@ -106,6 +106,16 @@ POINTS = (
 CONFIGURATIONS = (
     Column("rho", "real", "actuator reading of that leg, rho0 + delta rho", "mm", family=r"rho[1-9]\d*_mm"),
     real("temperature_c", "degC", "temperature of the mechanism", minimum=-273.15, nullable=True),
+    Column(
+        "event",
+        "text",
+        "what happened before this row: a new text marks the first row after it; empty: nothing",
+        nullable=True,
+    ),
+    Column("encoder", "text", "what recorded where an axis stands", choices=("motor", "load", "measured")),
+    real("command", "", "where the axis was sent, in command_unit"),
+    Column("command_unit", "text", "the unit of the axis", choices=("deg", "mm")),
+    Column("approach", "integer", "direction of approach: -1 or 1", minimum=-1, maximum=1),
 )
 
 POSES = (

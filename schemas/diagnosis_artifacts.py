@@ -67,6 +67,21 @@ DIAGNOSIS = (
         key=("run", "step", "channel"),
     ),
     parquet(
+        "axis_errors",
+        "recorded minus predicted of every encoder of an axis, without and with the causes that were found",
+        (
+            *("pose", "role", "encoder", "command", "command_unit", "approach"),
+            *("missed_before", "missed_after", "noise_floor", "unit"),
+        ),
+        key=("pose", "encoder"),
+    ),
+    parquet(
+        "axis_prediction",
+        "what an axis' encoders read at a command by its extended model, with one standard deviation",
+        ("pose", "encoder", "command", "command_unit", "approach", "value", "sigma"),
+        key=("pose", "encoder"),
+    ),
+    parquet(
         "next_poses",
         "what to measure next: configurations, and what they are for",
         ("purpose", "pose", "expected"),

@@ -55,7 +55,7 @@ MEASUREMENT = (
         "configurations",
         "one row per pose: role, time, actuator readings, covariates",
         ("pose", "role", "time_s"),
-        optional=("temperature_c", "repeat_of"),
+        optional=("temperature_c", "repeat_of", "event"),
         families=("rho",),
         covariates=True,
         key=("pose",),

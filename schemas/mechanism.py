@@ -12,6 +12,9 @@ from schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Se
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
+OF_LEGS = ("6-pus", "ups")
+WITHOUT_LEGS = ("6-upur", "axis", "none")
+"""Types whose bodies no legs with actuators carry."""
 
 
 class Leg(Section):
@@ -52,21 +55,21 @@ class Tolerance(Section):
 class MechanismSection(Section):
     """[mechanism], whatever its type."""
 
-    type: Name = Field(description="6-pus, ups, 6-upur, none, or what an installed package adds")
+    type: Name = Field(description="6-pus, ups, 6-upur, axis, none, or what an installed package adds")
     reference_temperature_c: Temperature = Field(20.0, description="of the survey and of the nominal geometry")
 
     @property
     def is_legged(self) -> bool:
         """Whether legs with actuators carry a platform, whose readings say where it is."""
-        return self.type not in ("none", "6-upur")
+        return self.type not in WITHOUT_LEGS
 
 
 def _known_closure(kind: str) -> str:
     """Own types first: asking what is installed takes time."""
-    if kind not in ("6-pus", "ups"):
+    if kind not in OF_LEGS:
         added = sorted(entry_points(group=CLOSURES).names)
         if kind not in added:
-            raise ValueError(f"one of {', '.join(('6-pus', 'ups', '6-upur', 'none', *added))}")
+            raise ValueError(f"one of {', '.join((*OF_LEGS, *WITHOUT_LEGS, *added))}")
     return kind
 
 

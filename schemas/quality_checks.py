@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from schemas.checks_of_axes import OF_AXES
 from schemas.checks_of_loads import OF_LOADS
 from schemas.checks_of_photographs import OF_PHOTOGRAPHS
 from schemas.checks_of_points import OF_POINTS
@@ -15,7 +16,7 @@ from schemas.quality_check import Checks, Limits
 from schemas.sections import Acceptance, SetLimits
 
 CHECKS: Mapping[str, Checks] = {
-    "photogrammetry": {**OF_POINTS, **OF_PHOTOGRAPHS},
+    "photogrammetry": {**OF_POINTS, **OF_PHOTOGRAPHS, **OF_AXES},
     "interferometer": {**OF_LOADS, **OF_POSITIONS},
 }
 # Checks by which the data do not belong together as described; a name that two kinds share means the same in both.

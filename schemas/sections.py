@@ -119,6 +119,7 @@ OfReadings = Annotated[float, Field(ge=0.0, le=1e3, allow_inf_nan=False), AfterV
 OfDisplacement = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
 OfAngles = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
 OfRotation = Annotated[float, Field(ge=1e-12, le=3.2, allow_inf_nan=False)]
+OfTurns = Annotated[float, Field(ge=1e-10, le=180.0, allow_inf_nan=False)]
 OfSignals = Annotated[float, Field(ge=1e-9, le=1e6, allow_inf_nan=False)]
 OfImages = Annotated[float, Field(ge=1e-6, le=1e4, allow_inf_nan=False)]
 OfLoads = Annotated[float, Field(ge=0.0, le=1e9, allow_inf_nan=False), AfterValidator(_is_nothing_or_real)]
@@ -137,6 +138,14 @@ class Noise(Section):
         None, description="six-component displacement and measured poses, translation"
     )
     rotation_rad: OfRotation | None = Field(None, description="six-component displacement and measured poses, rotation")
+    command_deg: OfReadings = Field(0.0, description="rotary axis: how far it stands from its command")
+    motor_deg: OfTurns | None = Field(None, description="rotary axis: a reading of the motor's encoder")
+    load_deg: OfTurns | None = Field(None, description="rotary axis: a reading of the load's encoder")
+    measured_deg: OfTurns | None = Field(None, description="rotary axis: a reading of the outside instrument")
+    command_mm: OfReadings = Field(0.0, description="linear axis: how far it stands from its command")
+    motor_mm: OfLength | None = Field(None, description="linear axis: a reading of the motor's encoder")
+    load_mm: OfLength | None = Field(None, description="linear axis: a reading of the load's encoder")
+    measured_mm: OfLength | None = Field(None, description="linear axis: a reading of the outside instrument")
     load_n: OfLoads = Field(0.0, description="applied force")
     load_nm: OfLoads = Field(0.0, description="applied torque")
 

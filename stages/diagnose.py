@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
+from schemas.axis_mechanism import KEYS_OF_AXES
+from stages.common.registered import registered
 from stages.common.words import gross_errors
 from stages.declaration import Outcome, Progress, Stage
 from truing.report.numbers import count as counted
@@ -49,6 +51,7 @@ DECLARATION = Stage(
         "pull_sums?",
         "prediction?",
         "reading_errors?",
+        "axis_errors?",
         "next_poses?",
         "next_loads?",
         "changes?",
@@ -65,6 +68,7 @@ DECLARATION = Stage(
         "mechanism.actuator_pitch_mm",
         "mechanism.height_mm",
         "mechanism.elements",
+        *KEYS_OF_AXES,
         "loading",
         "interferometer",
         "signals",
@@ -82,6 +86,9 @@ DECLARATION = Stage(
     ),
     summary="what the simulation gets wrong: causes, their sizes, the extended model",
 )
+
+# What assembles the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
+_OF_TYPES = {"axis": "stages.diagnosis.axis_points"}
 
 # Simulated residual vectors, and as many sign-flipped ones, that the search is held against.
 DRAWS = 400
@@ -123,6 +130,9 @@ def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
 
     if "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
+    if (own := registered(_OF_TYPES, settings)) is not None:
+        gathered: Gathered = own.gather(tables, settings)
+        return gathered
     if settings.mechanism.is_legged:
         return _of_mechanism(tables, settings)
     if settings.campaign.kind == "interferometer":
@@ -215,12 +225,15 @@ def rule_of(settings: Campaign, *, of_points: bool = False) -> Settings:
 def kinds_of(settings: Campaign, *, photographed: bool = False) -> dict[str, Cause]:
     """The causes that a campaign's instrument and mechanism know, by id."""
     from truing.simulation.catalogue import (
+        OF_TYPES,
         catalogue,
         catalogue_of_bodies,
         catalogue_of_readings,
         of_photographed_points,
     )
 
+    if settings.mechanism.type in OF_TYPES:
+        return OF_TYPES[settings.mechanism.type]()
     if settings.campaign.kind == "interferometer":
         return catalogue_of_readings()
     own = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
@@ -246,7 +259,7 @@ def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagn
 def _read(gathered: Gathered) -> str:
     held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
     seen = int(gathered.calibration.measured.seen.sum())
-    what, where = ("point", "pose") if gathered.shown is None else ("reading", "load step")
+    what, where = ("point", "pose") if gathered.shown is None else ("reading", gathered.shown.epoch)
     used = counted(len(gathered.calibration.conditions.readings), where)
     return f"{counted(seen, what)} of {used}, {counted(held, where)} held out"
 

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from schemas.artifacts import ARTIFACTS
+from schemas.axis_mechanism import KEYS_OF_AXES
 from schemas.faults import Fault
 from schemas.near_names import meant
+from stages.common.registered import registered
 from stages.declaration import Outcome, Progress, Stage
 from truing.formats.source import TABLES, CampaignFiles
 from truing.report.numbers import count as counted
@@ -55,6 +57,7 @@ DECLARATION = Stage(
         "mechanism.model",
         "mechanism.height_mm",
         "mechanism.elements",
+        *KEYS_OF_AXES,
         "loading",
         "interferometer",
         "signals.sensitivity_mv_per_n",
@@ -73,6 +76,8 @@ DECLARATION = Stage(
     ),
     summary="reads the raw files, brings them into the contract's units and names, and refuses what cannot be",
 )
+# What reads the files of a mechanism that is neither of legs nor a sensor on its bench, by its type.
+OF_TYPES = {"axis": "stages.ingestion.axis_rows"}
 
 
 class _Late:
@@ -94,6 +99,9 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
 
     log = FaultLog()
     _check_tables(settings, log)
+    if (own := registered(OF_TYPES, settings)) is not None:
+        outcome: Outcome = own.ingest(settings, source, log)
+        return outcome
     if settings.campaign.kind == "interferometer":
         return _interferometer(settings, source, log)
     return _photogrammetry(settings, progress, source, _adjusted(tables, settings, source, log), log)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
@@ -15,15 +16,23 @@ if TYPE_CHECKING:
     from truing.simulation.mechanisms.extended_model import ExtendedModel, PredictedPoses
     from truing.simulation.mechanisms.unknowns import Conditions
 
+# What predicts by the model of a mechanism that is neither of legs nor a sensor on its bench, by its name there.
+_OF_MECHANISMS = {"axis": "stages.axis.prediction"}
+
 
 def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Table:
-    """Return what a model.toml predicts: poses for a table of configurations, readings for one of load steps.
+    """Return what a model.toml predicts: poses for a table of configurations, readings for one of load steps or of
+    commands of an axis.
 
     Raises CampaignFaults where ``file`` lacks a column that is needed or holds no number in it, ValueError where the
     model is none.
     """
     from truing.simulation.bench.model_text import is_sensor, read_sensor
 
+    about = parsed_toml(model).get("model", {})
+    if isinstance(about, dict) and (own := _OF_MECHANISMS.get(str(about.get("mechanism")))) is not None:
+        predicted: pa.Table = import_module(own).predicted(model, inputs, file)
+        return predicted
     if is_sensor(parsed_toml(model)):
         from stages.sensor.predicted_readings import predicted_readings
 

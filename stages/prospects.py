@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from stages.common.registered import registered
 from stages.common.why_not import (
     HELD_OUT,
     LEAST_POSES,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 _UNTARGETED = {"measured_poses": "measured poses", "scans": "dense scans"}
 _ADJUSTED = "the photographs tell, once they are adjusted"
+# What tells the prospects of a mechanism that is neither of legs nor a sensor on its bench, by its type.
+_OF_TYPES = {"axis": "stages.common.axis_prospects"}
 _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 
 
@@ -83,6 +86,9 @@ class Prospect:
 
 def prospects(settings: Campaign, found: Found) -> Iterator[Prospect]:
     """Yield what each stage that measures something will evaluate, of points or of loads."""
+    if (own := registered(_OF_TYPES, settings)) is not None:
+        yield from (Prospect(*told) for told in own.prospects(settings, found.tables))
+        return
     if settings.campaign.kind == "interferometer":
         yield from _of_loads(settings, found)
         return

@@ -8,6 +8,8 @@ from itertools import chain
 from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
+from schemas.axis_mechanism import KEYS_OF_AXES
+from stages.common.registered import registered
 from stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
@@ -52,6 +54,7 @@ DECLARATION = Stage(
         *(
             "mechanism.tolerance",
             "mechanism.elements",
+            *KEYS_OF_AXES,
             "loading",
             "interferometer",
             "signals.range_mv",
@@ -66,9 +69,15 @@ DECLARATION = Stage(
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",
 )
 
+# What checks the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
+_OF_TYPES = {"axis": "stages.quality.of_axes"}
+
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Every check with its value, limit, verdict and sentence; accepted verdicts keep their row and stop to gate."""
+    if (own := registered(_OF_TYPES, settings)) is not None:
+        found_of_type, read_of_type = own.checks(tables, settings)
+        return _judged(found_of_type, read_of_type, settings, progress)
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings, progress)
     if not tables["observations"].num_rows:

@@ -65,6 +65,7 @@ DECLARATION = Stage(
         "pull_sums?",
         "prediction?",
         "reading_errors?",
+        "axis_errors?",
         "next_poses?",
         "next_loads?",
         "changes?",

@@ -31,7 +31,9 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
     found["cause_uncertainty"] = uncertainty_table(diagnosis, legs)
     found |= left_out_table(diagnosis, gathered)
     advice: dict[str, Advice] = {}
-    if gathered.shown is not None:
+    if gathered.leaves is not None and gathered.shown is not None:
+        found |= gathered.leaves(diagnosis, gathered.shown, settings)
+    elif gathered.shown is not None:
         found |= of_readings(diagnosis, gathered.shown, settings) | _changes(diagnosis)
         advice = _next_loads(found, diagnosis, settings)
     else:

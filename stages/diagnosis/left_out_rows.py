@@ -46,7 +46,7 @@ def _place(one: ScreenedPoint, gathered: Gathered) -> dict[str, Any]:
     """The pose, or the run and step, by name."""
     poses = gathered.held_out if one.held_out else gathered.calibration
     conditions: Any = poses.conditions if poses is not None else None
-    if gathered.shown is None:
+    if not hasattr(conditions, "run"):
         return {"pose": conditions.poses[one.row]}
     run = conditions.run[one.row]
     return {"run": run.item() if hasattr(run, "item") else run, "step": int(conditions.step[one.row])}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from schemas.mechanism import LeggedMechanism
+    from truing.inference.selection import Diagnosis
+Leaves = Callable[["Diagnosis", Channels, "Campaign"], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Gathered:
     framing: int  # platform targets that sit on no attachment
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
     shown: Channels | None = None  # the channels of readings, which have units of their own; None where all are points
+    leaves: Leaves | None = None  # what its instrument leaves, where `artifacts_of` does not know that
 
 
 @dataclass(frozen=True)

@@ -54,11 +54,19 @@ POINTS = Shown()
 
 @dataclass(frozen=True)
 class Channels:
-    """The units (K,) of a sensor's channels and what one of each is in SI; ``signal`` (K,) which are no readings."""
+    """The units (K,) of channels and what one of each is in SI; ``signal`` (K,) which are no readings.
+
+    In words as in `Shown`; ``epoch`` is what a reading is taken at.
+    """
 
     units: tuple[str, ...]
     si: NDArray
     signal: NDArray
+    epoch: str = "load step"
+    fitted: str = "the runs fitted"
+    held_out: str = "held-out runs"
+    drive: str = "the loads"
+    scatter: str = _SCATTER
 
     def concerned(self, before: PredictionError, after: PredictionError) -> Shown:
         """How to tell of an effect: over the channels that it moves, of one unit; signals where it moves no reading."""
@@ -85,4 +93,4 @@ class Channels:
         if total[self.units[0]] * _RATHER**2 >= total[unit]:
             unit = self.units[0]
         own = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
-        return Shown(unit, float(self.si[own[0]]), own, "the runs fitted", "held-out runs", "the loads", _SCATTER)
+        return Shown(unit, float(self.si[own[0]]), own, self.fitted, self.held_out, self.drive, self.scatter)

@@ -40,6 +40,7 @@ _READ = {
     "points": "readings of the actuators",
     "bodies": "standing of what should stand still",
     "bench": "applied loads",
+    "encoder": "standing of the axis at its command",
 }
 # Noise is of its declared size unless what was measured shows it to be larger by this much.
 _LARGER = 1.01
@@ -79,7 +80,9 @@ def _source(final: Stand, given: Given) -> tuple[str, bool]:
     if given.source == POINTS:
         return f"{_measured(final)}, at the noise found", True
     if given.source == READINGS:
-        kind = "bench" if not final.fit.frames.size else "points" if final.model.leg_count else "bodies"
+        word = final.model.scene.word_of_target
+        numbers = word if word in _READ else "bench"
+        kind = numbers if not final.fit.frames.size else "points" if final.model.leg_count else "bodies"
         return _found(_READ[kind], readings)
     if given.source == "shape":
         return _found(_WORDS["shape"], survey)
@@ -90,6 +93,8 @@ def _measured(final: Stand) -> str:
     """What was measured, in words."""
     if final.fit.frames.size:
         return "measured points"
+    if final.model.scene.word_of_target == "encoder":
+        return "readings of the encoders"
     return "readings and signals" if final.model.scene.rays is None else "rays of photographs"
 
 

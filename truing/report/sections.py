@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from truing.report.axis_page import axis
 from truing.report.calibration.requirement_section import requirements
 from truing.report.calibration.section import calibration
 from truing.report.deformation.section import deformation
@@ -39,6 +40,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     bench = is_bench(tables) or any(name in tables for name in _OF_BENCHES)
     drawn = [
         diagnosis(tables) or _absent("diagnosis", "Diagnosis", tables),
+        axis(tables),
         measured(tables),
         quality(tables) or _absent("qa", "Quality", tables),
         photographs(tables),

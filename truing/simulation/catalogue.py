@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from truing.simulation.axis.causes import AXES, OWN_CAUSES_OF_AXES
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
@@ -116,6 +119,14 @@ def catalogue_of_readings() -> dict[str, Cause]:
     return _with_installed(OWN_CAUSES_OF_READINGS, READINGS)
 
 
+def catalogue_of_axes() -> dict[str, Cause]:
+    """Return all causes that a single axis knows, by id; those of installed packages are among them.
+
+    Raises ValueError where two causes have the same id.
+    """
+    return _with_installed(OWN_CAUSES_OF_AXES, AXES)
+
+
 def catalogue_of_rays() -> dict[str, Cause]:
     """Return all causes that rays of photographs may tell of by themselves, by id.
 
@@ -127,6 +138,10 @@ def catalogue_of_rays() -> dict[str, Cause]:
 def of_photographed_points() -> dict[str, Cause]:
     """Return the causes, by id, that points know beside all others where they come from photographs."""
     return {cause.id: cause for cause in OWN_CAUSES_OF_PHOTOGRAPHED_POINTS}
+
+
+OF_TYPES: dict[str, Callable[[], dict[str, Cause]]] = {"axis": catalogue_of_axes}
+"""The catalogues of mechanisms that are neither of legs nor a sensor on its bench, by type."""
 
 
 def _with_installed(own: tuple[Cause, ...], acts_on: str) -> dict[str, Cause]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from truing.report.diagnosis.findings import subject_words
+from truing.report.wordings.axis_wordings import AXIS
 from truing.report.wordings.bench_wordings import BENCH
 from truing.report.wordings.body_wordings import BODIES
 from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording
@@ -11,7 +12,7 @@ from truing.report.wordings.mechanism_wordings import MECHANISM
 from truing.report.wordings.parts import with_sizes
 from truing.report.wordings.ray_wordings import RAYS
 
-WORDINGS: dict[str, Wording] = {**MECHANISM, **BODIES, **BENCH, **RAYS, **FOLLOWED}
+WORDINGS: dict[str, Wording] = {**MECHANISM, **BODIES, **BENCH, **AXIS, **RAYS, **FOLLOWED}
 
 
 def cause_words(cause: str) -> str:

@@ -1,0 +1,1 @@
+"""What an extended model of an axis predicts."""

@@ -1,0 +1,126 @@
+"""The columns of an axis' campaign: which hold its command and encoders, and what one of their units is in SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.common.point_arrays import number_column
+from truing.simulation.axis.rows import (
+    COMMAND,
+    ENCODERS,
+    MEASURED,
+    ROTARY,
+    Axis,
+    AxisRows,
+    directions_of_approach,
+)
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.axis_mechanism import AxisMechanism
+
+Array = NDArray[np.float64]
+
+NUMBERED = ("pose", "role", "time_s", "event", "repeat_of")
+SI = {"deg": np.pi / 180.0, "mm": 1e-3}
+TOLD = {"deg": ("arcsec", np.pi / 180.0 / 3600.0), "mm": ("um", 1e-6)}
+"""The unit in which errors are told, by that of the axis, and what it is in SI."""
+_TURN = 2.0 * np.pi
+# A command differs from the one before by so many times what the axis stands off: else it did not move.
+_MOVED = 5.0
+
+
+@dataclass(frozen=True)
+class AxisColumns:
+    """What holds what: the command's column, the encoders' by name; ``per_unit``: counts per deg or mm."""
+
+    kind: str
+    unit: str
+    loop: str
+    command: str
+    encoders: dict[str, str]
+    per_unit: float | None
+
+    @classmethod
+    def of(cls, section: AxisMechanism, names: list[str]) -> AxisColumns:
+        """Return the columns that campaign.toml names, and the outside instrument's where the table has it."""
+        named = dict(section.columns)
+        command = named.pop(COMMAND)
+        if (measured := f"{MEASURED}_{section.unit}") in names:
+            named[MEASURED] = measured
+        encoders = {name: named[name] for name in ENCODERS if named.get(name) in names}
+        return cls(section.kind, section.unit, section.loop, command, encoders, section.counts_per_unit)
+
+    def axis(self, command_sigma: float) -> Axis:
+        """Return the axis with the encoders that were recorded; command_sigma as in `rows`."""
+        return Axis(self.kind, tuple(self.encoders), self.loop, _MOVED * command_sigma)
+
+    @property
+    def told(self) -> tuple[str, float]:
+        """Return the unit in which errors are told, and what it is in SI."""
+        return TOLD[self.unit]
+
+    def si(self, table: pa.Table, column: str) -> Array:
+        """Return a column (N,) in rad or m, NaN where it is empty."""
+        per = self.per_unit if column.endswith("_counts") and self.per_unit else 1.0
+        return number_column(table, column) / per * SI[self.unit]
+
+    def rows(self, table: pa.Table, command_sigma: float) -> AxisRows:
+        """Return the rows of a table; command_sigma: one standard deviation of where the axis stands, rad or m."""
+        command, time_s = self.si(table, self.command), number_column(table, "time_s")
+        order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
+        direction = directions_of_approach(command, order, self.axis(command_sigma).least_move)
+        held = {self.command, *self.encoders.values(), *NUMBERED}
+        others = {
+            field.name: number_column(table, field.name)
+            for field in table.schema
+            if field.name not in held and str(field.type) in ("double", "int64")
+        }
+        poses = tuple(table.column("pose").to_pylist())
+        return AxisRows(poses, time_s, command, direction, order, _events(table, time_s), others)
+
+    def deviations(self, table: pa.Table) -> Array:
+        """Return what the encoders read more than the command (N, K), rad or m, whole turns taken out; NaN if empty."""
+        command = self.si(table, self.command)
+        found = np.column_stack([self.si(table, column) for column in self.encoders.values()]) - command[:, None]
+        if self.kind != ROTARY:
+            return found
+        middle = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in found.T])
+        return np.asarray(found - _TURN * np.round((found - middle) / _TURN))
+
+
+def columns_of(settings: Any, table: pa.Table) -> AxisColumns:
+    """Return which columns of a campaign's table hold what."""
+    return AxisColumns.of(cast("AxisMechanism", settings.mechanism), table.schema.names)
+
+
+def command_sigma(settings: Any) -> float:
+    """Return one standard deviation of how far the axis stands from its command, rad or m."""
+    unit = settings.mechanism.unit
+    return float(getattr(settings.noise, f"command_{unit}") * SI[unit])
+
+
+def encoder_sigma(settings: Any, encoder: str) -> float | None:
+    """Return one standard deviation of an encoder's reading, rad or m; None where it is not declared."""
+    unit = settings.mechanism.unit
+    sigma = getattr(settings.noise, f"{encoder}_{unit}")
+    return None if sigma is None else float(sigma * SI[unit])
+
+
+def _events(table: pa.Table, time_s: Array) -> tuple[tuple[str, float], ...]:
+    """Return the events and the time of the first row after each: where the text changes to another, not empty, one."""
+    if "event" not in table.schema.names:
+        return ()
+    named = table.column("event").to_pylist()
+    found, before = [], ""
+    for row in np.argsort(time_s, kind="stable"):
+        now = (named[row] or "").strip()
+        if now and now != before:
+            found.append((now, float(time_s[row])))
+        before = now
+    return tuple(found)

@@ -1,0 +1,64 @@
+"""What the rows of an axis let each stage evaluate: facts that the stages go by, told without a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stages.common.axis_columns import columns_of, command_sigma
+from stages.common.why_not import HELD_OUT
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+
+NO_BODIES = "an axis has rows of readings, and no bodies with targets"
+NO_CALIBRATION = "mechanism axis: factors, lost motion and zeros are told by the diagnosis"
+_FEWEST_ROWS = 6
+
+
+def prospects(settings: Campaign, tables: Mapping[str, pa.Table]) -> Iterator[tuple[str, str, str]]:
+    """Yield of each stage its name, why it evaluates nothing (else empty), and what it evaluates."""
+    yield "pose", NO_BODIES, ""
+    yield "deformation", NO_BODIES, ""
+    why = why_no_diagnosis(tables, settings)
+    without = "" if why else "; ".join(could_not_show(tables, settings))
+    yield "diagnose", why, f"cannot show {without}" if without else ""
+    yield "calibrate", NO_CALIBRATION, ""
+
+
+def why_no_diagnosis(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
+    """Why the rows of an axis tell nothing of it; empty where they do."""
+    if "configurations" not in tables or not tables["configurations"].num_rows:
+        return "no rows of the axis"
+    table = tables["configurations"]
+    columns = columns_of(settings, table)
+    if not columns.encoders:
+        return "no encoder was recorded"
+    fitted = np.isfinite(columns.deviations(table)).any(1) & ~is_held_out(table)
+    if fitted.sum() < _FEWEST_ROWS:
+        return f"needs at least {_FEWEST_ROWS} rows with readings that may be fitted, found {int(fitted.sum())}"
+    if not np.ptp(columns.si(table, columns.command)[fitted]) > 0.0:
+        return f"the command {columns.command} never changes: nothing moved"
+    return ""
+
+
+def could_not_show(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[str, ...]:
+    """Which causes the rows could not show, each with the reason; none where they could show all."""
+    table = tables["configurations"]
+    columns = columns_of(settings, table)
+    found = []
+    if not np.ptp(columns.rows(table, command_sigma(settings)).direction) > 0.0:
+        found.append("lost-motion: all rows were approached from one side")
+    elif tuple(columns.encoders) == (columns.loop,):
+        found.append(f"any: only the encoder of the loop ({columns.loop}) was recorded, which follows the command")
+    return tuple(found)
+
+
+def is_held_out(table: pa.Table) -> NDArray[np.bool_]:
+    """Return which rows (N,) nothing is fitted to."""
+    return np.array([role == HELD_OUT for role in table.column("role").to_pylist()], bool)

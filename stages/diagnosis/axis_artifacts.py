@@ -1,0 +1,67 @@
+"""What the diagnosis of an axis leaves: how far each reading is missed, and the extended model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from schemas.artifacts import ARTIFACTS
+from stages.common.axis_columns import SI
+from truing.simulation.axis.extended_axis import extended_axis, write_axis
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from schemas.campaign import Campaign
+    from stages.diagnosis.shown import Channels
+    from truing.inference.prediction import PredictionError
+    from truing.inference.selection import Diagnosis
+    from truing.simulation.axis.model import AxisModel
+
+_HELD = "verification"
+
+
+def axis_artifacts(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, Any]:
+    """Return tables and text by artifact."""
+    final = diagnosis.final
+    unit = settings.mechanism.unit  # type: ignore[union-attr]
+    context = {"campaign": settings.campaign.name}
+    extended = extended_axis(final.model, final.fit.shared, final.covariance(), context)
+    return {"axis_errors": _errors(diagnosis, channels, unit), "model": write_axis(extended)}
+
+
+def _errors(diagnosis: Diagnosis, channels: Channels, unit: str) -> pa.Table:
+    """Rows of axis_errors.parquet: every reading without and with what was found."""
+    import pyarrow as pa
+
+    plain, final = diagnosis.plain, diagnosis.final
+    floor = np.sqrt(final.floor.square) / channels.si
+    rows = _rows(plain.model, "calibration", plain.error, final.error, channels, unit)
+    if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
+        there = plain.model.at(diagnosis.held_out.conditions)
+        rows += _rows(there, _HELD, plain.held_out, final.held_out, channels, unit)
+    place = {name: float(floor[k]) for k, name in enumerate(plain.model.axis.encoders)}
+    rows = [{**row, "noise_floor": place[row["encoder"]]} for row in rows]
+    identifier = "int64" if all(isinstance(row["pose"], int) for row in rows) else "string"
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["axis_errors"].arrow_schema(identifier))
+
+
+def _rows(
+    model: AxisModel, role: str, before: PredictionError, after: PredictionError, channels: Channels, unit: str
+) -> list[dict[str, Any]]:
+    own = model.rows
+    return [
+        {
+            "pose": own.poses[b],
+            "role": role,
+            "encoder": model.axis.encoders[k],
+            "command": float(own.command[b] / SI[unit]),
+            "command_unit": unit,
+            "approach": int(own.direction[b]),
+            "missed_before": float(before.gap[b, k, 0] / channels.si[k]),
+            "missed_after": float(after.gap[b, k, 0] / channels.si[k]),
+            "unit": channels.units[k],
+        }
+        for b, k in np.argwhere(before.seen & after.seen)
+    ]

@@ -1,0 +1,123 @@
+"""Errors are hidden in axes that were never seen before: they must be named, with their size, and nothing else.
+
+The generator closes the loop of every row exactly and shares no code with what has to find them. ``TRUING_BLIND_SEED``
+draws other campaigns.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from schemas.campaign import Campaign, read_campaign
+from schemas.settings_text import parsed_toml
+from stages.diagnose import decided
+from stages.diagnosis.axis_points import gather
+from tests.blind.generator.axis import CAUSES, AxisCampaign, Hidden, draw_layout, draw_one, record, settings_text
+from tests.blind.judging import fewest_of
+from truing.inference.selection import Diagnosis
+from truing.inference.verdicts import Verdict
+
+SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
+CLEAN, HIDDEN = 40, 30
+CLEAR = 12.0  # standard deviations of the hidden size, as a fit by eye would know it
+DECLARED = 0.05
+SI = {"rotary": np.pi / 180.0, "linear": 1e-3}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A campaign and what was decided of it."""
+
+    campaign: AxisCampaign
+    decided: Diagnosis
+
+    @property
+    def found(self) -> list[Verdict]:
+        """What was found."""
+        return [verdict for verdict in self.decided.verdicts if verdict.verdict == "found"]
+
+    def pull(self, hidden: Hidden) -> float:
+        """How far the found size is from the hidden one, over its standard deviation."""
+        own = next(verdict for verdict in self.found if verdict.cause.id == hidden.cause)
+        si = 1.0 if hidden.cause == "scale-error" else SI[self.campaign.layout.kind]
+        return float((own.values[0] - hidden.size * si) / np.sqrt(own.covariance[0, 0]))
+
+
+def _table(campaign: AxisCampaign) -> pa.Table:
+    own, unit = campaign.layout, campaign.layout.unit
+    rows = range(len(own.command))
+    columns = {
+        "pose": [row + 1 for row in rows],
+        "role": ["verification" if held else "calibration" for held in own.held_out],
+        "time_s": [60.0 * row for row in rows],
+        f"command_{unit}": own.command,
+        **{f"{name}_{unit}": campaign.recorded[:, k] for k, name in enumerate(own.channels)},
+        "event": ["power-cycle" if own.event_row is not None and row >= own.event_row else "" for row in rows],
+    }
+    return pa.table(columns)
+
+
+def _judged(campaign: AxisCampaign) -> Judged:
+    settings: Campaign = read_campaign(parsed_toml(settings_text(campaign.layout, "axis")))
+    gathered = gather({"configurations": _table(campaign)}, settings)
+    return Judged(campaign, decided(gathered, settings, lambda done, total, what: None))
+
+
+@pytest.fixture(scope="module")
+def clean() -> list[Judged]:
+    """Campaigns in which nothing is hidden."""
+    found = []
+    for number in range(CLEAN):
+        rng = np.random.default_rng([SEED, 21, number])
+        found.append(_judged(record(draw_layout(rng), (), rng)))
+    return found
+
+
+@pytest.fixture(scope="module")
+def hidden() -> list[Judged]:
+    """Campaigns with one clear error each."""
+    found = []
+    for number in range(HIDDEN):
+        rng = np.random.default_rng([SEED, 22, number])
+        layout, error = draw_one(CAUSES[number % len(CAUSES)], CLEAR, rng)
+        found.append(_judged(record(layout, (error,), rng)))
+    return found
+
+
+def test_where_nothing_is_hidden_no_more_is_found_than_declared(clean: list[Judged]) -> None:
+    alarms = [one for one in clean if one.found or one.decided.noisy or one.decided.following]
+    assert len(clean) - len(alarms) >= fewest_of(len(clean), 1.0 - DECLARED)
+
+
+def test_clear_errors_are_named_with_their_subject_among_those_told(hidden: list[Judged]) -> None:
+    named = [
+        one
+        for one in hidden
+        for own in one.found
+        if own.cause.id == one.campaign.hidden[0].cause
+        and one.campaign.hidden[0].subject in {own.cause.subject, *(subject for subject, _ in own.subjects)}
+    ]
+    assert len(named) >= fewest_of(len(hidden), 0.99)
+
+
+def test_nothing_is_found_beside_what_was_hidden_more_often_than_declared(hidden: list[Judged]) -> None:
+    alone = [one for one in hidden if len(one.found) == 1]
+    assert len(alone) >= fewest_of(len(hidden), 1.0 - DECLARED)
+
+
+def test_sizes_agree_with_the_truth_within_their_standard_deviations(hidden: list[Judged]) -> None:
+    pulls = [
+        one.pull(error)
+        for one in hidden
+        for error in one.campaign.hidden
+        if any(own.cause.id == error.cause and own.cause.subject == error.subject for own in one.found)
+    ]
+    assert len(pulls) >= HIDDEN // 2
+    # Of n unit normals the mean square lies within these bounds but once in a thousand.
+    spread = 3.3 * np.sqrt(2.0 / len(pulls))
+    assert 1.0 - spread < np.mean(np.square(pulls)) < 1.0 + spread

@@ -1,0 +1,212 @@
+"""A campaign of one axis from its folder to the page, the model and its predictions; and what is refused, and how."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.command_line import app
+from schemas.faults import CampaignFaults
+from schemas.settings_text import parsed_toml
+from stages.common.axis_columns import AxisColumns
+from stages.predict import predict
+from tests.blind.generator.axis import AxisCampaign, AxisLayout, Hidden, record, write
+from truing.simulation.axis.rows import directions_of_approach
+
+BACKLASH, SHIFT, EVENT_ROW = 0.012, 0.02, 26
+
+
+def _layout(**changes: object) -> AxisLayout:
+    sweep = np.linspace(-80.0, 80.0, 10)
+    given = {
+        "kind": "rotary",
+        "loop": "motor",
+        "channels": ("motor", "load", "measured"),
+        "command": np.concatenate([sweep, sweep[::-1], sweep, sweep[::-1]]),
+        "noise": {"command": 1e-3, "motor": 3e-4, "load": 1e-3, "measured": 1e-3},
+        "event_row": EVENT_ROW,
+        "held_out": np.arange(40) % 5 == 3,
+    }
+    return AxisLayout(**(given | changes))  # type: ignore[arg-type]
+
+
+HIDDEN = (Hidden("lost-motion", "", BACKLASH), Hidden("zero-shift", "instrument", SHIFT, EVENT_ROW, True))
+
+
+def _campaign() -> AxisCampaign:
+    return record(_layout(), HIDDEN, np.random.default_rng(5))
+
+
+def _truing(*arguments: str) -> tuple[int, str]:
+    """Exit code and all that was said."""
+    done = CliRunner().invoke(app, list(arguments))
+    return done.exit_code, done.output
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    home = tmp_path_factory.mktemp("axis")
+    folder = write(_campaign(), home / "campaign")
+    assert _truing("run", str(folder), "--out", str(home / "run"))[0] == 0
+    return home / "run"
+
+
+def test_what_was_hidden_is_found_with_its_subject_and_size(run: Path) -> None:
+    rows = pq.read_table(run / "diagnosis.parquet").to_pylist()
+    found = [row for row in rows if row["verdict"] == "found"]
+    assert {(row["cause"], row["subject"]) for row in found} == {("zero-shift", "instrument"), ("lost-motion", "")}
+    assert len(found) == 2
+    assert {row["cause"] for row in rows} == {"scale-error", "lost-motion", "zero-shift"}
+    told = {row["cause"]: json.loads(row["parameters"]) for row in found}
+    for cause, name, size in (("lost-motion", "backlash", BACKLASH), ("zero-shift", "shift", SHIFT)):
+        own = told[cause][name]
+        assert own["unit"] == "rad"
+        assert abs(own["value"] - np.deg2rad(size)) < 4.0 * own["sigma"] < 0.2 * own["value"]
+    settings = {row["cause"]: json.loads(row["settings"]) for row in found}
+    assert settings["zero-shift"]["event"] == "power-cycle"
+
+
+def test_errors_fall_to_the_noise_in_every_encoder_held_out_too(run: Path) -> None:
+    errors = pq.read_table(run / "axis_errors.parquet").to_pandas()
+    assert len(errors) == 120
+    for (encoder, _), own in errors.groupby(["encoder", "role"]):
+        before, after = (float(np.sqrt(np.mean(own[name] ** 2))) for name in ("missed_before", "missed_after"))
+        assert after < 1.6 * own["noise_floor"].max()
+        assert encoder == "motor" or before > 3.0 * after
+
+
+def test_the_page_shows_the_axis_and_names_what_was_found(run: Path) -> None:
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert 'id="axis"' in page
+    assert "motion is lost between motor and load" in page or "Motion is lost between motor and load" in page
+    assert "power-cycle" in page
+
+
+def test_the_model_predicts_readings_from_either_side(run: Path, tmp_path: Path) -> None:
+    inputs = tmp_path / "commands.csv"
+    inputs.write_text("pose,command_deg\n1,0\n2,10\n3,5\n", encoding="utf-8")
+    assert _truing("predict", str(run / "model.toml"), str(inputs), "--out", str(tmp_path / "out.parquet"))[0] == 0
+    found = pq.read_table(tmp_path / "out.parquet").to_pandas().pivot(index="pose", columns="encoder", values="value")
+    sigma = pq.read_table(tmp_path / "out.parquet").to_pandas()["sigma"]
+    up, down = found.loc[2], found.loc[3]
+    assert np.allclose(up["motor"] - 10.0, down["motor"] - 5.0, rtol=0, atol=1e-9)
+    gap = (down["load"] - 5.0) - (up["load"] - 10.0)
+    assert abs(gap - 2.0 * BACKLASH) < 8.0 * sigma.max() < BACKLASH
+    assert _truing("predict", str(run / "model.toml"), str(inputs), "--out", str(tmp_path / "out.csv"))[0] == 0
+    again = pyarrow.csv.read_csv(tmp_path / "out.csv").to_pandas()
+    assert np.allclose(again["value"], found[["motor", "load", "measured"]].to_numpy().ravel(), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("pose,angle\n1,0\n", "column command_deg: expected a column of that name, where the axis is sent"),
+        ("pose,command_deg\n1,\n2,3\n", "row 2, column command_deg: found 'None'; expected a number"),
+    ],
+)
+def test_commands_that_cannot_be_predicted_are_named(run: Path, text: str, told: str) -> None:
+    table = pyarrow.csv.read_csv(io.BytesIO(text.encode()))
+    with pytest.raises(CampaignFaults) as faults:
+        predict((run / "model.toml").read_text(encoding="utf-8"), table, "there.csv")
+    assert told in str(faults.value.faults[0])
+
+
+def _broken(folder: Path, of: str, old: str, new: str) -> Path:
+    path = write(_campaign(), folder) / of
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("of", "old", "new", "told"),
+    [
+        (
+            "configurations.csv",
+            "motor_deg",
+            "motr_deg",
+            "column motor_deg: expected this column, which [mechanism] motor",
+        ),
+        ("configurations.csv", "1,calibration,0,-80.0000", "1,calibration,0,", "row 2, column command_deg"),
+        ("configurations.csv", "1,calibration,0,", "1,calibration,60,", "column time_s"),
+        ("configurations.csv", "measured_deg", "measured_mm", "expected measured_deg: the axis is rotary"),
+        ("campaign.toml", "motor_deg = 0.0003\n", "", "noise.motor_deg"),
+        ("campaign.toml", '"command_deg"', '"command_counts"', "counts_per_deg"),
+        ("campaign.toml", '"command_deg"', '"command_mm"', "a column ..._deg or ..._counts as command"),
+        ("campaign.toml", 'load = "load_deg"', 'load = "motor_deg"', "a column of its own"),
+        ("campaign.toml", 'kind = "rotary"', 'kind = "round"', "mechanism.kind"),
+    ],
+)
+def test_what_cannot_be_used_is_named_with_its_place(tmp_path: Path, of: str, old: str, new: str, told: str) -> None:
+    code, said = _truing("check", str(_broken(tmp_path / "c", of, old, new)))
+    assert code == 2
+    assert told in said
+    assert "points.csv" not in said
+
+
+def _verdicts(tmp_path: Path, campaign: AxisCampaign) -> tuple[int, dict[tuple[str, str], str], list[str]]:
+    folder = write(campaign, tmp_path / "c")
+    code, _ = _truing("run", str(folder), "--out", str(tmp_path / "run"))
+    rows = pq.read_table(tmp_path / "run" / "qa.parquet").to_pylist()
+    causes = pq.read_table(tmp_path / "run" / "diagnosis.parquet").column("cause").to_pylist()
+    return code, {(row["check"], row["subject"] or ""): row["verdict"] for row in rows}, causes
+
+
+def test_a_unit_slip_fails_and_withholds_the_diagnosis(tmp_path: Path) -> None:
+    made = _campaign()
+    slipped = made.recorded.copy()
+    slipped[:, 1] *= np.pi / 180.0
+    code, verdicts, causes = _verdicts(tmp_path, AxisCampaign(made.layout, slipped))
+    assert code == 3
+    assert verdicts["axis-units", "load"] == "fail"
+    assert verdicts["axis-units", "motor"] == "pass"
+    assert causes == []
+
+
+def test_a_frozen_encoder_and_copied_rows_are_seen(tmp_path: Path) -> None:
+    made = _campaign()
+    frozen = made.recorded.copy()
+    frozen[20:, 0] = frozen[20, 0]
+    code, verdicts, _ = _verdicts(tmp_path / "a", AxisCampaign(made.layout, frozen))
+    assert code == 3
+    assert verdicts["axis-standing-rows", "motor"] == "fail"
+    copied = made.recorded.copy()
+    copied[20:30] = copied[:10]
+    layout = _layout(command=np.concatenate([made.layout.command[:20], made.layout.command[:20]]))
+    code, verdicts, _ = _verdicts(tmp_path / "b", AxisCampaign(layout, copied))
+    assert verdicts["axis-repeated-rows", ""] == "warn"
+
+
+def test_an_axis_that_never_moves_is_not_evaluated(tmp_path: Path) -> None:
+    made = record(_layout(command=np.full(40, 10.0)), (), np.random.default_rng(1))
+    folder = write(made, tmp_path / "c")
+    _, said = _truing("check", str(folder))
+    assert "the command command_deg never changes" in said
+
+
+def test_counts_and_whole_turns_are_brought_to_one_unit() -> None:
+    import pyarrow as pa
+
+    table = pa.table({"c_counts": [0.0, 3600.0, 7200.0], "motor_deg": [0.5, 360.5, 0.5]})
+    columns = AxisColumns("rotary", "deg", "motor", "c_counts", {"motor": "motor_deg"}, 10.0)
+    assert np.allclose(columns.si(table, "c_counts"), [0.0, 2.0 * np.pi, 4.0 * np.pi])
+    assert np.allclose(columns.deviations(table)[:, 0], np.deg2rad(0.5))
+
+
+def test_direction_of_approach_is_that_of_the_last_movement_larger_than_the_least() -> None:
+    command = np.array([0.0, 1.0, 0.95, 0.9, 0.0, np.nan, -1.0])
+    found = directions_of_approach(command, np.arange(7.0), 0.1)
+    assert found.tolist() == [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0]
+
+
+def test_a_model_of_an_axis_says_what_it_is(run: Path) -> None:
+    about = parsed_toml((run / "model.toml").read_text(encoding="utf-8"))["model"]
+    assert (about["mechanism"], about["kind"], about["loop"]) == ("axis", "rotary", "motor")

@@ -1,0 +1,93 @@
+"""The section of a single axis: how far each encoder is from what its command predicts, before and after."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.report.figure_style import BLUE, ORANGE, style
+from truing.report.numbers import count, rough, sign
+from truing.report.page import Listing, Section
+from truing.report.tables import Tables, filled
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import plotly.graph_objects as go
+
+_NAMES = {"motor": "encoder at the motor", "load": "encoder at the load", "measured": "outside instrument"}
+_WAYS = ((1, BLUE, "triangle-right", "coming up"), (-1, ORANGE, "triangle-left", "coming down"))
+_CAPTION = (
+    "Each point is one reading less its prediction. Two bands by colour are lost motion, a slope is a factor, and "
+    "a step that neither the command nor the direction explains is a zero that shifted."
+)
+
+
+def axis(tables: Tables) -> Section | None:
+    """What each encoder misses, by the command alone and by the extended model; None where no axis was measured."""
+    errors = filled(tables, "axis_errors")
+    if errors is None:
+        return None
+    encoders = list(dict.fromkeys(errors["encoder"]))
+    rows = count(errors["pose"].nunique(), "row")
+    lead = f"{rows} of one axis, recorded by {count(len(encoders), 'encoder')}. A constant zero of each is taken out."
+    figures = tuple((_drawn(errors, column, title), _CAPTION) for column, title in _pictures(errors))
+    return Section("axis", "Axis", lead, figures=figures, listings=(_listing(errors, encoders),))
+
+
+def _pictures(errors: pd.DataFrame) -> list[tuple[str, str]]:
+    before = ("missed_before", "Readings less what the command alone predicts")
+    after = ("missed_after", "Readings less what the extended model predicts")
+    changed = bool(np.any(errors["missed_before"] != errors["missed_after"]))
+    return [before, after] if changed else [before]
+
+
+def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
+    unit = sign(str(errors["unit"].iloc[0]))
+    heads = ("recorded by", "rows", f"rms before, {unit}", f"rms after, {unit}", f"noise alone, {unit}")
+    held = errors["role"] == "verification"
+    told = []
+    for role, own in (("fitted", errors[~held]), ("held out", errors[held])):
+        for name in encoders:
+            part = own[own["encoder"] == name]
+            if len(part):
+                sizes = [rough(float(np.sqrt(np.mean(part[c] ** 2)))) for c in ("missed_before", "missed_after")]
+                told.append(
+                    (f"{_NAMES[name]}, {role}", str(len(part)), *sizes, rough(float(part["noise_floor"].max())))
+                )
+    return Listing(heads, tuple(told), caption="How far predictions miss", held_by="axis_errors.parquet")
+
+
+def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
+    """Errors over commands, one row of panels per encoder, coloured by the direction of approach."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    encoders = list(dict.fromkeys(errors["encoder"]))
+    unit, command = sign(str(errors["unit"].iloc[0])), sign(str(errors["command_unit"].iloc[0]))
+    figure = make_subplots(
+        rows=len(encoders), cols=1, shared_xaxes=True, subplot_titles=[_NAMES[name] for name in encoders]
+    )
+    for place, name in enumerate(encoders, 1):
+        for way, colour, symbol, words in _WAYS:
+            own = errors[(errors["encoder"] == name) & (errors["approach"] == way)]
+            figure.add_trace(
+                go.Scatter(
+                    x=own["command"].to_numpy(),
+                    y=own[column].to_numpy(),
+                    mode="markers",
+                    name=words,
+                    legendgroup=words,
+                    showlegend=place == 1,
+                    marker={"color": colour, "symbol": symbol, "size": 7},
+                    customdata=own["pose"].astype(str).to_numpy(),
+                    hovertemplate=f"row %{{customdata}}, %{{x:.6g}} {command}: %{{y:.3g}} {unit}<extra></extra>",
+                ),
+                row=place,
+                col=1,
+            )
+        figure.update_yaxes(title_text=f"error ({unit})", row=place, col=1)
+    figure.update_xaxes(title_text=f"command ({command})", row=len(encoders), col=1)
+    style(figure, title, "Coloured by the side from which the axis came", 180 + 200 * len(encoders))
+    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.6}, margin={"t": 110})
+    return figure

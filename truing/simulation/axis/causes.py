@@ -1,0 +1,195 @@
+"""What makes an axis stand elsewhere than its command: a factor, lost motion, a zero that shifts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.axis.rows import (
+    LINEAR,
+    LOAD,
+    MEASURED,
+    MOTOR,
+    ROTARY,
+    TRANSMISSION,
+    Axis,
+    AxisRows,
+    AxisScene,
+)
+from truing.simulation.cause import Cause, Kind, Parameter, Profiles, Step, Told
+
+AXES = "axes"  # what these causes act on
+# The most ordinary element first: where readings cannot tell two apart, it is named, and the other beside it.
+_ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
+_SUBJECTS = {TRANSMISSION: "axis", MEASURED: "instrument", LOAD: "encoder load", MOTOR: "encoder motor"}
+_STEPS = {TRANSMISSION: Step.STRUCTURE}
+_PLAUSIBLE_SCALE = 1e-4
+_PLAUSIBLE = {ROTARY: 3e-4, LINEAR: 2e-5}  # rad, m
+_UNITS = {ROTARY: ("rad", 1.0), LINEAR: ("mm", 1e-3)}
+# A zero is called shifted where an encoder was read this often before and after.
+_FEWEST = 3
+# Onsets that are tried: in a long campaign, one in some rows.
+_MOST_ONSETS = 200
+
+
+@dataclass(frozen=True)
+class AxisCause(Cause):
+    """A cause that adds to what encoders of an axis read, to first order: effects do not multiply one another."""
+
+    kind_of_axis: str = ROTARY
+
+    acts_on: ClassVar[str] = AXES
+    reads = frozenset()
+    reach = 1e3  # a factor that is wrong, or a zero, may be so by far
+
+    def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
+        """Return the derivative (B, K, P) of the encoders' readings by the parameters, SI."""
+        raise NotImplementedError
+
+    def _length(self, name: str) -> Parameter:
+        unit, si = _UNITS[self.kind_of_axis]
+        return Parameter(name, unit, _PLAUSIBLE[self.kind_of_axis], si)
+
+
+@dataclass(frozen=True)
+class ScaleError(AxisCause):
+    """An encoder reads, or the transmission travels, (1 + scale) times as much as it should."""
+
+    element: str = TRANSMISSION
+
+    id = "scale-error"
+    step = Step.INSTRUMENT
+
+    @property
+    def subject(self) -> str:
+        """Return the encoder, the instrument, or the axis for its transmission."""
+        return _SUBJECTS[self.element]
+
+    def candidates(self, scene: Any) -> Sequence[Cause]:
+        """Return every element whose factor readings would show, where commands differ."""
+        own: AxisScene = scene
+        if not np.ptp(own.rows.command) > 0.0:
+            return ()
+        return [replace(self, element=name, kind_of_axis=own.axis.kind) for name in _shown(own.axis)]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the factor less one."""
+        return (Parameter("scale", "1", _PLAUSIBLE_SCALE),)
+
+    def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
+        """Return the commands, where the factor is read."""
+        return (rows.command[:, None] * axis.response(self.element))[..., None]
+
+
+@dataclass(frozen=True)
+class LostMotion(AxisCause):
+    """The load stands behind the motor by backlash x direction of approach; the full gap is twice that."""
+
+    id = "lost-motion"
+    step = Step.STRUCTURE
+
+    def candidates(self, scene: Any) -> Sequence[Cause]:
+        """Return the cause where an encoder would show it and rows were approached from both sides."""
+        own: AxisScene = scene
+        both = np.ptp(own.rows.direction) > 0.0 and bool(_shown(own.axis, (TRANSMISSION,)))
+        return (replace(self, kind_of_axis=own.axis.kind),) if both else ()
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the gap, which is never less than zero."""
+        return (0,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return half of the gap."""
+        return (self._length("backlash"),)
+
+    def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
+        """Return minus the direction of approach, behind the motor."""
+        return (-rows.direction[:, None] * axis.response(TRANSMISSION))[..., None]
+
+
+@dataclass(frozen=True)
+class ZeroShift(AxisCause):
+    """From a time on, an encoder or the transmission stands off by a shift: after an event, or from an onset."""
+
+    element: str = TRANSMISSION
+    from_pose: int | str = ""
+    from_s: float = -np.inf
+    event: str = ""
+
+    id = "zero-shift"
+    step = Step.INSTRUMENT
+    kind = Kind.SHAPED
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """Return the encoder, the instrument, or the axis for its transmission."""
+        return _SUBJECTS[self.element]
+
+    def candidates(self, scene: Any) -> Sequence[Cause]:
+        """Return every element whose zero readings would show, after each event; other onsets are told by profiles."""
+        own: AxisScene = scene
+        found: list[Cause] = []
+        for event, start in own.rows.events:
+            late: NDArray[np.bool_] = np.greater_equal(own.rows.time_s, start)
+            first = int(np.argmin(np.where(late, own.rows.time_s, np.inf)))
+            if late.any() and _both_sides(own, late[None])[0].any():
+                found += [self._of(own, name, first, start, event) for name in _shown(own.axis)]
+        return found
+
+    def profiles(self, scene: Any) -> Sequence[Profiles]:
+        """Return every element from every row on that has some rows on either side."""
+        own: AxisScene = scene
+        in_time = np.argsort(own.rows.order, kind="stable")
+        count, elements = len(in_time), _shown(own.axis)
+        onsets = in_time[_FEWEST : count - _FEWEST + 1 : 1 + count // _MOST_ONSETS]
+        if not len(onsets) or not elements:
+            return ()
+        late: NDArray[np.bool_] = np.greater_equal(own.rows.order, own.rows.order[onsets][:, None])
+        usable = np.repeat(np.asarray(_both_sides(own, late).any(1))[:, None], len(elements), 1)
+        each = np.tile(np.arange(len(own.axis.encoders)), (len(elements), 1))
+        patterns = np.stack([own.axis.response(name) for name in elements])[..., None, None]
+
+        def member(element: int, onset: int) -> Cause:
+            row = int(onsets[onset])
+            return self._of(own, elements[element], row, float(own.rows.time_s[row]), "")
+
+        scale = _PLAUSIBLE[own.axis.kind]
+        return [Profiles(late[..., None].astype(float), each, usable, scale, member, patterns)]
+
+    def _of(self, scene: AxisScene, element: str, row: int, start: float, event: str) -> ZeroShift:
+        pose = scene.rows.poses[row]
+        return replace(self, element=element, from_pose=pose, from_s=start, event=event, kind_of_axis=scene.axis.kind)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the shift."""
+        return (self._length("shift"),)
+
+    def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
+        """Return one, from the time on, where the shift is read."""
+        late = (rows.time_s >= self.from_s).astype(float)
+        return (late[:, None] * axis.response(self.element))[..., None]
+
+    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+        """Return the shift, and since when."""
+        since = Told("event", self.event, None, "") if self.event else Told("from_pose", str(self.from_pose), None, "")
+        return (*super().told(values, covariance, legs), since)
+
+
+def _shown(axis: Axis, elements: Sequence[str] = _ELEMENTS) -> list[str]:
+    """Return the elements that any recorded encoder would show."""
+    return [name for name in elements if axis.response(name).any()]
+
+
+def _both_sides(scene: AxisScene, late: NDArray) -> NDArray:
+    """Return which encoders (S, K) were read often enough before and from each of S onsets, late (S, B)."""
+    seen = scene.recorded.astype(int)
+    after = late.astype(int) @ seen
+    return np.asarray((after >= _FEWEST) & (seen.sum(0) - after >= _FEWEST))
+
+
+OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (ScaleError(), LostMotion(), ZeroShift())

@@ -1,0 +1,99 @@
+"""The extended model of an axis, its text in model.toml, and what it predicts at further commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.axis.causes import AxisCause
+from truing.simulation.axis.model import AxisModel
+from truing.simulation.axis.rows import Axis, AxisRows
+from truing.simulation.catalogue import catalogue_of_axes
+from truing.simulation.cause import Cause, Effect
+from truing.simulation.model_text import (
+    context_of,
+    covariance_from,
+    effects_of,
+    exact,
+    model_text,
+    read_document,
+    toml_value,
+)
+
+MECHANISM = "axis"
+_OWN = ("mechanism", "kind", "loop", "least_move", "encoders")
+
+
+@dataclass(frozen=True)
+class ExtendedAxis:
+    """An axis with its encoders' zeros (K,), the effects that were found, and the covariance of all of them, SI."""
+
+    axis: Axis
+    zeros: NDArray
+    effects: tuple[Effect, ...]
+    covariance: NDArray
+    context: dict[str, str]
+
+    def covariance_of(self, cause: Cause) -> NDArray:
+        """Return the covariance (P, P) of an effect's parameters, SI."""
+        first = len(self.zeros)
+        for effect in self.effects:
+            last = first + len(effect.values)
+            if effect.cause.key == cause.key:
+                return self.covariance[first:last, first:last]
+            first = last
+        raise KeyError(cause.key)
+
+
+def extended_axis(model: AxisModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedAxis:
+    """Return the model with its unknowns (G,) and their covariance (G, G), in prior sigmas, brought to SI."""
+    scale = np.empty(model.shared_size)
+    scale[model.layout["zero"]] = model.zero_sigma
+    for cause in model.causes:
+        scale[model.layout[cause.key]] = model.effect_sigma(cause)
+    zeros = shared[model.layout["zero"]] * model.zero_sigma
+    return ExtendedAxis(model.axis, zeros, model.effects(shared), covariance * np.outer(scale, scale), context)
+
+
+def predict_axis(extended: ExtendedAxis, rows: AxisRows) -> tuple[NDArray, NDArray]:
+    """Return what the encoders read (B, K), rad or m, and one standard deviation of it that the model leaves.
+
+    What belongs to the campaign itself, as a zero that shifted in it, moves no prediction.
+    """
+    count, encoders = len(rows.command), len(extended.axis.encoders)
+    slopes = [np.broadcast_to(np.eye(encoders), (count, encoders, encoders))]
+    values = [extended.zeros]
+    for effect in extended.effects:
+        assert isinstance(effect.cause, AxisCause)  # the catalogue of axes holds no other
+        own = effect.cause.slopes(rows, extended.axis)
+        slopes.append(own if effect.cause.is_persistent else np.zeros_like(own))
+        values.append(effect.values)
+    design = np.concatenate(slopes, -1)
+    variance = np.einsum("bki,ij,bkj->bk", design, extended.covariance, design)
+    return rows.command[:, None] + design @ np.concatenate(values), np.sqrt(np.maximum(variance, 0.0))
+
+
+def write_axis(extended: ExtendedAxis) -> str:
+    """Return the model as TOML text."""
+    own = extended.axis
+    numbers: dict[str, Any] = {"mechanism": MECHANISM, "kind": own.kind, "loop": own.loop}
+    numbers |= {"least_move": own.least_move, "encoders": own.encoders}
+    zeros = zip(own.encoders, exact(extended.zeros), strict=True)
+    tables = ["", "[zeros]  # reading minus command, rad or m", *(f"{name} = {toml_value(z)}" for name, z in zeros)]
+    return model_text(extended, numbers, tables, (), names=own.encoders, units="SI", legs=0)
+
+
+def read_axis(text: str) -> ExtendedAxis:
+    """Return the model that a text of `write_axis` describes; raises ValueError where it does not describe one."""
+    return read_document(text, _from_document)
+
+
+def _from_document(document: dict[str, Any]) -> ExtendedAxis:
+    about, effects = document["model"], effects_of(document, catalogue_of_axes())
+    axis = Axis(str(about["kind"]), tuple(about["encoders"]), str(about["loop"]), float(about["least_move"]))
+    zeros = np.array([document["zeros"][name] for name in axis.encoders], float)
+    size = len(zeros) + sum(len(effect.values) for effect in effects)
+    return ExtendedAxis(axis, zeros, effects, covariance_from(document, size), context_of(document, _OWN))
