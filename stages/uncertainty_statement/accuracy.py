@@ -6,20 +6,17 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.common.positioning import SEED, deviations, instrument
 from stages.uncertainty_statement.statement import Statement
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
-from truing.estimation.uncertainty_budget import Budget, Source
+from truing.estimation.uncertainty_budget import Budget, Source, root_mean_square
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
 
-
-Array = NDArray[np.float64]
 
 LEAST_POSES = 2
 _ERRORS = {"position_error_um": ("position, rms", "um"), "orientation_error_arcsec": ("orientation, rms", "arcsec")}
@@ -47,16 +44,6 @@ def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], setting
             value, told = root_mean_square(errors)
             statement.state("accuracy", subject, [quantity], np.array([value]), unit, told)
     statement.omitted("accuracy", "places and conditions that were not measured", "it holds for poses like those taken")
-
-
-def root_mean_square(errors: Array) -> tuple[float, Budget]:
-    """The root mean square of N errors and its budget: the scatter of their squares, of N - 1 degrees of freedom."""
-    squares = errors**2
-    value = float(np.sqrt(np.mean(squares)))
-    spread = float(np.std(squares, ddof=1) / np.sqrt(len(squares)))
-    own = spread / (2.0 * value) if value > 0.0 else 0.0
-    source = Source("scatter from pose to pose, noise of the measurement included", "A", float(len(errors) - 1))
-    return value, Budget((source,), np.array([[own]]))
 
 
 def _quoted(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:

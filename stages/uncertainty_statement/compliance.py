@@ -12,10 +12,9 @@ from stages.common.loaded_steps import loaded_steps
 from stages.common.nominal_sensor import simulated_compliance
 from stages.uncertainty_statement.found_causes import found_causes
 from stages.uncertainty_statement.statement import Statement
-from truing.estimation.interferometry.loaded import Loaded, fitted_compliance
+from truing.estimation.interferometry.compliance_budget import budget_of_entries, compliance_budgets
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
-from truing.estimation.response_structure import birge
-from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, beyond_declared, budget, linear_estimate
+from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-BY_LOADS = Source("applied loads, as declared", "B")
-GEOMETRY = Source("geometry of the beams", "B")
 CORRECTED = Source("correction for air and material", "B")
 _MODEL = "matrix"
 _CLOSES = 1e-6
@@ -45,12 +42,12 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
     loaded = loaded_steps(tables, settings.noise, simulated_compliance(settings, tables.get("given_compliance")))
     declared = settings.noise.linear_um is not None and settings.noise.angular_arcsec is not None
     try:
-        found = _budgets(loaded, declared)
+        found = compliance_budgets(loaded, declared)
     except np.linalg.LinAlgError:  # one of the components is not determined by its own readings
         found = None
     places = [(CHANNELS.index(row["response"]), LOADS.index(row["load"])) for row in rows]
     whole = np.array([row["sigma"] for row in rows], float)
-    told = _picked(found, loaded, places)
+    told = None if found is None else budget_of_entries(found, loaded, places)
     if told is None or not np.allclose(told.standard, whole, rtol=_CLOSES):
         told = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), whole[None])
     estimate = np.array([row["coefficient"] for row in rows], float)
@@ -58,44 +55,6 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
     names, units = [f"{row['response']} per {row['load']}" for row in rows], [row["unit"] for row in rows]
     statement.state("compliance", "loads as written down", names, estimate, units, told.filled())
     _omit(statement, tables, settings)
-
-
-def _budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
-    """The budget of the entries (6,) of each of the six components; None where the readings leave some open."""
-    one = fitted_compliance(loaded, _MODEL)
-    if not one.known.all():
-        return None
-    ratio, dof = birge(one.fit), float(one.fit.dof)
-    readings = Source("noise of the readings", "B") if declared else Source("noise of the readings", "A", dof)
-    beyond = Source("scatter of the readings beyond that", "A", dof)
-    rows = loaded.fitted
-    found = []
-    for k in range(len(CHANNELS)):
-        own = rows & np.isfinite(loaded.reading[:, k])
-        run = np.unique(loaded.steps.run[own], return_inverse=True)[1]
-        columns = np.concatenate([loaded.steps.load[own], np.eye(run.max() + 1)[run]], 1)
-        loads = np.full(own.sum(), loaded.by_loads[k])
-        noise = {readings: loaded.variance[own, k] - loads, BY_LOADS: loads}
-        sized = {source: ratio**2 * variance[:, None, None] for source, variance in noise.items()}
-        parts = linear_estimate(columns[:, None], sized)
-        total = np.zeros_like(parts[readings])
-        for source in noise if ratio > 1.0 else ():
-            split = beyond_declared({source: parts[source]}, source, ratio, beyond)
-            parts[source], total = split[source], total + split[beyond]
-        found.append(budget({**parts, beyond: total}, np.eye(len(LOADS), columns.shape[1])))
-    return found
-
-
-def _picked(found: list[Budget] | None, loaded: Loaded, places: list[tuple[int, int]]) -> Budget | None:
-    """The budgets of some entries together, the geometry's part with them."""
-    if found is None:
-        return None
-    sources = tuple(dict.fromkeys(source for one in found for source in one.sources))
-    table = np.zeros((len(sources), len(places)))
-    for n, (i, j) in enumerate(places):
-        for source, own in zip(found[i].sources, found[i].contributions, strict=True):
-            table[sources.index(source), n] = own[j]
-    return Budget(sources, table).beside(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()
 
 
 def _corrected(tables: Mapping[str, pa.Table]) -> Array:

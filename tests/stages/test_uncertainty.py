@@ -10,15 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.uncertainty_statement.accuracy import root_mean_square
-from stages.uncertainty_statement.sensor import BY_LOADS, _parts
 from tests.cut_telescope import SAMPLE, cut_telescope
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
+from truing.estimation.sensor.budget import BY_LOADS, _parts
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel, Estimator
 from truing.estimation.sensor.load_table import load_table
-from truing.estimation.uncertainty_budget import Source
+from truing.estimation.uncertainty_budget import Source, root_mean_square
 
 Frames = dict[str, pd.DataFrame]
 

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    pass
 
 COVERAGE = 0.95  # probability of the interval of an expanded uncertainty
 # Why a cause is in no budget, where estimates are off by it, and their uncertainty does not cover that.
 NOT_HELD = "the diagnosis found it, and these results are of a model without it"
 Evaluation = Literal["A", "B"]
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -144,3 +148,13 @@ def budget(covariances: Covariances, by_values: NDArray | None = None) -> Budget
     }
     told = {source: np.sqrt(np.maximum(own, 0.0)) for source, own in variances.items() if np.any(own > 0.0)}
     return Budget(tuple(told), np.array(list(told.values())).reshape(len(told), len(rows)))
+
+
+def root_mean_square(errors: Array) -> tuple[float, Budget]:
+    """The root mean square of N errors and its budget: the scatter of their squares, of N - 1 degrees of freedom."""
+    squares = errors**2
+    value = float(np.sqrt(np.mean(squares)))
+    spread = float(np.std(squares, ddof=1) / np.sqrt(len(squares)))
+    own = spread / (2.0 * value) if value > 0.0 else 0.0
+    source = Source("scatter from pose to pose, noise of the measurement included", "A", float(len(errors) - 1))
+    return value, Budget((source,), np.array([[own]]))
