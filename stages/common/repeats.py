@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from schemas.columns import COLUMNS
 from stages.common.point_arrays import number_column
-from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.quality import repeated_groups
 
 if TYPE_CHECKING:
@@ -51,36 +49,9 @@ def _declared(configurations: pa.Table) -> list[Index]:
     return [group for group in groups if len(group) > 1]
 
 
-def repeated_runs(steps: RecordedSteps) -> list[Index]:
-    """Rows (R, S) of runs of the same loads in the same order, group by group."""
-    alike: dict[bytes, list[Index]] = {}
-    for run in range(len(steps.runs)):
-        rows = np.flatnonzero((steps.run == run) & ~steps.held_out)
-        if len(rows) > 1:
-            alike.setdefault((steps.load[rows].round(9) + 0.0).tobytes(), []).append(rows)
-    return [np.array(rows) for rows in alike.values() if len(rows) > 1]
-
-
 def drive_readings(configurations: pa.Table, drives: tuple[str, ...]) -> Array:
     """(B, D) readings of actuators or drives, those that vary."""
     names = [name for name in configurations.column_names if COLUMNS["rho"].matches(name) or name in drives]
     columns = [number_column(configurations, name) for name in names]
     varying = [column for column in columns if np.isfinite(column).any() and np.nanstd(column) > 0.0]
     return np.column_stack(varying) if varying else np.zeros((configurations.num_rows, 0))
-
-
-def at_one_reading(values: Array, readings: Array, groups: Sequence[Index]) -> Array:
-    """Values (B, C), those of each group brought to its mean reading by a line in the readings (B, D) of all.
-
-    Repeats that are declared need not stand at one and the same place. Too few values stay as they are.
-    """
-    known = np.asarray(np.isfinite(np.column_stack([values, readings])).all(axis=1), bool)
-    design = np.column_stack([np.ones(len(readings)), readings])
-    out = values.copy()
-    if not readings.shape[1] or known.sum() < 2 * design.shape[1]:
-        return out
-    slope = np.linalg.lstsq(design[known], values[known], rcond=None)[0][1:]
-    for group in groups:
-        own = group[known[group]]
-        out[own] -= (readings[own] - readings[own].mean(axis=0)) @ slope if len(own) else 0.0
-    return out

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.repeats import DECLARED, at_one_reading
+from stages.common.repeats import DECLARED
 from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
-from truing.estimation.pure_error import equal_scatter
+from truing.estimation.pure_error import at_one_reading, equal_scatter
 from truing.estimation.quality import Scatter
 from truing.report.numbers import count as counted
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from stages.common.overruled import without_excluded
 from stages.common.point_arrays import number_column
 from stages.common.reading_arrays import load_steps
-from stages.common.repeats import SAME_LOADS, Index, repeated_runs
+from stages.common.repeats import SAME_LOADS, Index
 from stages.common.rows import Rows
-from stages.repeats.tables import Repeated, known_mean
-from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
-from truing.estimation.pure_error import Squares, lack_of_fit, within_groups, within_runs
+from stages.repeats.tables import Repeated
+from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps, repeated_runs
+from truing.estimation.pure_error import Squares, known_mean, lack_of_fit, within_groups, within_runs
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column, positions, residual_points, text_column, used_targets
-from stages.common.repeats import DECLARED, Index, at_one_reading, drive_readings, repeated_poses
+from stages.common.repeats import DECLARED, Index, drive_readings, repeated_poses
 from stages.common.rows import Rows
 from stages.repeats.iso9283 import repeatability_rows
-from stages.repeats.tables import Repeated, known_mean
-from truing.estimation.pure_error import Squares, lack_of_fit, within_groups
-from truing.estimation.rotation import exp_so3, log_so3
+from stages.repeats.tables import Repeated
+from truing.estimation.pure_error import Squares, at_one_reading, known_mean, lack_of_fit, within_groups
+from truing.estimation.repeatability import turned_from_first
+from truing.estimation.rotation import exp_so3
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -88,24 +89,11 @@ def _relative_poses(
         own[place[rows]], variance[place[rows]] = columns[rows] * ([1e-3] * 3 + [1.0] * 3), variances[rows]
         known = np.isfinite(own).all(axis=1)
         if not str(body).startswith("leg") and known.any():
-            own[known, 3:] = _turned(exp_so3(own[known, 3:]), np.flatnonzero(known), groups)
+            own[known, 3:] = turned_from_first(exp_so3(own[known, 3:]), np.flatnonzero(known), groups)
             own[~known] = np.nan
             yield str(body), own, np.sqrt(known_mean(variance))
 
 
-def _turned(R: Array, rows: Index, groups: Sequence[Index]) -> Array:
-    """Rotation vectors (K, 3) of rotations (K, 3, 3) of these rows, from the first or from the first of their group."""
-    turned = log_so3(R @ R[0].T)
-    if np.linalg.norm(turned, axis=1).max() < _FAR_RAD:
-        return turned
-    for group in groups:
-        own = np.flatnonzero(np.isin(rows, group))
-        if len(own):
-            turned[own] = log_so3(R[own] @ R[own[0]].T)
-    return turned
-
-
-_FAR_RAD = 0.2
 _POSE = tuple((f"p{a}", "mm") for a in "xyz") + tuple((f"r{a}", "rad") for a in "xyz")
 
 

@@ -16,13 +16,6 @@ Array = NDArray[np.float64]
 POOLED = "all, over stated"  # subjects of one kind together, in units of their stated sigmas, as if independent
 
 
-def known_mean(values: Array) -> Array:
-    """The mean (C,) of what is known of values (N, C); NaN where nothing is."""
-    known = np.isfinite(values)
-    total = np.where(known, values, 0.0).sum(axis=0)
-    return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan)
-
-
 @dataclass(frozen=True)
 class Repeated:
     """What was repeated (pose, point, attachment, reading, signal): C subjects with their units.

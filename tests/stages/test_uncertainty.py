@@ -13,7 +13,7 @@ import pytest
 from tests.cut_telescope import SAMPLE, cut_telescope
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
-from truing.estimation.sensor.budget import BY_LOADS, _parts
+from truing.estimation.sensor.budget import BY_LOADS, coefficient_parts
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel, Estimator
 from truing.estimation.sensor.load_table import load_table
@@ -132,7 +132,7 @@ def test_errors_of_signals_and_of_loads_each_do_to_a_calibration_what_is_stated(
             table = load_table(loads @ gain.T + seen, loads + told, signal_cov=signal, load_cov=load, load_names=names)
             fit = fit_calibration(table, model)
             found.append(np.concatenate([fit.matrix, fit.zeros], 1).ravel())
-        stated = np.diag(_parts(fit, table, Source("signals", "B"))[source])
+        stated = np.diag(coefficient_parts(fit, table, Source("signals", "B"))[source])
         ratio = np.sum(np.var(found, axis=0, ddof=1) / stated) / len(stated)
         # draws of six numbers; those of a row are independent here
         assert abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / (draws * len(stated)))

@@ -11,7 +11,7 @@ from truing.calibration.measured import Gathered
 from truing.calibration.question import Question, is_deformation, survey_rows
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit
 from truing.estimation.uncertainty_budget import Source, beyond_declared, linear_estimate
-from truing.simulation.parameters import Parameter
+from truing.simulation.mechanisms.parameters import Parameter
 
 Array = NDArray[np.float64]
 TARGETS = Source("targets and their survey, through the poses", "B")

@@ -122,3 +122,27 @@ def equal_scatter(square: ArrayLike, freedom: ArrayLike) -> EqualScatter | None:
     worst = int(np.argmax(variance))
     rest = float((square[told].sum() - square[told][worst]) / (f.sum() - f[worst]))
     return EqualScatter(float(chdtrc(len(told) - 1.0, spread / correction)), int(told[worst]), float(np.sqrt(rest)))
+
+
+def at_one_reading(values: Array, readings: Array, groups: Sequence[Index]) -> Array:
+    """Values (B, C), those of each group brought to its mean reading by a line in the readings (B, D) of all.
+
+    Repeats that are declared need not stand at one and the same place. Too few values stay as they are.
+    """
+    known = np.asarray(np.isfinite(np.column_stack([values, readings])).all(axis=1), bool)
+    design = np.column_stack([np.ones(len(readings)), readings])
+    out = values.copy()
+    if not readings.shape[1] or known.sum() < 2 * design.shape[1]:
+        return out
+    slope = np.linalg.lstsq(design[known], values[known], rcond=None)[0][1:]
+    for group in groups:
+        own = group[known[group]]
+        out[own] -= (readings[own] - readings[own].mean(axis=0)) @ slope if len(own) else 0.0
+    return out
+
+
+def known_mean(values: Array) -> Array:
+    """The mean (C,) of what is known of values (N, C); NaN where nothing is."""
+    known = np.isfinite(values)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan)

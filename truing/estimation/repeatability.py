@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.pure_error import within_groups
+from truing.estimation.pure_error import Index, within_groups
+from truing.estimation.rotation import log_so3
 
 Array = NDArray[np.float64]
 
 FEWEST = 5  # attained poses: of fewer, the scatter of distances says too little
 _DRAWS, _MANY = 2000, 20000
 _COVERED = (0.025, 0.975)
+_FAR_RAD = 0.2
 
 
 @dataclass(frozen=True)
@@ -76,3 +79,15 @@ def _interval(square: float, freedom: float, times: float) -> Figure:
 
     value, ends = np.sqrt(square / freedom), [np.sqrt(square / chdtri(freedom, p)) for p in _COVERED]
     return Figure(float(times * value), float(times * ends[0]), float(times * ends[1]))
+
+
+def turned_from_first(R: Array, rows: Index, groups: Sequence[Index]) -> Array:
+    """Rotation vectors (K, 3) of rotations (K, 3, 3) of these rows, from the first or from the first of their group."""
+    turned = log_so3(R @ R[0].T)
+    if np.linalg.norm(turned, axis=1).max() < _FAR_RAD:
+        return turned
+    for group in groups:
+        own = np.flatnonzero(np.isin(rows, group))
+        if len(own):
+            turned[own] = log_so3(R[own] @ R[own[0]].T)
+    return turned

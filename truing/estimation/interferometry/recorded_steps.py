@@ -14,6 +14,7 @@ CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 ARCSECOND = np.pi / 180.0 / 3600.0
 # What one unit of a channel's readings is in SI.
 READING_SI = np.array([1e-6] * 3 + [ARCSECOND] * 3)
+Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -46,3 +47,13 @@ class RecordedSteps:
         own = ("run", "step", "time_s", "load", "reading", "sigma", "signal", "held_out")
         covariates = {name: values[rows] for name, values in self.covariates.items()}
         return replace(self, **{name: getattr(self, name)[rows] for name in own}, covariates=covariates)
+
+
+def repeated_runs(steps: RecordedSteps) -> list[Index]:
+    """Rows (R, S) of runs of the same loads in the same order, group by group."""
+    alike: dict[bytes, list[Index]] = {}
+    for run in range(len(steps.runs)):
+        rows = np.flatnonzero((steps.run == run) & ~steps.held_out)
+        if len(rows) > 1:
+            alike.setdefault((steps.load[rows].round(9) + 0.0).tobytes(), []).append(rows)
+    return [np.array(rows) for rows in alike.values() if len(rows) > 1]
