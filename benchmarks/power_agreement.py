@@ -86,7 +86,7 @@ def hidden_twice(ground: Ground, question: Question, step: int, number: int) -> 
     """One effect, drawn and generated; what the diagnosis says of either, and how often theory finds it."""
     sort, size = question.sort, FACTORS[step] * (question.expected or 0.0)
     own = sorted(SORTS).index(_sort_of(question)), step, number
-    effect = sort.draw(size, ground.plan.layout.model.leg_count, np.random.default_rng([ground.seed, *own]))
+    effect = sort.draw(size, ground.plan.layout.model.part_count, np.random.default_rng([ground.seed, *own]))
     trial = Trial(0, FACTORS[step], (effect,), ())
     drawn, generated = ground.power_tables([effect], *own), ground.generated_tables([effect], *own)
     return {

@@ -48,7 +48,7 @@ def loads_for_causes(
     plain = fitter.prepared(gathered.given)
     known = kinds_of(settings)
     causes = [one for name in wanted for one in _members(known[name], plain.scene)]
-    fits = [(cause, next_run(fitter.stand((*gathered.given, cause), plain))) for cause in causes]
+    fits = [(cause, next_run(fitter.fitted((*gathered.given, cause), plain))) for cause in causes]
     plans, advice = planned(partial(possible_runs, settings, plain), fits, (), least_known=True)
     told = [f"{cause.id} {cause.subject}".strip() + f": {advice[cause.key].words}" for cause in causes]
     return CauseLoads(plan_table("next_loads", plans), tuple(told))

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew, table
-from truing.inference.fit import PointFit, fit_points
-from truing.inference.observations import MeasuredPoints, whitened_columns
+from truing.inference.fit import Fit, fit_model
+from truing.inference.observations import Observations, whitened_columns
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.catalogue import OWN_CAUSES, catalogue
@@ -118,13 +118,13 @@ class Seen:
     """The plain model of the sample campaign fitted to the points that are looked at."""
 
     model: PointModel
-    measured: MeasuredPoints
-    fit: PointFit
+    measured: Observations
+    fit: Fit
 
     def effect(self, cause: Cause) -> NDArray:
         """Return the effect (N, P) of plausible parameters on what was measured, nuisances refitted, in sigmas."""
         wider = self.model.with_causes((cause,))
-        slopes = wider.predict(self.model.widened(self.fit.shared, wider), self.fit.local).by_shared
+        slopes = wider.predict(self.model.embedded(self.fit.shared, wider), self.fit.local).by_shared
         scale = np.array([parameter.scale for parameter in cause.parameters(LEGS)]) / wider.effect_sigma(cause)
         own = slopes[..., wider.layout[cause.key]] * scale
         return self._without_nuisances(whitened_columns(self.measured, self.fit.frames, own))
@@ -146,7 +146,7 @@ def seen(bare: bool) -> Seen:
     own = (model.targets.leg < 0) | (not bare)
     measured = replace(poses.measured, seen=poses.measured.seen & own)
     start = np.zeros(model.shared_size), np.zeros((len(poses.frames.t), model.local_size))
-    return Seen(model, measured, fit_points(model, measured, poses.frames, *start))
+    return Seen(model, measured, fit_model(model, measured, poses.frames, *start))
 
 
 def compared() -> tuple[Cause, ...]:

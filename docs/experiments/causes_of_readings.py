@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from docs.experiments.causes import DOCS, LEGS, WHERE, Likeness, Seen, left, parameters, shares_table
 from docs.experiments.marked_tables import renew, table
-from truing.inference.fit import fit_points
+from truing.inference.fit import fit_model
 from truing.inference.observations import Frames
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
@@ -98,7 +98,7 @@ def _fitted(model: object, measured: object) -> Seen:
     steps = len(measured.seen)  # type: ignore[attr-defined]
     start = np.zeros(model.shared_size), np.zeros((steps, model.local_size))  # type: ignore[attr-defined]
     frames = Frames.of_numbers(steps)
-    return Seen(model, measured, fit_points(model, measured, frames, *start))  # type: ignore[arg-type]
+    return Seen(model, measured, fit_model(model, measured, frames, *start))  # type: ignore[arg-type]
 
 
 @cache

@@ -75,9 +75,9 @@ def signal_needed(draws: int) -> tuple[float, float]:
     for seed in range(SEEDS):
         closing = sample().search
         search = replace(closing, draws=draws, rng=np.random.default_rng(seed))
-        group = search.judge.group_of("actuator-gain", 1)
-        limit = search.judge.threshold(group, level)
-        freedom = search.noise.freedom(group.reading_share)
+        group = search.null.group_of("actuator-gain", 1)
+        limit = search.null.threshold(group, level)
+        freedom = search.noise.freedom(group.input_share)
         found.append(float(np.sqrt(fdtri(1, freedom - 1, 1.0 - limit))))
     return float(np.mean(found)), float(np.std(found, ddof=1))
 

@@ -71,7 +71,7 @@ def extended_parameters(extended: Extended) -> Rows:
 def _add_effects(rows: Rows, extended: Extended) -> None:
     """Add what is a number of each effect; a text (the pose from which on) stands in diagnosis.parquet."""
     for effect, covariance in extended.effects:
-        for told in effect.cause.told(effect.values, covariance, extended.found.model.nominal.count):
+        for told in effect.cause.reported(effect.values, covariance, extended.found.model.nominal.count):
             if not isinstance(told.value, str) and told.sigma is not None:
                 name, leg = name_and_leg(told.name)
                 rows.add(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.diagnosis.mechanism_points import Gathered
-    from truing.inference.fitted_model import Stand
+    from truing.inference.fitted_model import FittedModel
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import Diagnosis, Settings
     from truing.report.wordings.claim import Advice
@@ -25,7 +25,7 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
     from stages.diagnosis.rows import Words, diagnosis_table
     from stages.diagnosis.uncertainty_rows import uncertainty_table
 
-    last, legs = diagnosis.search, diagnosis.plain.model.leg_count
+    last, legs = diagnosis.search, diagnosis.plain.model.part_count
     causes = [verdict.cause for verdict in diagnosis.verdicts]
     found: dict[str, Any] = {"detectable": detectable_table(last, rule.level, legs)}
     found["cause_uncertainty"] = uncertainty_table(diagnosis, legs)
@@ -85,7 +85,7 @@ def _next_loads(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign)
     return following.advice
 
 
-def _remark(gathered: Gathered, final: Stand) -> str:
+def _remark(gathered: Gathered, final: FittedModel) -> str:
     """What limits all statements."""
     said = []
     if gathered.framing < 3:
@@ -112,10 +112,10 @@ def _prediction_table(diagnosis: Diagnosis, gathered: Gathered) -> pa.Table:
 
 def _rows(poses: tuple[int | str, ...], role: str, before: PredictionError, after: PredictionError) -> list[Any]:
     columns = {
-        "rms_before": before.rms_by_pose,
-        "rms_after": after.rms_by_pose,
-        "largest_before": before.largest_by_pose,
-        "largest_after": after.largest_by_pose,
+        "rms_before": before.rms_by_epoch,
+        "rms_after": after.rms_by_epoch,
+        "largest_before": before.largest_by_epoch,
+        "largest_after": after.largest_by_epoch,
     }
     return [
         {"pose": pose, "role": role, "unit": "um", **{name: float(v[row]) * 1e6 for name, v in columns.items()}}

@@ -13,7 +13,7 @@ from stages.common.axis_prospects import is_held_out, why_no_diagnosis
 from stages.diagnosis.axis_artifacts import axis_artifacts
 from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Channels
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import AxisRows
 
@@ -49,11 +49,11 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     sigma = np.array([encoder_sigma(settings, name) for name in columns.encoders], float)
     model = AxisModel(columns.axis(off), rows.chosen(fitted), _WIDE * max(largest, float(sigma.max())), off)
 
-    def poses(own: Mask) -> Poses:
+    def poses(own: Mask) -> Epochs:
         covariance = np.broadcast_to(sigma**2, seen[own].shape)[..., None, None]
-        measured = MeasuredPoints(np.where(seen, deviations, 0.0)[own][..., None], covariance, seen[own])
+        measured = Observations(np.where(seen, deviations, 0.0)[own][..., None], covariance, seen[own])
         keep = np.broadcast_to(kept[own][:, None], seen[own].shape)
-        return Poses(measured, rows.chosen(own), Frames.of_numbers(int(own.sum())), keep)
+        return Epochs(measured, rows.chosen(own), Frames.of_numbers(int(own.sum())), keep)
 
     return Gathered(
         model,

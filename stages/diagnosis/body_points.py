@@ -16,7 +16,7 @@ from stages.common.why_not import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why
 from stages.diagnosis.body_standing import Standing, standing
 from stages.diagnosis.body_targets import BodyTargets, targets_of
 from stages.diagnosis.mechanism_points import Gathered
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.numbers import count as counted
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
 from truing.simulation.bodies.model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
@@ -189,8 +189,8 @@ def _at(conditions: BodyConditions, rows: NDArray[np.bool_]) -> BodyConditions:
     )
 
 
-def _poses(found: list[BodyTargets], conditions: BodyConditions, lead: int, rows: NDArray[np.bool_]) -> Poses:
-    measured = MeasuredPoints(
+def _poses(found: list[BodyTargets], conditions: BodyConditions, lead: int, rows: NDArray[np.bool_]) -> Epochs:
+    measured = Observations(
         np.concatenate([body.points[rows] for body in found], 1),
         np.concatenate([body.cov[rows] for body in found], 1),
         np.concatenate([body.seen[rows] & body.ok[rows, None] for body in found], 1),
@@ -199,7 +199,7 @@ def _poses(found: list[BodyTargets], conditions: BodyConditions, lead: int, rows
     frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
     if lead >= 0:
         frames = Frames(found[lead].R[rows], found[lead].t[rows])
-    return Poses(measured, _at(conditions, rows), frames)
+    return Epochs(measured, _at(conditions, rows), frames)
 
 
 def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool_], list[str]]:

@@ -13,8 +13,8 @@ from schemas.faults import CampaignFaults, Fault
 from schemas.settings_text import parsed_toml
 from stages.common.rows import Rows
 from truing.inference.changes import Comparison, compare
-from truing.inference.fit import fit_points
-from truing.inference.fitted_model import Fitter, Stand
+from truing.inference.fit import fit_model
+from truing.inference.fitted_model import FittedModel, Fitter
 from truing.simulation.bench.model_text import is_sensor, read_sensor
 from truing.simulation.bench.prior import sensor_prior
 from truing.simulation.cause import Cause
@@ -98,7 +98,7 @@ def _words(campaign: str, earlier: CampaignPrior, model: EffectsModel, compared:
     return f"what {campaign} knew of {', '.join(said)}, changed since"
 
 
-def changes_table(final: Stand) -> pa.Table | None:
+def changes_table(final: FittedModel) -> pa.Table | None:
     """The rows of changes.parquet: what the final model says without the earlier knowledge, against that knowledge.
 
     None where the campaign starts from nothing.
@@ -107,7 +107,7 @@ def changes_table(final: Stand) -> pa.Table | None:
     if earlier is None:
         return None
     model: Any = with_earlier(final.model, earlier.nothing).with_causes(final.causes)
-    fit = fit_points(model, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
+    fit = fit_model(model, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
     covariance = fit.whitened.covariance() * final.noise_ratio**2
     found = _compared(earlier, model, fit.shared, covariance)
     told = told_numbers(earlier, model, fit.shared, covariance)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from stages.diagnosis.mechanism_points import Gathered
-    from truing.inference.fitted_model import ScreenedPoint
+    from truing.inference.fitted_model import ScreenedValue
     from truing.inference.selection import Diagnosis
 
 _WHY = "gross error: its residual is far outside those of its target"
@@ -42,7 +42,7 @@ def left_out_table(diagnosis: Diagnosis, gathered: Gathered) -> dict[str, pa.Tab
     return {"diagnosis_left_out": pa.Table.from_pylist(rows, schema=schema)}
 
 
-def _place(one: ScreenedPoint, gathered: Gathered) -> dict[str, Any]:
+def _place(one: ScreenedValue, gathered: Gathered) -> dict[str, Any]:
     """The pose, or the run and step, by name."""
     poses = gathered.held_out if one.held_out else gathered.calibration
     conditions: Any = poses.conditions if poses is not None else None
@@ -52,8 +52,8 @@ def _place(one: ScreenedPoint, gathered: Gathered) -> dict[str, Any]:
     return {"run": run.item() if hasattr(run, "item") else run, "step": int(conditions.step[one.row])}
 
 
-def _subject(one: ScreenedPoint, diagnosis: Diagnosis) -> str:
+def _subject(one: ScreenedValue, diagnosis: Diagnosis) -> str:
     """Body and target, or the channel."""
     targets = diagnosis.final.model.targets
-    name = str(targets.names[one.target])
-    return f"{targets.bodies[one.target]} {name}" if len(targets.bodies) > one.target else name
+    name = str(targets.names[one.channel])
+    return f"{targets.bodies[one.channel]} {name}" if len(targets.bodies) > one.channel else name

@@ -16,7 +16,7 @@ from stages.diagnosis.judged_points import judged_points, swapped_targets
 from stages.diagnosis.shown import Channels
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.numbers import count as counted
 from truing.simulation.cause import Cause
 from truing.simulation.inputs import ORDER
@@ -42,8 +42,8 @@ class Gathered:
     """Measured points and readings by role, the model of the plain simulation, and what was left out, in words."""
 
     model: Any  # a CausalModel
-    calibration: Poses
-    held_out: Poses | None
+    calibration: Epochs
+    held_out: Epochs | None
     left_out: str
     framing: int  # platform targets that sit on no attachment
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
@@ -180,9 +180,9 @@ def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:
     return roles
 
 
-def _poses(bodies: _Bodies, conditions: Conditions, frames: Frames, rows: NDArray) -> Poses:
-    measured = MeasuredPoints(bodies.points[rows], bodies.cov[rows], bodies.seen[rows])
-    return Poses(measured, some_of(conditions, rows), Frames(frames.R[rows], frames.t[rows]))
+def _poses(bodies: _Bodies, conditions: Conditions, frames: Frames, rows: NDArray) -> Epochs:
+    measured = Observations(bodies.points[rows], bodies.cov[rows], bodies.seen[rows])
+    return Epochs(measured, some_of(conditions, rows), Frames(frames.R[rows], frames.t[rows]))
 
 
 def _model(

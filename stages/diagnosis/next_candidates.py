@@ -108,7 +108,7 @@ def _configurations(
     settings: Campaign, measured: NDArray, model: Any, rng: np.random.Generator
 ) -> tuple[NDArray, bool]:
     """Return readings (C, L), m, and whether they are those that were measured."""
-    if not model.leg_count:
+    if not model.part_count:
         return np.empty((_OF_BODIES, measured.shape[1])), False
     from truing.simulation.mechanisms.legs.kinematics import reaches
 

@@ -18,7 +18,7 @@ from truing.simulation.bench.known_readings import ReadingConditions, Zeros
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign
-    from truing.inference.fitted_model import Stand
+    from truing.inference.fitted_model import FittedModel
     from truing.simulation.bench.model import ReadingModel
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ def _branches(load: Array) -> Iterator[str]:
         yield branch if own else "unloaded"
 
 
-def next_run(stand: Stand) -> Fitted:
+def next_run(stand: FittedModel) -> Fitted:
     """The fit of a bench as further runs see it: the zeros of runs that are over do not matter to them."""
     model: ReadingModel = stand.model  # type: ignore[assignment]
     none = Zeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
@@ -113,7 +113,7 @@ def next_run(stand: Stand) -> Fitted:
     return Fitted(later, stand.fit.shared[kept], stand.covariance()[np.ix_(kept, kept)])
 
 
-def possible_runs(settings: Campaign, stand: Stand, models: Sequence[Fitted]) -> PossibleRuns:
+def possible_runs(settings: Campaign, stand: FittedModel, models: Sequence[Fitted]) -> PossibleRuns:
     """Return the runs that could be done next on the bench of a fit, to judge models by."""
     model: ReadingModel = stand.model  # type: ignore[assignment]
     readout, seen = _readout(stand, model), stand.measured.seen
@@ -129,7 +129,7 @@ def possible_runs(settings: Campaign, stand: Stand, models: Sequence[Fitted]) ->
     )
 
 
-def _readout(stand: Stand, model: ReadingModel) -> Readout:
+def _readout(stand: FittedModel, model: ReadingModel) -> Readout:
     """The noise of readings as the fit has it, and of the zeros of runs as they are known beforehand."""
     known, seen = model.known, stand.measured.seen
     variance = np.where(seen, stand.measured.covariance[..., 0, 0], 0.0).sum(0) / np.maximum(seen.sum(0), 1)

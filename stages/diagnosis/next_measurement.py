@@ -15,7 +15,7 @@ from stages.diagnosis.claims import claim_of
 from stages.diagnosis.next_candidates import possible
 from stages.diagnosis.next_plan import Plan, Reach, plan_table
 from truing.estimation.design.rival_design import Fitted, Instrument, narrowed, told_apart
-from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.observations import Frames, Observations
 from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import Advice, AdviceKind
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
-    from truing.inference.fitted_model import Stand
+    from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import Diagnosis
 
 ODDS = 20.0
@@ -41,7 +41,7 @@ _UNSEEN_M2 = 1.0
 class Measured:
     """What was measured for the fit: its noise is that expected of further poses."""
 
-    points: MeasuredPoints
+    points: Observations
     frames: Frames
 
     def instrument(self) -> Instrument:
@@ -67,7 +67,7 @@ class Rivals:
     @property
     def legs(self) -> int:
         """Return the number of legs of the mechanism; 0 without one."""
-        return int(self.fitted.model.leg_count)
+        return int(self.fitted.model.part_count)
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,9 @@ def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
     return Next(plan_table("next_loads", plans), {key: said for key, said in advice.items() if key in told})
 
 
-def _asked(diagnosis: Diagnosis, fitted: Callable[[Stand], Fitted]) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
+def _asked(
+    diagnosis: Diagnosis, fitted: Callable[[FittedModel], Fitted]
+) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those that cannot be told from their rivals."""
     found = {verdict.cause.key: verdict for verdict in diagnosis.verdicts if verdict.verdict == "found"}
     rivals = [
@@ -109,7 +111,7 @@ def _asked(diagnosis: Diagnosis, fitted: Callable[[Stand], Fitted]) -> tuple[lis
     return [(own.cause, final) for own in found.values()], rivals
 
 
-def _fitted(stand: Stand) -> Fitted:
+def _fitted(stand: FittedModel) -> Fitted:
     return Fitted(stand.model, stand.fit.shared, stand.covariance())
 
 
@@ -142,7 +144,7 @@ def planned(
         if cause.key not in advice:
             largest = _largest(cause, fitted, least_known)
             if largest is None:
-                advice[cause.key] = _confirming(cause, fitted.model.leg_count)
+                advice[cause.key] = _confirming(cause, fitted.model.part_count)
                 continue
             plan, advice[cause.key] = _sharper(reach, largest, fitted)
             plans.append(plan)
@@ -194,7 +196,7 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, Adv
     given = f"its uncertainty then falls from {largest.sure(1.0)} to {largest.sure(choice.final)}"
     if not choice.times:
         given = f"but however often they are repeated, its uncertainty stays {largest.sure(choice.final)} or more"
-    plan = Plan(f"{_name(largest.cause, fitted.model.leg_count)}: {name}", options, choice, expected, given)
+    plan = Plan(f"{_name(largest.cause, fitted.model.part_count)}: {name}", options, choice, expected, given)
     kind = AdviceKind.SHARPEN if choice.times else AdviceKind.IN_VAIN
     return plan, plan.advice(kind, f"To know {name} twice as well")
 
@@ -204,7 +206,7 @@ class _Largest:
     """The largest parameter of a cause, of those in the unit of its first, and how it follows the unknowns (G,)."""
 
     cause: Any
-    told: Any  # a `cause.Told`
+    told: Any  # a `cause.ReportedParameter`
     direction: NDArray
 
     def sure(self, times: float) -> str:
@@ -216,10 +218,10 @@ class _Largest:
 
 def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
     """Return the largest parameter, or the least known; None where the cause has none that is measured."""
-    part, legs = fitted.model.layout[cause.key], fitted.model.leg_count
+    part, legs = fitted.model.layout[cause.key], fitted.model.part_count
     scale = fitted.model.effect_sigma(cause)
     values, covariance = fitted.shared[part] * scale, fitted.covariance[part, part] * np.outer(scale, scale)
-    told = cause.told(values, covariance, legs)
+    told = cause.reported(values, covariance, legs)
     measured = [k for k, entry in enumerate(told) if entry.sigma]
     alike = [k for k in measured if told[k].unit == told[measured[0]].unit]
     if not alike:
@@ -228,14 +230,14 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
     direction = np.zeros(len(fitted.shared))
     for place, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
         nudge = step * (np.arange(len(values)) == place)
-        ahead, behind = (cause.told(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0))
+        ahead, behind = (cause.reported(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0))
         direction[part.start + place] = (ahead - behind) / (2.0 * step) * scale[place]
     return _Largest(cause, told[best], direction)
 
 
 def _name(cause: Any, legs: int) -> str:
     """Return what tells a cause from others in a sentence: its subject, or what it follows where it has no name."""
-    follows = tuple(map(own_name, cause.follows(legs)))
+    follows = tuple(map(own_name, cause.inputs(legs)))
     driven = f"following {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""
     return " ".join(filter(None, (cause.id, cause.subject, driven)))
 

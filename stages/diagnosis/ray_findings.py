@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.declaration import Progress
-    from truing.inference.observations import Poses
+    from truing.inference.observations import Epochs
     from truing.inference.selection import Diagnosis, Settings
 
 Array = NDArray[np.float64]
@@ -153,7 +153,7 @@ def with_shared_errors(gathered: Gathered, tables: Mapping[str, pa.Table], rays:
     photographed = Photographed(rays.common.shape[-1], 0 if errors is None else _MOST_PATTERNS, rays.bars)
     names = list(zip(gathered.model.targets.bodies, gathered.model.targets.names, strict=True))
 
-    def told(poses: Poses | None) -> Poses | None:
+    def told(poses: Epochs | None) -> Epochs | None:
         if poses is None:
             return None
         rows = np.array([[row.get((pose, *name), -1) for name in names] for pose in poses.conditions.poses], int)
@@ -166,7 +166,7 @@ def with_shared_errors(gathered: Gathered, tables: Mapping[str, pa.Table], rays:
     return replace(gathered, model=model, calibration=calibration, held_out=told(gathered.held_out))
 
 
-def _with_errors(poses: Poses, rows: NDArray[np.int64], common: Array, errors: PointErrors | None) -> Poses:
+def _with_errors(poses: Epochs, rows: NDArray[np.int64], common: Array, errors: PointErrors | None) -> Epochs:
     """Poses whose points, at rows (B, K) of the table, share errors: common (N, 3, Q) ones, and those of each pose."""
     measured, conditions = poses.measured, poses.conditions
     known = (rows >= 0)[..., None, None]
@@ -181,7 +181,7 @@ def _with_errors(poses: Poses, rows: NDArray[np.int64], common: Array, errors: P
                 continue
             by_common = shared[pose, seen].reshape(3 * len(seen), -1)
             covariance = errors.covariance(of_points[seen]) - by_common @ by_common.T
-            found = shared_errors(covariance, measured.points[pose, seen], _MOST_PATTERNS)
+            found = shared_errors(covariance, measured.values[pose, seen], _MOST_PATTERNS)
             of_pose[pose, seen, :, : found.patterns.shape[-1]] = found.patterns
             own[pose, seen] = found.own
     turned = np.swapaxes(poses.frames.R, 1, 2)[:, None]

@@ -16,7 +16,7 @@ from stages.diagnosis.mechanism_points import Gathered
 from stages.diagnosis.shown import Shown
 from truing.estimation.bundle.ray_channels import RayChannels, ray_channels
 from truing.estimation.rotation import exp_so3
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.prediction import PredictionError
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
@@ -110,10 +110,10 @@ def some_poses(rays: RayPoses, rows: NDArray[np.bool_]) -> RayPoses:
     )
 
 
-def _poses(rays: RayPoses, channels: RayChannels, rows: NDArray[np.bool_]) -> Poses:
+def _poses(rays: RayPoses, channels: RayChannels, rows: NDArray[np.bool_]) -> Epochs:
     values = channels.value[rows]
-    measured = MeasuredPoints(values[..., None], np.ones((*values.shape, 1, 1)), channels.told[rows])
-    return Poses(measured, some_poses(rays, rows), Frames.of_numbers(int(rows.sum())))
+    measured = Observations(values[..., None], np.ones((*values.shape, 1, 1)), channels.told[rows])
+    return Epochs(measured, some_poses(rays, rows), Frames.of_numbers(int(rows.sum())))
 
 
 def _vertical(table: pa.Table, poses: tuple[int | str, ...], body: str | None) -> NDArray | None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from stages.diagnosis.shown import Channels
-    from truing.inference.fitted_model import Stand
+    from truing.inference.fitted_model import FittedModel
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import Diagnosis
 
@@ -32,7 +32,7 @@ def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) ->
     return {"reading_errors": _errors_table(diagnosis, channels, settings), "model": text, **pulled}
 
 
-def _belief(stand: Stand) -> Belief:
+def _belief(stand: FittedModel) -> Belief:
     """How far the sensor's unknowns moved in a fit."""
     layout = stand.model.layout
     own = np.r_[layout["geometry"], layout["stiffness"]]

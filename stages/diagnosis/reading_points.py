@@ -17,7 +17,7 @@ from stages.diagnosis.shown import Channels
 from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.estimation.interferometry.run_starts import zeros_of_runs
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 from truing.simulation.bench.exchanged_rows import exchanged_rows
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
@@ -249,7 +249,7 @@ def _labels(steps: RecordedSteps) -> NDArray:
 
 def _poses(
     steps: RecordedSteps, points: Array, seen: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]
-) -> Poses:
+) -> Epochs:
     covariance = np.where(np.isfinite(sigma), sigma, 1.0)[rows] ** 2
-    measured = MeasuredPoints(points[rows][..., None], covariance[..., None, None], seen[rows])
-    return Poses(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))
+    measured = Observations(points[rows][..., None], covariance[..., None, None], seen[rows])
+    return Epochs(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))

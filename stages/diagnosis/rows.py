@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from stages.diagnosis.ray_points import RayShown
-    from truing.inference.fitted_model import Stand
-    from truing.inference.noise import NoiseFollowing, NoiseLevel
+    from truing.inference.fitted_model import FittedModel
+    from truing.inference.noise import NoiseDependence, NoiseLevel
     from truing.inference.selection import Diagnosis
     from truing.inference.verdicts import Verdict
     from truing.report.wordings.claim import Advice
@@ -42,7 +42,7 @@ class Words:
         """The same of what concerns one channel."""
         return POINTS if self.channels is None else self.channels.only(target)
 
-    def of_noise(self, final: Stand) -> Shown:
+    def of_noise(self, final: FittedModel) -> Shown:
         """The same of noise, which concerns all that was measured."""
         return POINTS if self.channels is None else self.channels.whole(final.error)
 
@@ -56,7 +56,7 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
 
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
     shown = words.of_noise(diagnosis.final)
-    noisy = [_following_row(own, diagnosis.final, shown) for own in diagnosis.following]
+    noisy = [_following_row(own, diagnosis.final, shown) for own in diagnosis.noise_dependences]
     noisy += [_noisy_row(target, level, diagnosis.final, words) for target, level in diagnosis.noisy]
     if diagnosis.noise.p_value <= noise_level and not diagnosis.noisy:
         noisy.append(_noise_row(diagnosis.noise, diagnosis.final, shown))
@@ -71,7 +71,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
     from truing.report.diagnosis.findings import Facts, explanation
     from truing.report.wordings.catalogue import clause, confirming
 
-    cause, legs = verdict.cause, diagnosis.plain.model.leg_count
+    cause, legs = verdict.cause, diagnosis.plain.model.part_count
     parameters = told_parameters(verdict, legs)
     shown = words.of_verdict(verdict)
     claim = claim_of(cause, legs)
@@ -108,7 +108,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         "p_value": verdict.p_value,
         "probability": verdict.probability,
         "parameters": json.dumps(parameters),
-        "follows": listed(cause.follows(legs)),
+        "follows": listed(cause.inputs(legs)),
         "rms_before": facts.rms_before,
         "rms_after": facts.rms_after,
         "heldout_rms_before": held[0],
@@ -132,7 +132,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
 
 def told_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
     """A cause's parameters as the contract names them: value, sigma, unit."""
-    told = verdict.cause.told(verdict.values, verdict.covariance, legs)
+    told = verdict.cause.reported(verdict.values, verdict.covariance, legs)
     return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in told}
 
 
@@ -145,7 +145,7 @@ def _odds(verdict: Verdict, diagnosis: Diagnosis) -> float | None:
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
-def _noise_row(level: NoiseLevel, final: Stand, shown: Shown) -> dict[str, Any]:
+def _noise_row(level: NoiseLevel, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """Noise larger than declared is structure too: something moves what was measured that nothing here explains."""
     from truing.report.diagnosis.findings import noise_explanation
 
@@ -155,13 +155,13 @@ def _noise_row(level: NoiseLevel, final: Stand, shown: Shown) -> dict[str, Any]:
     return _of_noise(level, final, shown) | {"explanation": said, "next_measurement": shown.scatter}
 
 
-def _noisy_row(target: int, level: NoiseLevel, final: Stand, words: Words) -> dict[str, Any]:
+def _noisy_row(target: int, level: NoiseLevel, final: FittedModel, words: Words) -> dict[str, Any]:
     """One channel that is noisier than declared."""
     shown = words.of_target(target)
     return _noise_row(level, final, shown) | {"subject": f"{final.model.scene.word_of_target} {_name(final, target)}"}
 
 
-def _name(final: Stand, target: int) -> str:
+def _name(final: FittedModel, target: int) -> str:
     return str(final.model.targets.names[target])
 
 
@@ -171,11 +171,11 @@ def _followed_column(column: str) -> tuple[str, ...]:
     return (TIME if plain == ORDER else plain,) if plain else ()
 
 
-def _following_row(own: NoiseFollowing, final: Stand, shown: Shown) -> dict[str, Any]:
+def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """Noise that is larger in places, and the column or the target that it follows."""
     from truing.report.diagnosis.findings import noise_explanation
 
-    names = [_name(final, target) for target in own.driver.targets]
+    names = [_name(final, target) for target in own.driver.channels]
     whose = final.model.scene.word_of_target
     follows = own_name(own.driver.name) or f"{whose} {names[0]}"
     where = f"Look at {follows}" if names else f"Repeat it where {follows} differs"
@@ -189,7 +189,7 @@ def _following_row(own: NoiseFollowing, final: Stand, shown: Shown) -> dict[str,
     }
 
 
-def _of_noise(level: NoiseLevel | NoiseFollowing, final: Stand, shown: Shown) -> dict[str, Any]:
+def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """What all rows on noise have: no effect on the mean, so nothing is predicted better."""
     rms, held = shown.rms(final.error), shown.rms(final.held_out)
     ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}

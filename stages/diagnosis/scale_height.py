@@ -13,13 +13,13 @@ from stages.common.point_arrays import number_column, positions
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.inference.observations import Poses
+    from truing.inference.observations import Epochs
 
 _SI = 1e-3
 _EXACT_MM = 1e-6  # bars without any uncertainty count alike
 
 
-def scale_height(tables: Mapping[str, pa.Table], poses: Poses) -> float:
+def scale_height(tables: Mapping[str, pa.Table], poses: Epochs) -> float:
     """The mean height, m, in the model's frame, of the bars' middles, each as its calibration counts in the scale.
 
     Without bars the mean height of all measured points, whose survey gives the scale then.
@@ -29,11 +29,11 @@ def scale_height(tables: Mapping[str, pa.Table], poses: Poses) -> float:
         if weight.sum() > 0:
             return float(np.sum(height * weight) / weight.sum())
     measured = poses.measured
-    inside = np.einsum("bkd,bde->bke", np.nan_to_num(measured.points) - poses.frames.t[:, None], poses.frames.R)
+    inside = np.einsum("bkd,bde->bke", np.nan_to_num(measured.values) - poses.frames.t[:, None], poses.frames.R)
     return float(inside[..., 2][measured.seen].mean())
 
 
-def _of_bars(points: pa.Table, bars: pa.Table, poses: Poses) -> tuple[NDArray, NDArray]:
+def _of_bars(points: pa.Table, bars: pa.Table, poses: Epochs) -> tuple[NDArray, NDArray]:
     """Heights (N,) of the middles of bars in the poses, m, and the weights of their lengths."""
     names = tuple(dict.fromkeys(points.column("point").to_pylist()))
     own = tuple(poses.conditions.poses)

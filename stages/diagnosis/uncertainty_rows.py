@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stages.common.rows import Rows
-from truing.inference.linear_problem import EARLIER, PLAUSIBLE, POINTS, READINGS, WIDE
+from truing.inference.linear_problem import EARLIER, INPUTS, OBSERVATIONS, PLAUSIBLE, WIDE
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.inference.fitted_model import Stand
-    from truing.inference.linear_problem import Given
+    from truing.inference.fitted_model import FittedModel
+    from truing.inference.linear_problem import Contribution
     from truing.inference.selection import Diagnosis
     from truing.simulation.cause import Cause
 
@@ -51,15 +51,15 @@ def uncertainty_table(diagnosis: Diagnosis, legs: int) -> pa.Table:
     rows, final = Rows("cause_uncertainty"), diagnosis.final
     for verdict in diagnosis.verdicts:
         if verdict.verdict == "found" and verdict.cause.key in final.model.layout:
-            for given in final.given(verdict.cause):
+            for given in final.contributions(verdict.cause):
                 _add(rows, final, verdict.cause, given, legs)
     return rows.table()
 
 
-def _add(rows: Rows, final: Stand, cause: Cause, given: Given, legs: int) -> None:
+def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs: int) -> None:
     name, larger = _source(final, given)
     with np.errstate(all="ignore"):  # a part may give nothing to a number that is a length or an angle
-        told = cause.told(final.values(cause)[0], given.covariance, legs)
+        told = cause.reported(final.values(cause)[0], given.covariance, legs)
     for one in told:
         if one.sigma is not None and np.isfinite(one.sigma):
             rows.add(
@@ -74,22 +74,22 @@ def _add(rows: Rows, final: Stand, cause: Cause, given: Given, legs: int) -> Non
             )
 
 
-def _source(final: Stand, given: Given) -> tuple[str, bool]:
+def _source(final: FittedModel, given: Contribution) -> tuple[str, bool]:
     """A source in words, and whether its size was found from what was measured."""
     readings, survey = final.learned
-    if given.source == POINTS:
+    if given.source == OBSERVATIONS:
         return f"{_measured(final)}, at the noise found", True
-    if given.source == READINGS:
+    if given.source == INPUTS:
         word = final.model.scene.word_of_target
         numbers = word if word in _READ else "bench"
-        kind = numbers if not final.fit.frames.size else "points" if final.model.leg_count else "bodies"
+        kind = numbers if not final.fit.frames.size else "points" if final.model.part_count else "bodies"
         return _found(_READ[kind], readings)
     if given.source == "shape":
         return _found(_WORDS["shape"], survey)
     return _WORDS[given.source], False
 
 
-def _measured(final: Stand) -> str:
+def _measured(final: FittedModel) -> str:
     """What was measured, in words."""
     if final.fit.frames.size:
         return "measured points"

@@ -69,9 +69,9 @@ class CampaignPlan:
     through: tuple[str, ...] = ("pose",)  # stages between what is drawn and the diagnosis
 
     @property
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """What parameters are numbered by."""
-        return self.layout.model.leg_count
+        return self.layout.model.part_count
 
     def with_gross(self, share: float) -> CampaignPlan:
         """The plan with a share of the points grossly wrong."""

@@ -34,7 +34,7 @@ class RayPlan:
     tables: Mapping[str, pa.Table]
     scene: Scene
 
-    leg_count = 0  # nothing is numbered by legs
+    part_count = 0  # nothing is numbered by legs
     through: tuple[str, ...] = ()  # stages between what is drawn and the diagnosis
 
     def with_gross(self, share: float) -> RayPlan:

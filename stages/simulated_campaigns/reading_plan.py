@@ -38,9 +38,9 @@ class ReadingPlan:
     through: tuple[str, ...] = ()  # stages between what is drawn and the diagnosis
 
     @property
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """What parameters are numbered by."""
-        return self.model.leg_count
+        return self.model.part_count
 
     def with_gross(self, share: float) -> ReadingPlan:
         """The plan with a share of the readings grossly wrong."""

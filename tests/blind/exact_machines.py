@@ -107,7 +107,7 @@ def points_of(model: PointModel, values: NDArray, measured: NDArray) -> NDArray:
     local = np.zeros((len(measured), model.local_size))
     for _ in range(3):
         found = model.predict(shared, local)
-        rolls, gap = found.by_local, measured - found.points
+        rolls, gap = found.by_local, measured - found.values
         square = np.sum(rolls**2, (1, 2))
         local = local + np.einsum("bkih,bki->bh", rolls, gap) / np.where(square > 0, square, 1.0)
     assert np.all(np.abs(local) * FREE_ANGLE_RAD < 0.01)

@@ -23,14 +23,14 @@ class Shaped:
 
     shape: float = 0.0
 
-    def held_at(self, shape: np.ndarray) -> Shaped:
+    def with_fixed_shape(self, shape: np.ndarray) -> Shaped:
         return Shaped(float(shape[0]) / SIGMA)
 
 
 def factors(rise: Callable[[float], float]) -> np.ndarray:
     """Of a fit whose sum of squares, in those of the noise, rises so over the shape in sigmas."""
 
-    def stand(causes: Any, start: Any = None) -> Any:
+    def fitted(causes: Any, start: Any = None) -> Any:
         squares = 5.0 + rise(next(cause.shape for cause in causes if isinstance(cause, Shaped)))
         whitened = SimpleNamespace(rest=np.array([NOISE * np.sqrt(squares)]))
         covariance = np.array([[4.0, 0.1], [0.1, SIGMA**2]])
@@ -40,7 +40,7 @@ def factors(rise: Callable[[float], float]) -> np.ndarray:
         )
 
     cause = Shaped()
-    return both_sides(SimpleNamespace(stand=stand), stand(("another", cause)), cause, 1)
+    return both_sides(SimpleNamespace(fitted=fitted), fitted(("another", cause)), cause, 1)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_the_wider_side_counts(rise: Callable[[float], float], wider: float) -> 
 
 def test_a_shape_that_is_not_asked_keeps_its_sigma() -> None:
     class Linear(Shaped):
-        def held_at(self, shape: np.ndarray) -> None:
+        def with_fixed_shape(self, shape: np.ndarray) -> None:
             return None
 
     cause = Linear()
@@ -70,7 +70,7 @@ def test_a_shape_that_is_not_asked_keeps_its_sigma() -> None:
 
 def test_a_creep_is_asked_by_creeps_of_other_time_constants_and_told_by_the_upper_end_of_its_interval() -> None:
     creep = Creep("fz", 60.0).refined()
-    assert creep.held_at(np.array([0.3])) == Creep("fz", pytest.approx(60.0 * np.exp(0.3)))
-    fraction, tau = creep.told(np.array([0.01, 0.3]), np.diag([1e-6, 0.25]), 6)
+    assert creep.with_fixed_shape(np.array([0.3])) == Creep("fz", pytest.approx(60.0 * np.exp(0.3)))
+    fraction, tau = creep.reported(np.array([0.01, 0.3]), np.diag([1e-6, 0.25]), 6)
     assert fraction.sigma == pytest.approx(1e-3)
     assert tau.value + 1.96 * (tau.sigma or 0.0) == pytest.approx(60.0 * np.exp(0.3 + 1.96 * 0.5), rel=1e-4)

@@ -19,8 +19,8 @@ UNLUCKY = 1e-3
 
 def smallest_p(found: Search) -> float:
     """The p-value of the best of everything that was tried."""
-    maxima = found.maxima(found.channels.along(found.channels.whitened.rest[None]))[0]
-    return min(found.judge.corrected(float(square), group) for square, group in zip(maxima, found.groups, strict=True))
+    maxima = found.maxima(found.pathways.along(found.pathways.whitened.rest[None]))[0]
+    return min(found.null.corrected(float(square), group) for square, group in zip(maxima, found.groups, strict=True))
 
 
 @pytest.mark.parametrize(
@@ -40,8 +40,8 @@ def test_an_effect_is_seen_where_theory_says_so() -> None:
     campaigns, found = 120, 0
     quiet = toy.search(toy.measured(np.random.default_rng(0)), 2000, np.random.default_rng(1))
     own = quiet.candidates[0].signature
-    group = quiet.judge.group_of("gain", 1)
-    limit, freedom = quiet.judge.threshold(group, LEVEL), quiet.noise.freedom(group.reading_share)
+    group = quiet.null.group_of("gain", 1)
+    limit, freedom = quiet.null.threshold(group, LEVEL), quiet.noise.freedom(group.input_share)
     quantile = f_distribution.isf(limit, 1, freedom)
     sizes = np.linspace(2, 8, 601)
     clear = sizes[np.searchsorted(ncf.sf(quantile, 1, freedom, sizes**2), 0.8)]
@@ -50,8 +50,8 @@ def test_an_effect_is_seen_where_theory_says_so() -> None:
     for number in range(campaigns):
         rng = np.random.default_rng([number, 77])
         seen = toy.search(toy.measured(rng, effect), DRAWS, rng)
-        along = seen.channels.along(seen.channels.whitened.rest[None])
-        found += seen.judge.corrected(float(seen.squares(along)[0, 0]), group) <= LEVEL
+        along = seen.pathways.along(seen.pathways.whitened.rest[None])
+        found += seen.null.corrected(float(seen.squares(along)[0, 0]), group) <= LEVEL
     # The quantile of few null draws is itself uncertain, which costs or gains some power.
     assert_between(found, binom.isf(1 - UNLUCKY, campaigns, 0.70), binom.isf(UNLUCKY, campaigns, 0.88))
 

@@ -30,8 +30,8 @@ def _cause(name: str, catalogued: bool) -> Any:
         catalogued=catalogued,
         alike=lambda legs: (),
         one_sided=lambda legs: (0,) if name.startswith("gap") else (),
-        further=lambda scene: (),
-        goes_on=name.startswith("further"),
+        higher_order_terms=lambda scene: (),
+        is_higher_order=name.startswith("further"),
         subject=name.partition(" of ")[2] or name,
     )
 
@@ -50,7 +50,7 @@ def _round(designs: dict[str, dict[str, NDArray]], sizes: dict[str, float], unna
     whitened = toy.measured(np.random.default_rng(2), effect)
     own, noise = toy.channels(whitened), components(whitened, 3 * toy.POINTS, toy.READINGS)
     stand: Any = SimpleNamespace(
-        noise=noise, model=SimpleNamespace(leg_count=0), fit=SimpleNamespace(whitened=whitened), causes=(), scene=None
+        noise=noise, model=SimpleNamespace(part_count=0), fit=SimpleNamespace(whitened=whitened), causes=(), scene=None
     )
     found = [Candidate(_cause(n, n not in unnamed), n, signature(own, d), 1.0) for n, d in designs.items()]
     shares = dict.fromkeys(designs, 1.0)
@@ -117,8 +117,8 @@ def test_what_is_small_beside_a_form_that_the_model_holds_is_a_remainder_where_i
     own = _design(np.where(first ^ late, COURSES[0], 0.0), 0)
     current = _round({"name": own}, {"name": 8.0}, ())
     form = _design(np.where(first, COURSES[1], 0.0), 0)
-    stand: Any = current.stand
-    stand.causes, stand.designer = (_cause("form", False),), lambda cause: form
+    stand: Any = current.fitted
+    stand.causes, stand.design_matrix = (_cause("form", False),), lambda cause: form
     stand.values = lambda cause: (np.array([held]), np.eye(1))
     assert current.is_remainder(current.candidates[0]) is expected
 
@@ -136,7 +136,7 @@ class _Told:
     small: tuple[str, ...] = ()  # beside a form without a name that the model holds
 
     @property
-    def stand(self) -> Any:
+    def fitted(self) -> Any:
         return SimpleNamespace(causes=self.accepted)
 
     @cached_property

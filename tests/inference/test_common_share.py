@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.inference.noise import told_share
+from truing.inference.noise import estimated_share
 from truing.inference.pulls import Pulls, pulls
 
 LEGS, PARTS, ROWS, DRAWS = 6, 3, 60, 1200
@@ -47,7 +47,7 @@ def test_pulls_are_in_their_band_as_often_as_it_says(jacobian: np.ndarray) -> No
     inside: dict[str, list[bool]] = {"learned": [], "half": []}
     for angle in rng.uniform(0.0, np.pi / 2, DRAWS):
         rows = drawn(jacobian, np.cos(angle) ** 2, rng)
-        learned = told_share(*fit(jacobian, rows, HALF), COMMON, HALF)
+        learned = estimated_share(*fit(jacobian, rows, HALF), COMMON, HALF)
         for name, share in (("learned", learned), ("half", HALF)):
             one = judged(jacobian, rows, share)
             inside[name].append(one.lower <= one.chi_square <= one.upper)
@@ -60,14 +60,14 @@ def test_pulls_are_in_their_band_as_often_as_it_says(jacobian: np.ndarray) -> No
 def test_the_share_is_told(jacobian: np.ndarray, share: float, low: float, high: float) -> None:
     rng = np.random.default_rng(2)
     rows = [drawn(jacobian, share, rng) for _ in range(15)]
-    assert low < np.median([told_share(*fit(jacobian, one, HALF), COMMON, HALF) for one in rows]) <= high
+    assert low < np.median([estimated_share(*fit(jacobian, one, HALF), COMMON, HALF) for one in rows]) <= high
 
 
 def test_it_does_not_hang_on_the_share_of_the_fit(jacobian: np.ndarray) -> None:
     rows = drawn(jacobian, 0.8, np.random.default_rng(4))
-    found = [told_share(*fit(jacobian, rows, share), COMMON, share) for share in (0.02, 0.3, 0.999)]
+    found = [estimated_share(*fit(jacobian, rows, share), COMMON, share) for share in (0.02, 0.3, 0.999)]
     np.testing.assert_allclose(found, found[1], rtol=1e-6)
 
 
 def test_data_that_tell_nothing_leave_it_as_it_is() -> None:
-    assert told_share(np.zeros(len(COMMON)), np.eye(len(COMMON)), COMMON, HALF) == HALF
+    assert estimated_share(np.zeros(len(COMMON)), np.eye(len(COMMON)), COMMON, HALF) == HALF

@@ -15,8 +15,8 @@ from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
 
 FREEDOM = 4000.0
 STAND: Any = SimpleNamespace(
-    noise=SimpleNamespace(points_total=FREEDOM, readings_total=0.0, points=FREEDOM, readings=0.0),
-    model=SimpleNamespace(leg_count=6),
+    noise=SimpleNamespace(observed_total=FREEDOM, inputs_total=0.0, observed=FREEDOM, inputs=0.0),
+    model=SimpleNamespace(part_count=6),
 )
 # Neighbours share what one platform shows of them.
 _SHARED = 0.3 * (np.eye(6)[:, [1, 0, 3, 2, 5, 4]] + np.roll(np.eye(6), 1, 0))

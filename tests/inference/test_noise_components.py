@@ -9,7 +9,7 @@ import numpy as np
 from tests.inference import toy_campaign as toy
 from tests.tolerance import assert_between
 from truing.inference.linear_problem import whiten
-from truing.inference.noise import components, reading_ratio, rescaled_points
+from truing.inference.noise import components, input_ratio, rescaled_noise
 
 BODIES = np.array([0, 0, 0, 1, 1, 1])
 
@@ -19,9 +19,9 @@ def ratios(points: float, readings: float, campaigns: int = 40) -> tuple[float, 
     found = []
     for number in range(campaigns):
         whitened = toy.measured(np.random.default_rng([number, 5]), points=points, readings=readings)
-        told = rescaled_points(whitened, toy.MEASURED, BODIES).covariance
+        told = rescaled_noise(whitened, toy.MEASURED, BODIES).covariance
         level = np.sqrt(np.mean(np.trace(told, axis1=-2, axis2=-1)) / 3)
-        found.append((level, reading_ratio(whitened, 3 * toy.POINTS, toy.READINGS, 1.0)))
+        found.append((level, input_ratio(whitened, 3 * toy.POINTS, toy.READINGS, 1.0)))
     return float(np.mean([f[0] for f in found])), float(np.mean([f[1] for f in found]))
 
 
@@ -42,7 +42,7 @@ def test_noise_is_larger_along_the_axis_along_which_it_is() -> None:
     rng, uneven = np.random.default_rng(4), np.tile([1.0, 1.0, 2.0], toy.POINTS)
     template = toy.TEMPLATE
     noise = rng.normal(size=template.residual.shape) * uneven
-    found = rescaled_points(whiten(replace(template, residual=noise)), toy.MEASURED, BODIES).covariance[0, 0]
+    found = rescaled_noise(whiten(replace(template, residual=noise)), toy.MEASURED, BODIES).covariance[0, 0]
     assert found[2, 2] > 2.0 * max(found[0, 0], found[1, 1])
 
 
@@ -50,12 +50,12 @@ def test_an_effect_on_one_target_counts_less_than_its_squares() -> None:
     moved = np.zeros((toy.POSES, toy.POINTS, 3))
     moved[18:, 2] = 20.0
     whitened = toy.measured(np.random.default_rng(6), moved.reshape(toy.POSES, -1))
-    told = rescaled_points(whitened, toy.MEASURED, BODIES).covariance
+    told = rescaled_noise(whitened, toy.MEASURED, BODIES).covariance
     plain = components(whitened, 3 * toy.POINTS, toy.READINGS)
-    assert np.trace(told[0, 5]) / 3 < 0.5 * plain.points_total / plain.points
+    assert np.trace(told[0, 5]) / 3 < 0.5 * plain.observed_total / plain.observed
 
 
 def test_components_count_what_was_declared() -> None:
     found = components(toy.measured(np.random.default_rng(7)), 3 * toy.POINTS, toy.READINGS)
-    assert min(found.points, found.readings) > 50
-    assert found.without(0.0, 1, 1.0) == found.readings_total / found.readings * found.readings / (found.readings - 1)
+    assert min(found.observed, found.inputs) > 50
+    assert found.without(0.0, 1, 1.0) == found.inputs_total / found.inputs * found.inputs / (found.inputs - 1)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
-from truing.inference.noise import Driver, drivers, noise_following, standardised
+from truing.inference.noise import Driver, drivers, noise_dependence, standardised
 
 POSES, TARGETS = 40, 30
 LEVEL = 0.01
@@ -27,7 +27,7 @@ def _rest(rng: np.random.Generator, heavy: bool = False) -> NDArray:
 
 def test_noise_that_follows_nothing_is_seldom_said_to_follow_something() -> None:
     rng = np.random.default_rng(1)
-    said = [noise_following(_rest(rng, heavy=n % 2 == 1), _drivers(rng), 0.2) for n in range(100)]
+    said = [noise_dependence(_rest(rng, heavy=n % 2 == 1), _drivers(rng), 0.2) for n in range(100)]
     count = sum(found is not None for found in said)
     assert_between(count, 4, 35, what="campaigns of 100 that say so at a level of 20 %")
 
@@ -37,7 +37,7 @@ def test_noise_that_grows_with_a_column_is_traced_to_it() -> None:
     possible = _drivers(rng)
     humidity = possible[2].values[:, 0]
     growth = np.exp(0.25 * humidity)
-    found = noise_following(_rest(rng) * growth[:, None, None], possible, LEVEL)
+    found = noise_dependence(_rest(rng) * growth[:, None, None], possible, LEVEL)
     assert found is not None
     assert found.driver.column == "humidity"
     assert_between(found.ratio, np.exp(0.5) - 3 * found.sigma, np.exp(0.5) + 3 * found.sigma, what="ratio")
@@ -48,9 +48,9 @@ def test_a_target_that_trembles_is_named() -> None:
     rng = np.random.default_rng(3)
     rest = _rest(rng)
     rest[:, 17] *= 2.0
-    found = noise_following(rest, _drivers(rng), LEVEL)
+    found = noise_dependence(rest, _drivers(rng), LEVEL)
     assert found is not None
-    assert found.driver.targets == (17,)
+    assert found.driver.channels == (17,)
     assert_between(found.ratio, 1.5, 2.6, what="its noise over that of the others")
 
 
@@ -67,10 +67,10 @@ def test_numbers_tell_of_their_noise_as_points_do() -> None:
     rng = np.random.default_rng(6)
     load = np.tile(np.concatenate([np.linspace(0, 1, 11), np.linspace(0.9, 0, 10)]), 6)
     possible = drivers({"fx_n": load}, np.zeros((4, 0)), np.arange(4))
-    clean = [noise_following(rng.normal(size=(126, 4, 1)), possible, 0.2) for _ in range(100)]
+    clean = [noise_dependence(rng.normal(size=(126, 4, 1)), possible, 0.2) for _ in range(100)]
     assert_between(sum(found is not None for found in clean), 4, 35, what="campaigns of 100 at a level of 20 %")
     growth = np.exp(0.7 * load)[:, None, None]
-    found = [noise_following(rng.normal(size=(126, 4, 1)) * growth, possible, LEVEL) for _ in range(20)]
+    found = [noise_dependence(rng.normal(size=(126, 4, 1)) * growth, possible, LEVEL) for _ in range(20)]
     told = [one for one in found if one is not None and one.driver.column == "fx_n"]
     assert len(told) >= 19  # 6.4 standard deviations are expected, 3.2 needed
     pulls = np.array([(one.ratio - np.exp(0.7)) / one.sigma for one in told])

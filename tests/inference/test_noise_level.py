@@ -8,7 +8,7 @@ import pytest
 from tests.tolerance import assert_between
 from truing.inference.linear_problem import Linearised, Whitened, whiten
 from truing.inference.noise import NoiseLevel, noise_level
-from truing.inference.observations import MeasuredPoints
+from truing.inference.observations import Observations
 
 
 def _fitted(level: float, seed: int) -> Whitened:
@@ -34,13 +34,13 @@ def _fitted(level: float, seed: int) -> Whitened:
 def _level(level: float, seed: int) -> NoiseLevel:
     """Ten points a pose whose declared noise is that of the fit."""
     unit = np.tile(np.eye(3), (20, 10, 1, 1))
-    measured = MeasuredPoints(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
+    measured = Observations(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
     return noise_level(_fitted(level, seed), measured, unit)
 
 
 def test_the_level_is_over_what_was_declared_and_not_over_what_was_used() -> None:
     unit = np.tile(np.eye(3), (20, 10, 1, 1))
-    used = MeasuredPoints(np.zeros((20, 10, 3)), 4.0 * unit, np.ones((20, 10), bool))
+    used = Observations(np.zeros((20, 10, 3)), 4.0 * unit, np.ones((20, 10), bool))
     assert noise_level(_fitted(1.0, 4), used, unit).ratio == pytest.approx(2.0, rel=0.1)
 
 
@@ -61,7 +61,7 @@ def test_a_tenth_too_much_is_no_finding_and_a_half_is() -> None:
 def test_one_target_s_level_is_its_own() -> None:
     """Ten points a pose, the first with twice the noise: its own level is told, and that of the others."""
     unit = np.tile(np.eye(3), (20, 10, 1, 1))
-    whitened, measured = _fitted(1.0, 5), MeasuredPoints(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
+    whitened, measured = _fitted(1.0, 5), Observations(np.zeros((20, 10, 3)), unit, np.ones((20, 10), bool))
     quieter = unit.copy()
     quieter[:, 0] /= 4.0
     first = np.arange(10) == 0

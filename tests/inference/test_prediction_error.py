@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between
-from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.observations import Frames, Observations
 from truing.inference.prediction import PredictionError, predicts_worse
 
 TRIALS, TARGETS = 4000, 8
@@ -16,7 +16,7 @@ TRIALS, TARGETS = 4000, 8
 def _error(gap: NDArray, sigma: float = 1.0) -> PredictionError:
     poses, whitened = len(gap), gap / sigma
     seen = np.ones(gap.shape[:2], bool)
-    measured = MeasuredPoints(gap, np.broadcast_to(sigma**2 * np.eye(3), (*gap.shape, 3)), seen)
+    measured = Observations(gap, np.broadcast_to(sigma**2 * np.eye(3), (*gap.shape, 3)), seen)
     frames = Frames(np.broadcast_to(np.eye(3), (poses, 3, 3)), np.zeros((poses, 3)))
     none = np.zeros((poses, 0))
     return PredictionError(gap, measured, whitened, frames, none, none[..., None], none[..., None], None, none[0])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tests.inference import toy_campaign as toy
 from tests.tolerance import assert_close
-from truing.inference.signatures import joint, profile_signatures, signature, turned_points
+from truing.inference.signatures import channel_signatures, joint, rotated_channels, signature
 
 RNG = np.random.default_rng(3)
 FOUND = toy.measured(RNG)
@@ -56,8 +56,8 @@ def test_a_target_that_was_moved_is_scored_as_its_dense_columns_are() -> None:
     shapes, point = toy.onsets(), 4
     turns = np.linalg.qr(RNG.normal(size=(toy.POSES, toy.POINTS, 3, 3)))[0]
     usable = np.ones((len(shapes), toy.POINTS), bool)
-    own = profile_signatures(turned_points(CHANNELS, np.arange(toy.POINTS), turns), shapes, usable)
-    squares = own.squares(own.points.along(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["points"]]))[0]
+    own = channel_signatures(rotated_channels(CHANNELS, np.arange(toy.POINTS), turns), shapes, usable)
+    squares = own.squares(own.rotated.along(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["observed"]]))[0]
     columns = np.zeros((toy.POSES, toy.POINTS, 3, 3))
     columns[:, point] = shapes[7][:, :, None] * turns[:, point]
     left = dense(columns.reshape(toy.POSES, -1, 3))
@@ -69,8 +69,8 @@ def test_points_that_hold_together_are_scored_as_their_dense_columns_are() -> No
     shapes, members = toy.onsets(), np.array([[0, 2, 5], [1, 3, 4]])
     turns = np.linalg.qr(RNG.normal(size=(toy.POSES, toy.POINTS, 3, 3)))[0]
     patterns, usable = RNG.normal(size=(2, 3, 3, 4)), np.ones((len(shapes), 2), bool)
-    own = profile_signatures(turned_points(CHANNELS, members, turns, patterns), shapes, usable)
-    squares = own.squares(own.points.along(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["points"]]))[0]
+    own = channel_signatures(rotated_channels(CHANNELS, members, turns, patterns), shapes, usable)
+    squares = own.squares(own.rotated.along(CHANNELS.along(FOUND.rest[None])[:, :, CHANNELS.places["observed"]]))[0]
     columns = np.zeros((toy.POSES, toy.POINTS, 3, 4))
     columns[:, members[1]] = shapes[7][:, :, None, None] * (turns[:, members[1]] @ patterns[1])
     left = dense(columns.reshape(toy.POSES, -1, 4))

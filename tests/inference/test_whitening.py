@@ -65,11 +65,13 @@ def test_each_source_gives_what_errors_of_its_rows_do_in_the_dense_problem(missi
     problem = replace(problem, shared_known=known, local_known=np.arange(LOCAL) > 0)
     whitened, layout = whiten(problem), {"a": slice(0, 2), "shape": slice(2, 2), "b": slice(2, 3), "cause": slice(3, 4)}
     rows = rows_by_source(whitened, layout, {"cause"}, slice(1, LOCAL))
-    assert set(rows) == {"points", "readings", "earlier", "plausible", "a", "b", "wide"}
+    assert set(rows) == {"observations", "inputs", "earlier", "plausible", "a", "b", "wide"}
     assert np.all(np.sum(list(rows.values()), axis=0) == 1)
     assert [int(own.sum()) for own in rows.values()] == [POSES * ROWS, POSES * (LOCAL - 1), EXTRA, 1, 2, 1, POSES]
     shared = replace(problem, local_known=np.ones(LOCAL, bool))  # an error that the points of a pose share
-    assert int(rows_by_source(whiten(shared), layout, {"cause"}, slice(1, LOCAL))["points"].sum()) == POSES * (ROWS + 1)
+    assert int(rows_by_source(whiten(shared), layout, {"cause"}, slice(1, LOCAL))["observations"].sum()) == POSES * (
+        ROWS + 1
+    )
     found = whitened.covariance_from(rows, slice(1, SHARED))
     assert_close(sum(found.values()), whitened.covariance()[1:, 1:], atol=1e-12, what="sum")
     follows = np.linalg.pinv(dense(problem)[0])[1:SHARED]  # d estimate / d each row

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from truing.inference.linear_problem import Linearised, Whitened, whiten
 from truing.inference.noise import components
-from truing.inference.observations import Frames, MeasuredPoints
-from truing.inference.search import Candidate, Profiles, Search
-from truing.inference.signatures import Channels, channels_of, profile_signatures, signature, turned_points
+from truing.inference.observations import Frames, Observations
+from truing.inference.search import Candidate, ChannelFamily, Search
+from truing.inference.signatures import Pathways, channel_signatures, pathways_of, rotated_channels, signature
 
 POSES, POINTS, SHARED, DRIVES = 24, 6, 5, 3
 FRAME = 6  # unknowns of each pose before its readings
 READINGS = slice(FRAME, FRAME + DRIVES)
-MEASURED = MeasuredPoints(
+MEASURED = Observations(
     np.zeros((POSES, POINTS, 3)), np.tile(np.eye(3), (POSES, POINTS, 1, 1)), np.ones((POSES, POINTS), bool)
 )
 FRAMES = Frames(np.tile(np.eye(3), (POSES, 1, 1)), np.zeros((POSES, 3)))
@@ -59,10 +59,10 @@ def measured(
     return whiten(replace(TEMPLATE, residual=unknown + noise + effect))
 
 
-def channels(whitened: Whitened) -> Channels:
+def channels(whitened: Whitened) -> Pathways:
     """One channel, ``drive``, that acts as the readings do, and the points."""
     motion = TEMPLATE.by_local[..., READINGS].reshape(POSES, POINTS, 3, DRIVES)
-    return channels_of(whitened, MEASURED, FRAMES, {"drive": motion}, READINGS)
+    return pathways_of(whitened, MEASURED, FRAMES, {"drive": motion}, READINGS)
 
 
 def gain() -> dict[str, NDArray]:
@@ -87,10 +87,10 @@ def search(whitened: Whitened, draws: int, rng: np.random.Generator) -> Search:
     shapes = onsets()
     usable = np.ones((len(shapes), POINTS), bool)
     turns = np.tile(np.eye(3), (POSES, POINTS, 1, 1))
-    moved = profile_signatures(turned_points(own, np.arange(POINTS), turns), shapes, usable)
+    moved = channel_signatures(rotated_channels(own, np.arange(POINTS), turns), shapes, usable)
     noise = components(whitened, 3 * POINTS, READINGS)
     shares = {"gain": 1.0, "moved": 1.0}
-    return Search(own, noise, [*one, whole], [Profiles(None, "moved", moved)], shares, draws, rng)
+    return Search(own, noise, [*one, whole], [ChannelFamily(None, "moved", moved)], shares, draws, rng)
 
 
 class _Cause:

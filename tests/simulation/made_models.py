@@ -54,9 +54,9 @@ def made_model(rng: np.random.Generator, causes: tuple[Cause, ...] = EFFECTS) ->
 def _some(cause: Cause, scene: Scene) -> list[Cause]:
     """The first and the last of what a cause offers, also as it is fitted in the end."""
     offered = list(cause.candidates(scene))
-    for family in cause.profiles(scene):
+    for family in cause.channel_candidates(scene):
         shape, target = np.argwhere(family.usable)[-1]
-        offered.append(family.member(int(family.targets[target]), int(shape)))
+        offered.append(family.member(int(family.channels[target]), int(shape)))
     chosen = offered[:1] + offered[-1:]
     return list({one.key: one for found in chosen for one in (found, found.refined())}.values())
 

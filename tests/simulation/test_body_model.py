@@ -70,14 +70,14 @@ def test_derivatives_by_local_unknowns_are_those_of_the_points(model: BodyModel,
 def test_a_candidate_s_design_is_the_derivative_once_it_is_taken_up(model: BodyModel) -> None:
     plain = model.with_causes(())
     shared, local = np.zeros(plain.shared_size), np.zeros((9, plain.local_size))
-    design = plain.designer(shared, local)
+    design = plain.design_matrix(shared, local)
     for cause in model.causes:
         own = plain.with_causes((cause,))
-        wide = plain.widened(shared, own)
+        wide = plain.embedded(shared, own)
         by_shared = own.predict(wide, local).by_shared[..., own.layout[cause.key]] / own.effect_sigma(cause)
         scale = np.array([parameter.scale for parameter in cause.parameters(0)])
         expected = (by_shared * scale).reshape(9, 21, -1)
-        assert_close(np.broadcast_to(design(cause)["points"], expected.shape), expected, atol=1e-12, what=cause.id)
+        assert_close(np.broadcast_to(design(cause)["observed"], expected.shape), expected, atol=1e-12, what=cause.id)
 
 
 def test_a_pattern_holds_no_motion_of_the_body_as_a_whole(model: BodyModel) -> None:
@@ -98,8 +98,8 @@ def test_what_is_told_of_a_pattern_does_not_depend_on_how_its_motion_was_left_op
     cause = _candidate(model, BodyDeformation(), "base elevation_deg")
     values, wide = np.arange(9.0) * 1e-5, np.eye(9)
     rigid = cause._rigid @ np.linalg.pinv(cause._rigid)
-    told = cause.told(values, wide + 1e6 * rigid, 0)
-    again = cause.told(values + rigid @ np.ones(9), wide, 0)
+    told = cause.reported(values, wide + 1e6 * rigid, 0)
+    again = cause.reported(values + rigid @ np.ones(9), wide, 0)
     for one, other in zip(told[:-1], again[:-1], strict=True):
         assert one.value == pytest.approx(other.value, abs=1e-9)
         assert one.sigma == pytest.approx(other.sigma, rel=1e-3)

@@ -125,11 +125,11 @@ def sample_scene(poses: int = 12) -> Scene:
 @pytest.mark.parametrize("cause", causes.catalogue().values(), ids=lambda cause: cause.id)
 def test_every_candidate_answers_all_that_is_asked_once_it_is_found(cause: Cause) -> None:
     scene = sample_scene()
-    members = [own.member(0, shape) for own in cause.profiles(scene) for shape in range(len(own.values))]
+    members = [own.member(0, shape) for own in cause.channel_candidates(scene) for shape in range(len(own.values))]
     for candidate in [*cause.candidates(scene), *members]:
         values = np.zeros(len(candidate.parameters(6)))
         assert candidate.covers(scene.covariates, 12).tolist() == [True] * 12
-        assert len(candidate.told(values, np.eye(len(values)), 6)) >= len(values)
+        assert len(candidate.reported(values, np.eye(len(values)), 6)) >= len(values)
         assert candidate.with_settings(**candidate.settings()) == candidate
-        assert isinstance(candidate.follows(6), tuple)
+        assert isinstance(candidate.inputs(6), tuple)
         assert isinstance(candidate.needs(6), tuple)

@@ -107,7 +107,7 @@ def test_amplitude_pitch_and_phase_are_told_as_the_sine_that_they_stand_for() ->
     cause = PeriodicError((2, 5), 0.8, 300.0, free=True)
     size, phase = np.array([3e-6, 5e-6]), np.array([0.4, -2.0])
     waves = np.stack([size * np.cos(phase), size * np.sin(phase)], -1).ravel()
-    told = {t.name: t for t in cause.told(np.array([*waves, 50.0]), np.diag([1e-14] * 4 + [25.0]), 6)}
+    told = {t.name: t for t in cause.reported(np.array([*waves, 50.0]), np.diag([1e-14] * 4 + [25.0]), 6)}
     assert list(told) == ["amplitude_2", "amplitude_5", "pitch", "phase_2", "phase_5"]
     for leg, a, p in zip((2, 5), size, phase, strict=True):
         assert_close([told[f"amplitude_{leg}"].value, told[f"amplitude_{leg}"].sigma or 0], [a * 1e3, 1e-4], atol=1e-12)
@@ -122,7 +122,7 @@ def test_a_pitch_stays_among_those_that_are_searched() -> None:
     scene = _model([]).scene
     longest = max(PeriodicError().candidates(scene), key=lambda cause: cause.settings()["pitch_mm"]).refined()
     for away in (-1e6, 1e6):
-        (pitch,) = (t for t in longest.told(np.array([*np.ones(12), away]), np.eye(13), 6) if t.name == "pitch")
+        (pitch,) = (t for t in longest.reported(np.array([*np.ones(12), away]), np.eye(13), 6) if t.name == "pitch")
         assert_between(float(pitch.value), 0.2, 8.0, what="pitch, mm")
 
 
@@ -160,7 +160,7 @@ def test_pitches_that_few_levels_cannot_tell_apart_are_tried_once() -> None:
     scene = replace(_model([]).scene, readings=levels + _model([]).scene.rho0)
     for cause in PeriodicError().candidates(scene):
         assert cause.refined() is cause
-        (pitch,) = (t for t in cause.told(np.ones(12), np.eye(12), 6) if t.name == "pitch")
+        (pitch,) = (t for t in cause.reported(np.ones(12), np.eye(12), 6) if t.name == "pitch")
         assert pitch.sigma == pitch.value  # nothing is known of it
 
 
@@ -168,7 +168,7 @@ def test_targets_are_tried_from_every_pose_that_has_three_on_either_side() -> No
     scene = _model([]).scene
     seen = np.ones((POSES, len(scene.shape)), bool)
     seen[:5, 2] = seen[9, 3] = False
-    (found,) = TargetMoved().profiles(replace(scene, seen=seen))
+    (found,) = TargetMoved().channel_candidates(replace(scene, seen=seen))
     onsets = [int(np.argmax(values[:, 0])) for values in found.values]
     assert onsets == [0, *range(3, POSES - 2)]
     assert found.usable[:, 0].all()
@@ -180,11 +180,11 @@ def test_targets_are_tried_from_every_pose_that_has_three_on_either_side() -> No
     member = found.member(7, onsets.index(4))
     assert member.settings() == {"body": "platform", "target": "T7", "from_pose": 5, "from_order": 4.0}
     assert member.subject == "target T7"
-    assert [t.name for t in member.told(np.ones(3), np.eye(3), 6)] == ["dx", "dy", "dz", "from_pose"]
+    assert [t.name for t in member.reported(np.ones(3), np.eye(3), 6)] == ["dx", "dy", "dz", "from_pose"]
 
 
 def test_swapped_targets_are_told_by_their_poses() -> None:
-    (told,) = TargetsSwapped("base", ("B1", "B2"), (4, "7b"), (3.0, 9.0)).told(np.zeros(0), np.zeros((0, 0)), 6)
+    (told,) = TargetsSwapped("base", ("B1", "B2"), (4, "7b"), (3.0, 9.0)).reported(np.zeros(0), np.zeros((0, 0)), 6)
     assert (told.name, told.value, told.sigma) == ("poses", "4 7b", None)
 
 
@@ -206,7 +206,7 @@ def test_candidates_are_those_that_could_show() -> None:
     scene = replace(_model([]).scene, covariates={})
     assert not ActuatorBacklash().candidates(scene)
     assert [cause.settings()["form"] for cause in MeasurementScale().candidates(scene)] == ["constant"]
-    assert not TargetMoved().profiles(scene)
+    assert not TargetMoved().channel_candidates(scene)
 
 
 def test_what_a_cause_of_the_catalogue_does_is_not_told_again_without_a_name() -> None:
@@ -219,9 +219,9 @@ def test_what_a_cause_of_the_catalogue_does_is_not_told_again_without_a_name() -
 
 
 def test_what_follows_names_the_columns() -> None:
-    assert Nonparametric(legs=(3,), **OWN).follows(6) == ("rho3_mm",)
-    assert Nonparametric(**PRODUCT).follows(6) == ("rho2_mm", "temperature_c")
-    assert Nonparametric(columns=(ORDER,), centres=(0.0,), half_ranges=(1.0,)).follows(6) == ("time_s",)
+    assert Nonparametric(legs=(3,), **OWN).inputs(6) == ("rho3_mm",)
+    assert Nonparametric(**PRODUCT).inputs(6) == ("rho2_mm", "temperature_c")
+    assert Nonparametric(columns=(ORDER,), centres=(0.0,), half_ranges=(1.0,)).inputs(6) == ("time_s",)
     assert Nonparametric(legs=(1,), columns=(LAST_STEP,), centres=(0.0,), half_ranges=(1.0,)).needs(6) == (
         "rho1_mm",
         "time_s",
@@ -232,11 +232,11 @@ def test_further_terms_of_a_form_begin_where_it_ends() -> None:
     """Of all legs that it concerns or of single ones; together with it they are the form of the higher degree."""
     model = _model([])
     found = Nonparametric(degree=2, legs=(2, 5), **OWN)
-    further = found.further(model.scene)
+    further = found.higher_order_terms(model.scene)
     assert {(own.legs, own.first, own.degree) for own in further} == {
         (legs, 3, degree) for legs in ((2, 5), (2,), (5,)) for degree in (3, 4)
     }
-    assert all(own.goes_on and not found.goes_on for own in further)
+    assert all(own.is_higher_order and not found.is_higher_order for own in further)
     assert len({found.key, *(own.key for own in further)}) == 7
     own = next(own for own in further if own.legs == (5,) and own.degree == 4)
     assert [p.name for p in own.parameters(6)] == ["leg5_degree3", "leg5_degree4"]
@@ -244,7 +244,9 @@ def test_further_terms_of_a_form_begin_where_it_ends() -> None:
     state = model.state(np.zeros(model.shared_size), np.zeros((POSES, model.local_size)))
     whole = Nonparametric(degree=4, legs=(5,), **OWN).functions(state)
     assert np.array_equal(own.functions(state), whole[..., 2:])
-    assert not Nonparametric(columns=(), centres=(), half_ranges=(1.3e-3,), form=ALL_DRIVES).further(model.scene)
+    assert not Nonparametric(columns=(), centres=(), half_ranges=(1.3e-3,), form=ALL_DRIVES).higher_order_terms(
+        model.scene
+    )
 
 
 def test_choices_of_legs_share_their_probability() -> None:
@@ -259,6 +261,6 @@ def test_a_body_without_legs_has_targets_that_follow_columns() -> None:
     scene: Scene = replace(model.scene, readings=np.zeros((POSES, 0)), rho0=np.zeros(0))
     quantities = {cause.settings()["quantity"] for cause in Nonparametric().candidates(scene)}
     assert quantities == {Quantity.SCALE}
-    single, waves = Nonparametric().profiles(scene)
+    single, waves = Nonparametric().channel_candidates(scene)
     assert single.values.shape[1:] == (POSES, 1)
     assert waves.member(3, 0).settings()["targets"] == ("T3",)

@@ -41,10 +41,10 @@ def model() -> BodyModel:
 
 
 def test_markers_are_tried_in_place_of_their_corners_where_photographs_name_them(model: BodyModel) -> None:
-    (alone,) = TargetMoved().profiles(model.scene)
-    assert len(alone.targets) == 7
-    single, markers = TargetMoved().profiles(replace(model.scene, photographed=True))
-    assert single.targets.tolist() == [3, 4, 5, 6]
+    (alone,) = TargetMoved().channel_candidates(model.scene)
+    assert len(alone.channels) == 7
+    single, markers = TargetMoved().channel_candidates(replace(model.scene, photographed=True))
+    assert single.channels.tolist() == [3, 4, 5, 6]
     assert single.member(0, 0).subject == "target T4"
     found = markers.member(0, 2)
     assert (found.subject, found.settings()["corners"]) == ("marker M", ("M.0", "M.1", "M.2"))
@@ -53,11 +53,11 @@ def test_markers_are_tried_in_place_of_their_corners_where_photographs_name_them
 
 
 def test_its_pattern_is_how_it_moves_at_first_and_it_turns_by_any_angle(model: BodyModel) -> None:
-    _, markers = TargetMoved().profiles(replace(model.scene, photographed=True))
+    _, markers = TargetMoved().channel_candidates(replace(model.scene, photographed=True))
     found, shape = markers.member(0, 2), model.scene.shape
     state = model._recording(np.zeros(model.shared_size), np.zeros((9, model.local_size))).passage.state
     scale = np.array([p.scale for p in found.parameters(0)])
-    slope = found.change(state, np.zeros(6)).fields["moved"][-1, markers.targets[0, :3]] * scale
+    slope = found.change(state, np.zeros(6)).fields["moved"][-1, markers.channels[0, :3]] * scale
     assert_close(slope, markers.patterns[0, :3] * markers.scale, atol=1e-18, what="m per plausible size")
     turned = found.shift(state, np.array([0.01, 0.0, 0.0, 0.0, 0.0, np.pi]))["moved"]
     middle = shape[:3].mean(0)

@@ -73,7 +73,7 @@ def test_derivatives_of_the_pose_agree_with_those_of_points(model: PointModel, p
     by_shared, by_local = model.pose_derivatives(shared, local)
     state, found = model.state(shared, local), model.predict(shared, local)
     away = np.flatnonzero((model.targets.body == PLATFORM) & (model.targets.leg < 0))[0]
-    arm = (found.points[:, away] - state.p)[:, None]
+    arm = (found.values[:, away] - state.p)[:, None]
     reach = np.concatenate([np.broadcast_to(np.eye(3), (3, 3, 3)), -skew(arm)[:, 0]], -1)
     kept = np.setdiff1d(np.arange(model.shared_size), np.r_[model.layout["shape"], model.layout["seat"]])
     assert_close((reach @ by_shared)[..., kept], found.by_shared[:, away][..., kept], atol=1e-15, what="shared, m")
@@ -101,9 +101,9 @@ def test_what_a_cause_does_through_channels_is_its_derivative_per_plausible_scal
     expected = (
         model.predict(shared, local).by_shared[..., model.layout[MATRIX.key]] / model.effect_sigma(MATRIX) * scale
     )
-    (name, design), *others = model.designer(shared, local)(MATRIX).items()
+    (name, design), *others = model.design_matrix(shared, local)(MATRIX).items()
     assert not others
-    found = model.channels(shared, local)[name] @ design[:, None]
+    found = model.pathways(shared, local)[name] @ design[:, None]
     assert_close(found, expected, atol=1e-18, what="points per plausible scale, m")
 
 
@@ -183,7 +183,7 @@ def test_what_is_surveyed_beside_the_frame_carries_the_frame_s_noise() -> None:
 def test_unknowns_are_kept_by_name_when_causes_come_and_go(model: PointModel, place: tuple) -> None:
     shared, _ = place
     plain = model.with_causes(())
-    there = plain.widened(model.widened(shared, plain), model)
+    there = plain.embedded(model.embedded(shared, plain), model)
     for name, part in model.layout.items():
         kept = shared[part] if name in plain.layout else np.zeros(part.stop - part.start)
         assert_close(there[part], kept, atol=0.0, what=name)

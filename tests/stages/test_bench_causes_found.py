@@ -11,7 +11,7 @@ import pytest
 from schemas.interferometer import Interferometer
 from stages.common.declared_optics import declared_optics
 from tests.simulation.bench.sensor_benches import ARCSEC, SIGMA, bench
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.selection import Acceptance, Settings
 from truing.inference.verdicts import FOUND, Verdict
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
@@ -35,7 +35,7 @@ def _found(
     seen = own.seen[:, :6]
     points = truth.points(shared, np.zeros((len(seen), 0))) + SIGMA[:6, None] * rng.normal(size=(*seen.shape, 1))
     covariance = np.broadcast_to(SIGMA[:6, None, None] ** 2, (*points.shape, 1)).copy()
-    poses = Poses(MeasuredPoints(points, covariance, seen), own.conditions, Frames.of_numbers(len(seen)))
+    poses = Epochs(Observations(points, covariance, seen), own.conditions, Frames.of_numbers(len(seen)))
     model = own.model(signals=False)
     known = model.known if declared is None else replace(model.known, optics=declared)
     search = Acceptance(replace(model, known=known), poses, None, Settings(0.05, 100, seed))
@@ -50,7 +50,7 @@ def test_next_to_nothing_is_found_where_nothing_is() -> None:
 def test_an_eccentric_load_is_found_with_its_offsets() -> None:
     (only,) = _found(3, LoadEccentricity("fz"), [0.003, -0.002])
     assert (only.cause.id, only.cause.subject) == ("load-eccentricity", "load fz")
-    told = only.cause.told(only.values, only.covariance, 6)
+    told = only.cause.reported(only.values, only.covariance, 6)
     for one, value in zip(told, (3.0, -2.0), strict=True):
         sigma = one.sigma or 0.0
         assert 0.01 < sigma < 0.2
@@ -60,7 +60,7 @@ def test_an_eccentric_load_is_found_with_its_offsets() -> None:
 def test_a_tilted_beam_is_no_stiffness() -> None:
     (only,) = _found(4, CosineError("rz"), [0.02, 0.01])
     assert (only.cause.id, only.cause.subject) == ("cosine-error", "channel rz")
-    (angle,) = only.cause.told(only.values, only.covariance, 6)
+    (angle,) = only.cause.reported(only.values, only.covariance, 6)
     assert abs(float(angle.value) - 0.0224) < 3.0 * (angle.sigma or 0.0)
 
 
@@ -73,7 +73,7 @@ def test_of_a_declared_arm_what_is_left_is_found_unless_it_is_as_uncertain() -> 
     )
     (only,) = _found(5, AbbeOffset("dz"), [0.02, -0.01], exact)
     assert (only.cause.id, only.cause.subject) == ("abbe-offset", "channel dz")
-    arms = {one.name: one for one in only.cause.told(only.values, only.covariance, 6)}
+    arms = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
     assert abs(float(arms["arm_x"].value) - 5.0) < 3.0 * (arms["arm_x"].sigma or 0.0) < 2.0
     assert not _found(5, AbbeOffset("dz"), [0.02, -0.01], unsure)
 
@@ -102,4 +102,4 @@ def test_what_no_cause_explains_is_unexplained(
 ) -> None:
     (only,) = _found(5, cause, values)
     assert (only.cause.id, only.cause.subject) == ("unexplained", f"channel {cause.channel}")
-    assert " ".join(only.cause.follows(6)) == follows
+    assert " ".join(only.cause.inputs(6)) == follows

@@ -19,7 +19,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Geometry, Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
-from truing.inference.fitted_model import Fitter, Stand
+from truing.inference.fitted_model import FittedModel, Fitter
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import extended
 from truing.simulation.mechanisms.model_text import write_model
@@ -71,12 +71,12 @@ def gathered(folder: Path) -> Gathered:
     return gather(tables, read_campaign(document))
 
 
-def fitted(found: Gathered, *causes: Cause) -> Stand:
+def fitted(found: Gathered, *causes: Cause) -> FittedModel:
     """The model with some causes, fitted to a campaign."""
     return Fitter(found.model, found.calibration, found.held_out, 0).prepared((*found.given, *causes))
 
 
-def model_text(stand: Stand, campaign: str) -> str:
+def model_text(stand: FittedModel, campaign: str) -> str:
     """The model.toml of a fit."""
     made = extended(stand.model, stand.fit.shared, stand.covariance(), {"campaign": campaign})
     return write_model(made)

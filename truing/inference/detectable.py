@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.search import Candidate, Profiles, Search
+from truing.inference.search import Candidate, ChannelFamily, Search
 
 POWER = 0.8
 # Patterns of an effect's parameters, over which its power is averaged.
@@ -99,7 +99,7 @@ def sights(search: Search, level: float) -> list[Sight]:
     Of candidates of one sort that differ in shape (onset, pitch, time constant) the one that is seen middling well.
     """
     sorts: dict[tuple[Any, ...], list[Sight]] = {}
-    for sight in (*_of_candidates(search, level, search.candidates), *_of_profiles(search, level)):
+    for sight in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
         sorts.setdefault((sight.kind, *_sort(sight.cause)), []).append(sight)
     return [_middling(own) for own in sorts.values()]
 
@@ -122,33 +122,33 @@ def _of_candidates(search: Search, level: float, candidates: Iterable[Candidate]
         yield Sight(candidate.cause, candidate.kind, rules[sort], per_scale(own.strengths, own.loadings))
 
 
-def _of_profiles(search: Search, level: float) -> Iterator[Sight]:
-    """Yield how well single targets are seen, each at its middling shape."""
-    for profiles in search.profiles:
-        own = profiles.signatures
+def _of_families(search: Search, level: float) -> Iterator[Sight]:
+    """Yield how well single channels are seen, each at its middling shape."""
+    for family in search.families:
+        own = family.signatures
         if own.seen.any():
-            rule = _rule(search, profiles.kind, own.parameters, level)
-            found = (_of_target(profiles, target, rule) for target in range(len(own.points.targets)))
+            rule = _rule(search, family.kind, own.parameters, level)
+            found = (_of_channel(family, channel, rule) for channel in range(len(own.rotated.channels)))
             yield from (sight for sight in found if sight is not None and sight.cause.catalogued)
 
 
-def _of_target(profiles: Profiles, target: int, rule: Rule) -> Sight | None:
-    own = profiles.signatures
-    shapes = np.flatnonzero(own.seen[:, target])
+def _of_channel(family: ChannelFamily, channel: int, rule: Rule) -> Sight | None:
+    own = family.signatures
+    shapes = np.flatnonzero(own.seen[:, channel])
     if not len(shapes):
         return None
-    strength = np.trace(own.gram[shapes, target], axis1=-2, axis2=-1)
+    strength = np.trace(own.gram[shapes, channel], axis1=-2, axis2=-1)
     shape = int(shapes[np.argsort(strength)[len(shapes) // 2]])
-    values, vectors = np.linalg.eigh(own.gram[shape, target])
-    cause = profiles.cause.member(target, shape)
-    return Sight(cause, profiles.kind, rule, per_scale(np.sqrt(np.maximum(values, 0.0)), vectors))
+    values, vectors = np.linalg.eigh(own.gram[shape, channel])
+    cause = family.cause.member(channel, shape)
+    return Sight(cause, family.kind, rule, per_scale(np.sqrt(np.maximum(values, 0.0)), vectors))
 
 
 def _rule(search: Search, kind: str, rank: int, level: float) -> Rule:
     if rank == 0:
         return Rule(0, 1.0, level)
-    group = search.judge.group_of(kind, rank)
-    return Rule(rank, search.noise.freedom(group.reading_share), search.judge.threshold(group, level))
+    group = search.null.group_of(kind, rank)
+    return Rule(rank, search.noise.freedom(group.input_share), search.null.threshold(group, level))
 
 
 def _is_of_several(subject: str) -> bool:

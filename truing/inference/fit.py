@@ -1,7 +1,8 @@
-"""Gauss-Newton fit of a model of points to points of all bodies and poses, each pose in a frame of its own.
+"""Gauss-Newton fit of a model of observations to observations of all groups and epochs, each epoch in a frame of its
+own.
 
-Knows no mechanism: the model is a function of shared and local unknowns that returns points and derivatives. A point
-has d coordinates: three, or one where an instrument reads a number; numbers have no frame.
+Knows no mechanism: the model is a function of shared and local unknowns that returns observations and derivatives. A
+observation has d coordinates: three, or one where an instrument reads a number; numbers have no frame.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from truing.inference.linear_problem import Linearised, Whitened, whiten
 from truing.inference.model import Model
-from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.observations import Frames, Observations
 
 _MAX_ITERATIONS = 25
 # A step that makes things worse, far from the optimum, is halved until it does not.
@@ -32,7 +33,7 @@ class FitState(StrEnum):
 
 
 @dataclass(frozen=True)
-class PointFit:
+class Fit:
     """The unknowns at the optimum, in prior sigmas, the frames, and the whitened problem there."""
 
     shared: NDArray  # (G,)
@@ -43,13 +44,13 @@ class PointFit:
     iterations: int
 
 
-def fit_points(model: Model, measured: MeasuredPoints, frames: Frames, shared: NDArray, local: NDArray) -> PointFit:
+def fit_model(model: Model, measured: Observations, frames: Frames, shared: NDArray, local: NDArray) -> Fit:
     """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
     problem = linearise(model, measured, frames, shared, local)
     for iteration in range(_MAX_ITERATIONS):
         whitened = whiten(problem)
         if whitened.explained < _SETTLED:
-            return PointFit(shared, local, frames, whitened, FitState.SETTLED, iteration)
+            return Fit(shared, local, frames, whitened, FitState.SETTLED, iteration)
         of_shared, of_local = whitened.step()
         for halved in range(_MOST_HALVINGS):
             part = 0.5**halved
@@ -59,30 +60,30 @@ def fit_points(model: Model, measured: MeasuredPoints, frames: Frames, shared: N
             if problem.squares <= whitened.problem.squares:
                 break
         (shared, local), frames = own, moved
-    return PointFit(shared, local, frames, whiten(problem), FitState.NOT_SETTLED, _MAX_ITERATIONS)
+    return Fit(shared, local, frames, whiten(problem), FitState.NOT_SETTLED, _MAX_ITERATIONS)
 
 
 def linearise(
-    model: Model, measured: MeasuredPoints, frames: Frames, shared: NDArray, local: NDArray, by_shared: bool = True
+    model: Model, measured: Observations, frames: Frames, shared: NDArray, local: NDArray, by_shared: bool = True
 ) -> Linearised:
     """Return the whitened problem at some values of the unknowns; the frames' six come first among the local ones.
 
     Derivatives by the shared unknowns are many, and left out (G = 0) where they are not asked for.
     """
     found = model.predict(shared, local, by_shared)
-    arms = found.points @ np.swapaxes(frames.R, 1, 2)
-    gap = measured.points - arms - frames.t[:, None]
+    arms = found.values @ np.swapaxes(frames.R, 1, 2)
+    gap = measured.values - arms - frames.t[:, None]
     turned = measured.whitener @ frames.R[:, None]
     by_local = np.concatenate([measured.whitener @ frames.columns(arms), turned @ found.by_local], -1)
-    poses, height = len(arms), arms.shape[1] * arms.shape[2]
+    epochs, height = len(arms), arms.shape[1] * arms.shape[2]
     return Linearised(
-        residual=(measured.whitener @ gap[..., None]).reshape(poses, -1),
-        by_local=by_local.reshape(poses, height, by_local.shape[-1]),
-        by_shared=(turned @ found.by_shared).reshape(poses, height, -1 if by_shared else 0),
-        local_value=np.concatenate([np.zeros((poses, frames.size)), local], 1),
+        residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
+        by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
+        by_shared=(turned @ found.by_shared).reshape(epochs, height, -1 if by_shared else 0),
+        local_value=np.concatenate([np.zeros((epochs, frames.size)), local], 1),
         shared_value=shared,
-        extra_residual=found.survey_residual,
-        extra_by_shared=found.survey_by_shared,
+        extra_residual=found.known_residual,
+        extra_by_shared=found.known_by_shared,
         present=np.repeat(measured.seen, measured.size, axis=1),
         local_known=np.concatenate([np.zeros(frames.size, bool), found.local_known]),
         shared_known=found.shared_known,

@@ -1,4 +1,5 @@
-"""A model with some causes, fitted to calibration poses: what it leaves there, on held-out poses, and to candidates."""
+"""A model with some causes, fitted to calibration epochs: what it leaves there, on held-out epochs, and to
+candidates."""
 
 from __future__ import annotations
 
@@ -10,56 +11,56 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.fit import PointFit, fit_points
-from truing.inference.linear_problem import Given, rows_by_source
+from truing.inference.fit import Fit, fit_model
+from truing.inference.linear_problem import Contribution, rows_by_source
 from truing.inference.model import CausalModel
 from truing.inference.noise import (
     NoiseComponents,
-    NoiseFollowing,
+    NoiseDependence,
     components,
     drivers,
-    noise_following,
-    reading_ratio,
-    rescaled_points,
+    estimated_share,
+    input_ratio,
+    noise_dependence,
+    rescaled_noise,
     standardised,
     survey_ratio,
-    told_points,
-    told_share,
+    told_residuals,
 )
-from truing.inference.observations import MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Observations
 from truing.inference.prediction import NoiseFloor, PredictionError, merged, noise_floor, prediction_error
 from truing.inference.screening import gross_errors
-from truing.inference.signatures import Channels, channels_of
+from truing.inference.signatures import Pathways, pathways_of
 
 # How often gross errors are looked for, and the noise estimated anew, before the search.
 _PREPARATIONS = 3
 _SAME_NOISE = 0.05
-# Where no pose is held out, so many blocks of poses are left out in turn, each of so many poses at least.
-_BLOCKS, _FEWEST_IN_BLOCK, _MOST_POINTS = 5, 4, 20_000
+# Where no epoch is held out, so many blocks of epochs are left out in turn, each of so many epochs at least.
+_BLOCKS, _FEWEST_IN_BLOCK, _MOST_VALUES = 5, 4, 20_000
 
 
 @dataclass(frozen=True)
-class Stand:
-    """A model fitted to the calibration poses, with what it leaves there and on held-out poses."""
+class FittedModel:
+    """A model fitted to the calibration epochs, with what it leaves there and on held-out epochs."""
 
     causes: tuple[Any, ...]
     model: Any  # a CausalModel
-    measured: MeasuredPoints
-    fit: PointFit
+    measured: Observations
+    fit: Fit
     held_out: PredictionError | None
     seed: int
-    learned: tuple[float, float] = (1.0, 1.0)  # noise of readings and survey used in the fit, over that declared
+    learned: tuple[float, float] = (1.0, 1.0)  # noise of inputs and survey used in the fit, over that declared
 
     @cached_property
     def error(self) -> PredictionError:
-        """Return the error of its prediction from readings."""
+        """Return the error of its prediction from inputs."""
         return prediction_error(self.model, self.measured, self.fit.frames, self.fit.shared, self.model.unpredicted)
 
     @cached_property
     def floor(self) -> NoiseFloor:
         """Return what noise alone leaves in that error."""
         rng = np.random.default_rng(self.seed)
-        return noise_floor(self.fit, self.measured, self.model.unpredicted, self.model.zeros, rng)
+        return noise_floor(self.fit, self.measured, self.model.unpredicted, self.model.zero_groups, rng)
 
     @cached_property
     def scene(self) -> Any:
@@ -67,60 +68,61 @@ class Stand:
         return replace(self.model.scene, seen=self.measured.seen)
 
     @cached_property
-    def designer(self) -> Callable[[Any], Mapping[str, NDArray]]:
+    def design_matrix(self) -> Callable[[Any], Mapping[str, NDArray]]:
         """Return what tells how a candidate acts at this fit."""
-        return self.model.designer(self.fit.shared, self.fit.local)  # type: ignore[no-any-return]
+        return self.model.design_matrix(self.fit.shared, self.fit.local)  # type: ignore[no-any-return]
 
     @property
-    def reading_rows(self) -> slice:
-        """Return which of a pose's local unknowns are readings."""
+    def input_rows(self) -> slice:
+        """Return which of an epoch's local unknowns are inputs."""
         first = self.fit.frames.size
         return slice(first, first + int(np.sum(~self.model.unpredicted)))
 
     @cached_property
     def noise(self) -> NoiseComponents:
         """Return the noise that the fit leaves, by component."""
-        return components(self.fit.whitened, _height(self.measured), self.reading_rows)
+        return components(self.fit.whitened, _height(self.measured), self.input_rows)
 
     @property
     def noise_ratio(self) -> float:
         """Return the noise found over the one used in the fit, declared knowledge included."""
         found = self.noise
-        return float(np.sqrt((found.points_total + found.readings_total) / (found.points + found.readings)))
+        return float(np.sqrt((found.observed_total + found.inputs_total) / (found.observed + found.inputs)))
 
     def covariance(self) -> NDArray:
         """Return the covariance (G, G) of the shared unknowns in prior sigmas, at the estimated noise level."""
         return self.fit.whitened.covariance() * self.noise_ratio**2
 
-    def channels(self) -> Channels:
-        """Return the channels through which candidates act on what the fit leaves."""
-        motions = self.model.channels(self.fit.shared, self.fit.local)
-        return channels_of(self.fit.whitened, self.measured, self.fit.frames, motions, self.reading_rows)
+    def pathways(self) -> Pathways:
+        """Return the pathways through which candidates act on what the fit leaves."""
+        motions = self.model.pathways(self.fit.shared, self.fit.local)
+        return pathways_of(self.fit.whitened, self.measured, self.fit.frames, motions, self.input_rows)
 
     def values(self, cause: Any) -> tuple[NDArray, NDArray]:
         """Return the values (P,) and covariance (P, P), SI, of an accepted cause's parameters."""
         place, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
         return self.fit.shared[place] * sigma, self.covariance()[place, place] * np.outer(sigma, sigma)
 
-    def given(self, cause: Any) -> tuple[Given, ...]:
+    def contributions(self, cause: Any) -> tuple[Contribution, ...]:
         """Return what each source gives to the covariance of an accepted cause's parameters, SI: all of it together."""
         whitened, place = self.fit.whitened, self.model.layout[cause.key]
-        rows = rows_by_source(whitened, self.model.layout, {own.key for own in self.causes}, self.reading_rows)
+        rows = rows_by_source(whitened, self.model.layout, {own.key for own in self.causes}, self.input_rows)
         sigma = self.noise_ratio * self.model.effect_sigma(cause)
         parts = whitened.covariance_from(rows, place)
         left = np.where(whitened.present, 1.0 - whitened.leverage, 0.0)
         return tuple(
-            Given(name, covariance * np.outer(sigma, sigma), float(left[rows[name]].sum()))
+            Contribution(name, covariance * np.outer(sigma, sigma), float(left[rows[name]].sum()))
             for name, covariance in parts.items()
         )
 
 
 @dataclass(frozen=True)
-class ScreenedPoint:
-    """A point or reading taken out as a gross error: row and target in its ``Poses``, and its whitened residual."""
+class ScreenedValue:
+    """An observation or input taken out as a gross error: row and channel in its ``Epochs``, and its whitened
+    residual."""
 
     row: int
-    target: int
+    channel: int
     held_out: bool
     length: float  # in units of the noise as it was known then
 
@@ -131,153 +133,153 @@ class Fitter:
     def __init__(
         self,
         model: CausalModel,
-        calibration: Poses,
-        held_out: Poses | None,
+        calibration: Epochs,
+        held_out: Epochs | None,
         seed: int,
         progress: Callable[[str], None] = lambda what: None,
     ) -> None:
         self.model: Any = model
         self.calibration, self.held_out = calibration, held_out
-        self._declared, self.declared_points = model, calibration.measured.covariance
+        self._declared, self.declared = model, calibration.measured.covariance
         self._ratios = 1.0, 1.0
         self._seed, self._progress = seed, progress
-        self.screened: list[ScreenedPoint] = []  # points taken out as gross errors
+        self.screened: list[ScreenedValue] = []  # observations taken out as gross errors
 
-    def prepared(self, causes: tuple[Any, ...] = (), start: Stand | None = None) -> Stand:
+    def prepared(self, causes: tuple[Any, ...] = (), start: FittedModel | None = None) -> FittedModel:
         """Return the fit with some causes once gross errors are out and the noise is known; with what it predicts
-        wrongly of poses that were left out."""
-        stand = self.settled(causes, start)
-        return stand if stand.held_out is not None else replace(stand, held_out=self._left_out_in_turn(stand))
+        wrongly of epochs that were left out."""
+        fitted = self.settled(causes, start)
+        return fitted if fitted.held_out is not None else replace(fitted, held_out=self._left_out_in_turn(fitted))
 
-    def settled(self, causes: tuple[Any, ...] = (), start: Stand | None = None) -> Stand:
+    def settled(self, causes: tuple[Any, ...] = (), start: FittedModel | None = None) -> FittedModel:
         """Return the fit with some causes once gross errors are out and the noise is known."""
-        stand = self.stand(causes, start)
+        fitted = self.fitted(causes, start)
         for _ in range(_PREPARATIONS):
-            screened = self.screen(stand)
-            if not self.learn_noise(stand) and not screened:
+            screened = self.screen(fitted)
+            if not self.learn_noise(fitted) and not screened:
                 break
-            stand = self.stand(causes, stand)
-        return stand
+            fitted = self.fitted(causes, fitted)
+        return fitted
 
-    def stand(self, causes: tuple[Any, ...], start: Stand | None = None) -> Stand:
+    def fitted(self, causes: tuple[Any, ...], start: FittedModel | None = None) -> FittedModel:
         """Return the model with some causes, fitted from an earlier fit."""
         self._progress("fitting " + (", ".join(cause.id for cause in causes) or "the plain simulation"))
         model = self.model.with_causes(causes)
         measured, frames = self.calibration.measured, self.calibration.frames
         if start is None:
-            shared, local = self.model.widened(np.empty(0), model), np.zeros((len(frames.t), model.local_size))
+            shared, local = self.model.embedded(np.empty(0), model), np.zeros((len(frames.t), model.local_size))
         else:
-            shared, local = start.model.widened(start.fit.shared, model), start.fit.local
+            shared, local = start.model.embedded(start.fit.shared, model), start.fit.local
             frames = start.fit.frames
-        fit = fit_points(model, measured, frames, shared, local)
-        return Stand(causes, model, measured, fit, self._predicted(model, fit), self._seed, self._ratios)
+        fit = fit_model(model, measured, frames, shared, local)
+        return FittedModel(causes, model, measured, fit, self._predicted(model, fit), self._seed, self._ratios)
 
-    def _predicted(self, model: CausalModel, fit: PointFit) -> PredictionError | None:
+    def _predicted(self, model: CausalModel, fit: Fit) -> PredictionError | None:
         if self.held_out is None:
             return None
         held = self.held_out
         return prediction_error(model.at(held.conditions), held.measured, held.frames, fit.shared, model.unpredicted)
 
-    def _left_out_in_turn(self, stand: Stand) -> PredictionError | None:
-        """Return what is predicted wrongly of blocks of poses, one after the other in time, each left out of a fit.
+    def _left_out_in_turn(self, fitted: FittedModel) -> PredictionError | None:
+        """Return what is predicted wrongly of blocks of epochs, one after the other in time, each left out of a fit.
 
-        For campaigns that hold no pose out; None where blocks would have too few poses, or fits take too long.
+        For campaigns that hold no epoch out; None where blocks would have too few epochs, or fits take too long.
         """
-        measured, numbers = stand.measured, stand.model.blocks
-        if numbers is None or len(numbers) < _BLOCKS * _FEWEST_IN_BLOCK or measured.seen.size > _MOST_POINTS:
+        measured, numbers = fitted.measured, fitted.model.blocks
+        if numbers is None or len(numbers) < _BLOCKS * _FEWEST_IN_BLOCK or measured.seen.size > _MOST_VALUES:
             return None
         rank = np.unique(numbers, return_inverse=True)[1]
         count = min(_BLOCKS, int(rank.max()) + 1)
         block = rank * count // (rank.max() + 1)
         if count < 2:
             return None
-        return merged([self._predicted_block(stand, block == number) for number in range(count)], block, measured)
+        return merged([self._predicted_block(fitted, block == number) for number in range(count)], block, measured)
 
-    def _predicted_block(self, stand: Stand, own: NDArray) -> PredictionError:
-        """Return the error of the prediction of poses own (B,) by a fit without them."""
-        model, measured, fit = stand.model, stand.measured, stand.fit
+    def _predicted_block(self, fitted: FittedModel, own: NDArray) -> PredictionError:
+        """Return the error of the prediction of epochs own (B,) by a fit without them."""
+        model, measured, fit = fitted.model, fitted.measured, fitted.fit
         others = replace(measured, seen=measured.seen & ~own[:, None])
         local = np.where(own[:, None], 0.0, fit.local)
-        without = fit_points(model, others, fit.frames, fit.shared, local)
+        without = fit_model(model, others, fit.frames, fit.shared, local)
         return prediction_error(model, measured, fit.frames, without.shared, model.unpredicted, by_shared=False)
 
-    def screen(self, stand: Stand) -> bool:
+    def screen(self, fitted: FittedModel) -> bool:
         """Take out what is grossly wrong against a fit, held out or not; return whether there was anything."""
         seen, own = self.calibration.measured.seen, _height(self.calibration.measured)
-        height = own + stand.fit.whitened.problem.local_value.shape[1]
-        rows = stand.fit.whitened.rest[: len(seen) * height].reshape(len(seen), height)[:, :own]
-        axes = self.calibration.measured.whitener @ stand.fit.frames.R[:, None]
-        axes = axes @ stand.model.turns(stand.fit.shared, stand.fit.local)
-        order = stand.scene.covariates.get("order")
-        wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, order, stand.model.zeros)
+        height = own + fitted.fit.whitened.problem.local_value.shape[1]
+        rows = fitted.fit.whitened.rest[: len(seen) * height].reshape(len(seen), height)[:, :own]
+        axes = self.calibration.measured.whitener @ fitted.fit.frames.R[:, None]
+        axes = axes @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
+        order = fitted.scene.covariates.get("order")
+        wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, order, fitted.model.zero_groups)
         wrong = self.calibration.judged(wrong)
         self.calibration = self.calibration.without(wrong)
         found = _screened(wrong, rows.reshape(*seen.shape, -1), held_out=False)
-        if self.held_out is not None and stand.held_out is not None:
+        if self.held_out is not None and fitted.held_out is not None:
             unseen = gross_errors(
-                stand.held_out.whitened, self.held_out.measured.seen, zeros=stand.held_out.model.zeros
+                fitted.held_out.whitened, self.held_out.measured.seen, zero_groups=fitted.held_out.model.zero_groups
             )
             unseen = self.held_out.judged(unseen)
             self.held_out = self.held_out.without(unseen)
-            found += _screened(unseen, stand.held_out.whitened, held_out=True)
+            found += _screened(unseen, fitted.held_out.whitened, held_out=True)
         self.screened += found
         return bool(found)
 
-    def learn_noise(self, stand: Stand) -> bool:
-        """Take over the noise that a fit shows, and what its legs have in common; return whether either is another
+    def learn_noise(self, fitted: FittedModel) -> bool:
+        """Take over the noise that a fit shows, and what its parts have in common; return whether either is another
         than before."""
-        measured, whitened = self.calibration.measured, stand.fit.whitened
-        rescaled = rescaled_points(whitened, measured, stand.model.bodies)
-        size = len(whitened.rest) - len(stand.fit.shared)
-        places = size + np.arange(len(stand.fit.shared))[stand.model.layout["shape"]]
+        measured, whitened = self.calibration.measured, fitted.fit.whitened
+        rescaled = rescaled_noise(whitened, measured, fitted.model.channel_groups)
+        size = len(whitened.rest) - len(fitted.fit.shared)
+        places = size + np.arange(len(fitted.fit.shared))[fitted.model.layout["shape"]]
         before = self._ratios
         self._ratios = (
-            reading_ratio(whitened, _height(measured), stand.reading_rows, before[0]),
+            input_ratio(whitened, _height(measured), fitted.input_rows, before[0]),
             survey_ratio(whitened, places, before[1]),
         )
-        share_moved = self._learn_share(stand)
+        share_moved = self._learn_share(fitted)
         self.model = self._declared.rescaled(*self._ratios)
         self.calibration = replace(self.calibration, measured=rescaled)
-        traces = [np.trace(points.covariance, axis1=-2, axis2=-1) for points in (rescaled, measured)]
+        traces = [np.trace(own.covariance, axis1=-2, axis2=-1) for own in (rescaled, measured)]
         steps = [now / old for now, old in zip(self._ratios, before, strict=True)]
         moved = max(*(abs(step - 1.0) for step in steps), float(np.abs(traces[0] / traces[1] - 1.0).max()))
         return moved > _SAME_NOISE or share_moved
 
-    def _learn_share(self, stand: Stand) -> bool:
-        """Take over how much of what legs are off by a fit shows them to have in common; return whether it is another
+    def _learn_share(self, fitted: FittedModel) -> bool:
+        """Take over how much of what parts are off by a fit shows them to have in common; return whether it is another
         share than before."""
-        split = stand.model.split
+        split = fitted.model.split
         if split is None:
             return False
-        covariance = stand.fit.whitened.covariance()[np.ix_(split.places, split.places)]
-        share = told_share(stand.fit.shared[split.places], covariance, split.common, split.share)
+        covariance = fitted.fit.whitened.covariance()[np.ix_(split.places, split.places)]
+        share = estimated_share(fitted.fit.shared[split.places], covariance, split.common, split.share)
         self._declared = self._declared.with_share(share)
         return share != split.share
 
-    def following(self, stand: Stand, level: float) -> NoiseFollowing | None:
+    def noise_dependence(self, fitted: FittedModel, level: float) -> NoiseDependence | None:
         """Return what the noise that a fit leaves follows, None where p exceeds the level."""
-        measured, scene = self.calibration.measured, stand.scene
+        measured, scene = self.calibration.measured, fitted.scene
         seen = measured.seen
-        rest, told = told_points(stand.fit.whitened, measured.points.shape)
+        rest, told = told_residuals(fitted.fit.whitened, measured.values.shape)
         known = np.where(seen[..., None], standardised(rest, told), np.nan)
         columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
-        return noise_following(known, drivers(columns, scene.shape, stand.model.bodies), level)
+        return noise_dependence(known, drivers(columns, scene.shape, fitted.model.channel_groups), level)
 
     def reweight(self, factor: NDArray) -> None:
-        """Take the points' noise to be larger by factors (B, K)."""
+        """Take the observations' noise to be larger by factors (B, K)."""
         measured, square = self.calibration.measured, factor[..., None, None] ** 2
-        self.declared_points = self.declared_points * square
+        self.declared = self.declared * square
         self.calibration = replace(
             self.calibration, measured=replace(measured, covariance=measured.covariance * square)
         )
 
 
-def _height(measured: MeasuredPoints) -> int:
-    """Return how many rows the points of a pose are."""
+def _height(measured: Observations) -> int:
+    """Return how many rows the observations of an epoch are."""
     return measured.seen.shape[1] * measured.size
 
 
-def _screened(wrong: NDArray, rest: NDArray, *, held_out: bool) -> list[ScreenedPoint]:
-    """Return the points wrong (B, K) with the lengths of their whitened residuals (B, K, d)."""
+def _screened(wrong: NDArray, rest: NDArray, *, held_out: bool) -> list[ScreenedValue]:
+    """Return the observations wrong (B, K) with the lengths of their whitened residuals (B, K, d)."""
     length = np.sqrt(np.sum(rest**2, -1))
-    return [ScreenedPoint(int(b), int(k), held_out, float(length[b, k])) for b, k in np.argwhere(wrong)]
+    return [ScreenedValue(int(b), int(k), held_out, float(length[b, k])) for b, k in np.argwhere(wrong)]

@@ -1,8 +1,8 @@
 """One whitened linear problem: what was measured, what is not known exactly, and the projection onto what is left.
 
 Rows are measurements and priors, each divided by its standard deviation; unknowns are counted in prior standard
-deviations (so a prior is a row of the identity). Unknowns of one pose are eliminated pose by pose, those that all poses
-share by one QR: `Whitened.rest` is then what no nuisance explains.
+deviations (so a prior is a row of the identity). Unknowns of one epoch are eliminated epoch by epoch, those that all
+epochs share by one QR: `Whitened.rest` is then what no nuisance explains.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-# Zero rows of missing points are left out of products where more than the rest of them would be.
+# Zero rows of missing observations are left out of products where more than the rest of them would be.
 _FEW_MISSING = 0.9
 # Sources beside the kinds of shared unknowns, which bring their own names.
-POINTS, READINGS, EARLIER = "points", "readings", "earlier"
+OBSERVATIONS, INPUTS, EARLIER = "observations", "inputs", "earlier"
 PLAUSIBLE, WIDE = "plausible", "wide"
 
 
@@ -25,12 +25,12 @@ PLAUSIBLE, WIDE = "plausible", "wide"
 class Linearised:
     """Measured minus predicted, and derivatives, at some values of the unknowns; whitened, zero where missing."""
 
-    residual: NDArray  # (B, M) rows of each pose
+    residual: NDArray  # (B, M) rows of each epoch
     by_local: NDArray  # (B, M, H)
     by_shared: NDArray  # (B, M, G)
     local_value: NDArray  # (B, H) present distance from the prior's mean, in prior sigmas
     shared_value: NDArray  # (G,)
-    extra_residual: NDArray  # (E,) rows that concern no pose
+    extra_residual: NDArray  # (E,) rows that concern no epoch
     extra_by_shared: NDArray  # (E, G)
     present: NDArray  # (B, M) which rows were measured
     local_known: NDArray  # (H,) whose prior is knowledge, and not merely there to keep the equations scaled
@@ -45,7 +45,7 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Whitened:
-    """The problem with its local unknowns eliminated; rows: those of poses with local priors, extra ones, priors."""
+    """The problem with its local unknowns eliminated; rows: those of epochs with local priors, extra ones, priors."""
 
     problem: Linearised
     local_basis: NDArray  # (B, M + H, H) orthonormal
@@ -80,14 +80,14 @@ class Whitened:
 
     @property
     def _telling(self) -> NDArray:
-        """Return the rows (n, G) without those of missing points, which are zero, where these are many."""
+        """Return the rows (n, G) without those of missing observations, which are zero, where these are many."""
         return self.rows if self._tells.mean() > _FEW_MISSING else self.rows[self._tells]
 
     @cached_property
     def _tells(self) -> NDArray:
         tells = np.ones(len(self.rows), bool)
-        poses, count = self.problem.local_value.shape
-        own = np.concatenate([self.problem.present, np.ones((poses, count), bool)], 1).ravel()
+        epochs, count = self.problem.local_value.shape
+        own = np.concatenate([self.problem.present, np.ones((epochs, count), bool)], 1).ravel()
         tells[: len(own)] = own
         return tells
 
@@ -116,9 +116,9 @@ class Whitened:
     def present(self) -> NDArray:
         """Return which rows (N,) say something: what was measured, and priors that are knowledge."""
         priors = np.broadcast_to(self.problem.local_known, self.problem.local_value.shape)
-        pose_rows = np.concatenate([self.problem.present, priors], 1).ravel()
+        epoch_rows = np.concatenate([self.problem.present, priors], 1).ravel()
         extra = np.ones(len(self.problem.extra_residual), bool)
-        return np.concatenate([pose_rows, extra, self.problem.shared_known])
+        return np.concatenate([epoch_rows, extra, self.problem.shared_known])
 
     @cached_property
     def freedom(self) -> float:
@@ -159,9 +159,9 @@ class Whitened:
 
 
 def whiten(problem: Linearised) -> Whitened:
-    """Return the problem with its local unknowns eliminated (batched QR of each pose's rows and priors)."""
-    poses, _, count = problem.by_local.shape
-    identity = np.broadcast_to(np.eye(count), (poses, count, count))
+    """Return the problem with its local unknowns eliminated (batched QR of each epoch's rows and priors)."""
+    epochs, _, count = problem.by_local.shape
+    identity = np.broadcast_to(np.eye(count), (epochs, count, count))
     basis, factor = np.linalg.qr(np.concatenate([problem.by_local, identity], 1))
     bare = Whitened(problem, basis, factor, np.empty(0), np.empty(0))
     residual = _with_priors(problem.residual, -problem.local_value)[..., None]
@@ -173,13 +173,13 @@ def whiten(problem: Linearised) -> Whitened:
 def _shared_rows(problem: Linearised, basis: NDArray) -> NDArray:
     """Return the derivatives (N, G) by the shared unknowns less what the local ones explain; they are the largest array
     of all, so that each is written in its place at once."""
-    poses, height, size = problem.by_shared.shape
+    epochs, height, size = problem.by_shared.shape
     tall = basis.shape[1]
-    rows = np.empty((poses * tall + len(problem.extra_by_shared) + size, size))
-    own = rows[: poses * tall].reshape(poses, tall, size)
+    rows = np.empty((epochs * tall + len(problem.extra_by_shared) + size, size))
+    own = rows[: epochs * tall].reshape(epochs, tall, size)
     np.matmul(-basis, np.swapaxes(basis[:, :height], 1, 2) @ problem.by_shared, out=own)
     own[:, :height] += problem.by_shared
-    rows[poses * tall : len(rows) - size] = problem.extra_by_shared
+    rows[epochs * tall : len(rows) - size] = problem.extra_by_shared
     rows[len(rows) - size :] = np.eye(size)
     return rows
 
@@ -203,7 +203,7 @@ def _with_priors(rows: NDArray, priors: NDArray) -> NDArray:
 
 
 @dataclass(frozen=True)
-class Given:
+class Contribution:
     """What one source gives to the covariance (P, P) of some parameters, SI, and what a fit leaves of its rows."""
 
     source: str
@@ -212,26 +212,26 @@ class Given:
 
 
 def rows_by_source(
-    whitened: Whitened, layout: Mapping[str, slice], causes: Set[str], readings: slice
+    whitened: Whitened, layout: Mapping[str, slice], causes: Set[str], inputs: slice
 ) -> dict[str, NDArray]:
     """Return which rows (N,) of a whitened problem are of each source; every row is of one.
 
     Priors of causes are ``PLAUSIBLE`` sizes, those that are no knowledge ``WIDE``, others are called as in the layout.
     """
     problem = whitened.problem
-    poses, height = problem.residual.shape
+    epochs, height = problem.residual.shape
     tall = height + problem.local_value.shape[1]
-    first, extra = poses * tall, len(problem.extra_residual)
+    first, extra = epochs * tall, len(problem.extra_residual)
     places = np.arange(len(whitened.rows))
-    within, of_pose = places % tall, places < first
+    within, of_epoch = places % tall, places < first
     shared = places - first - extra
-    # What measurements of a pose share is an error of theirs, though it has an unknown of its own.
-    of_points = np.concatenate([np.ones(height, bool), problem.local_known])
-    of_points[height + readings.start : height + readings.stop] = False
+    # What measurements of an epoch share is an error of theirs, though it has an unknown of its own.
+    of_observations = np.concatenate([np.ones(height, bool), problem.local_known])
+    of_observations[height + inputs.start : height + inputs.stop] = False
     found = {
-        POINTS: of_pose & of_points[within],
-        READINGS: of_pose & (within >= height + readings.start) & (within < height + readings.stop),
-        EARLIER: ~of_pose & (shared < 0),
+        OBSERVATIONS: of_epoch & of_observations[within],
+        INPUTS: of_epoch & (within >= height + inputs.start) & (within < height + inputs.stop),
+        EARLIER: ~of_epoch & (shared < 0),
         PLAUSIBLE: np.zeros(len(places), bool),
     }
     known = np.concatenate([np.zeros(first + extra, bool), problem.shared_known])

@@ -7,32 +7,37 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
+# The pathway on which a cause acts on the observations themselves, whose motions are the identity.
+OBSERVED = "observed"
+
 
 class Predicted(Protocol):
-    """What a model returns: points (B, K, d), SI, in its own frame, derivatives, whitened rows that concern no pose."""
+    """What a model returns: observations (B, K, d), SI, in its own frame, derivatives, whitened rows that concern no
+    epoch."""
 
-    points: NDArray
+    values: NDArray
     by_shared: NDArray  # (B, K, d, G)
     by_local: NDArray  # (B, K, d, H)
-    survey_residual: NDArray  # (E,)
-    survey_by_shared: NDArray  # (E, G)
+    known_residual: NDArray  # (E,)
+    known_by_shared: NDArray  # (E, G)
     shared_known: NDArray  # (G,) whose prior is knowledge
     local_known: NDArray  # (H,)
 
 
 class Model(Protocol):
-    """A model of points; unknowns are counted in standard deviations of their priors."""
+    """A model of observations; unknowns are counted in standard deviations of their priors."""
 
     @property
-    def zeros(self) -> NDArray | None:
-        """Return which readings (B, K) share a zero, by number, -1 for none; None where points have frames."""
+    def zero_groups(self) -> NDArray | None:
+        """Return which inputs (B, K) share a zero, by number, -1 for none; None where observations have frames."""
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Predicted:
-        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
+        """Return observations and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked
+        for."""
 
 
 class CausalModel(Protocol):
-    """A model of points that can take up causes; see `truing.simulation.cause.Cause` for what these bring."""
+    """A model of observations that can take up causes; see `truing.simulation.cause.Cause` for what these bring."""
 
     @property
     def layout(self) -> dict[str, slice]:
@@ -47,28 +52,29 @@ class CausalModel(Protocol):
         """Return which local unknowns (H,) the model does not claim to predict."""
 
     @property
-    def bodies(self) -> NDArray:
-        """Return the number of each target's body (K,)."""
+    def groups(self) -> NDArray:
+        """Return the number of each channel's group (K,)."""
 
     @property
-    def leg_count(self) -> int:
-        """Return the number of legs L."""
+    def part_count(self) -> int:
+        """Return the number of parts L."""
 
     @property
-    def zeros(self) -> NDArray | None:
-        """Return which readings (B, K) share a zero, by number, -1 for none; None where points have frames."""
+    def zero_groups(self) -> NDArray | None:
+        """Return which inputs (B, K) share a zero, by number, -1 for none; None where observations have frames."""
 
     @property
-    def together(self) -> NDArray | None:
-        """Return which poses (B,) err together, by number: those of a run; None where each stands for itself."""
+    def error_groups(self) -> NDArray | None:
+        """Return which epochs (B,) err together, by number: those of a run; None where each stands for itself."""
 
     @property
     def split(self) -> Any:
-        """Return which shared unknowns split into what is common to all legs and each leg's own; None where none do."""
+        """Return which shared unknowns split into what is common to all parts and each part's own; None where none
+        do."""
 
     @property
     def blocks(self) -> NDArray | None:
-        """Return which poses (B,) can be left out of a fit together, by number in time; None where none can be, since
+        """Return which epochs (B,) can be left out of a fit together, by number in time; None where none can be, since
         they would have to be predicted from others before and after."""
 
     @property
@@ -79,28 +85,28 @@ class CausalModel(Protocol):
         """Return the model with these causes among its unknowns."""
 
     def at(self, conditions: Any) -> Any:
-        """Return the model at other poses."""
+        """Return the model at other epochs."""
 
-    def rescaled(self, readings: float, survey: float) -> Any:
-        """Return the model with the noise of readings and survey so many times as large."""
+    def rescaled(self, inputs: float, survey: float) -> Any:
+        """Return the model with the noise of inputs and survey so many times as large."""
 
     def with_share(self, share: float) -> Any:
         """Return the model with another share of what splits in common."""
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Any:
-        """Return points and derivatives, as `point_fit.Model` does."""
+        """Return observations and derivatives, as `point_fit.Model` does."""
 
-    def widened(self, shared: NDArray, model: Any) -> NDArray:
+    def embedded(self, shared: NDArray, model: Any) -> NDArray:
         """Return shared unknowns of this model as those of another."""
 
-    def channels(self, shared: NDArray, local: NDArray) -> Mapping[str, NDArray]:
-        """Return how the points (B, K, d, C) follow each channel."""
+    def pathways(self, shared: NDArray, local: NDArray) -> Mapping[str, NDArray]:
+        """Return how the observations (B, K, d, C) follow each pathway."""
 
-    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Any], Mapping[str, NDArray]]:
-        """Return what tells a cause's change (B or 1, C, P) of each channel that it acts on, per plausible scale."""
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Any], Mapping[str, NDArray]]:
+        """Return what tells a cause's change (B or 1, C, P) of each pathway that it acts on, per plausible scale."""
 
-    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return the rotations (B, K, d, d) from the axes of the targets' bodies to those of the points."""
+    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return the rotations (B, K, d, d) from the axes of the channels' groups to those of the observations."""
 
     def effect_sigma(self, cause: Any) -> NDArray:
         """Return the prior sigma (P,), SI, that a cause's parameters are fitted with."""

@@ -1,7 +1,7 @@
 """How large the noise of a campaign really is, component by component, with what was declared as prior knowledge.
 
-Points have a covariance in the axes of the measurement, body by body; readings and the survey a factor each. A declared
-noise that is wrong by a tenth would otherwise make clean campaigns look wrong, and faulty ones clean.
+Observations have a covariance in the axes of the measurement, group by group; inputs and the survey a factor each. A
+declared noise that is wrong by a tenth would otherwise make clean campaigns look wrong, and faulty ones clean.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.linear_problem import Whitened
-from truing.inference.observations import MeasuredPoints
+from truing.inference.observations import Observations
 
 # How many observations the declared noise level counts for: known to about 10 %.
 NOISE_PRIOR_FREEDOM = 50.0
@@ -25,13 +25,13 @@ _ROUNDS = 5
 _LEAST_NOISE = 0.2
 # A declared noise may be wrong by this factor before what exceeds it counts as an effect.
 _MOST_OFF = 1.5
-# A residual tells of its point's noise where the fit left it at least this share of every direction.
+# A residual tells of its observation's noise where the fit left it at least this share of every direction.
 _TOLD = 0.1
 # Logarithms of what is very small say nothing of noise. A single coordinate is often near zero by chance: with one
 # added to its square, the logarithm keeps nine tenths of what there is to know of the noise, and four without.
 _LEAST = 1e-3
 _ADDED = {1: 1.0}
-_FEWEST_POINTS = 20
+_FEWEST_VALUES = 20
 # Angles whose squared cosine is the share in common, all equally likely beforehand (Jeffreys' prior of a share). At the
 # ends a part is a thousandth of what it may be, which no bench sees, and not nothing: so a fit can still tell of it.
 _END = 1e-3
@@ -41,36 +41,36 @@ _SAME = 0.02  # rad: nothing to fit anew for
 
 @dataclass(frozen=True)
 class NoiseComponents:
-    """Degrees of freedom behind the noise of points and of readings, declared knowledge included, and their totals.
+    """Degrees of freedom behind the noise of observations and of inputs, declared knowledge included, and their totals.
 
     ``points_total`` and ``readings_total`` are the sums of squares found, in units of the noise used for whitening,
     declared knowledge included; they equal the degrees of freedom where that noise is right.
     """
 
-    points: float
-    readings: float
-    points_total: float
-    readings_total: float
+    observed: float
+    inputs: float
+    observed_total: float
+    inputs_total: float
 
-    def freedom(self, reading_share: float) -> float:
-        """Return the degrees of freedom of an estimate that rests on readings by a share (Satterthwaite)."""
-        return 1.0 / (reading_share**2 / self.readings + (1.0 - reading_share) ** 2 / self.points)
+    def freedom(self, input_share: float) -> float:
+        """Return the degrees of freedom of an estimate that rests on inputs by a share (Satterthwaite)."""
+        return 1.0 / (input_share**2 / self.inputs + (1.0 - input_share) ** 2 / self.observed)
 
-    def without(self, squares: float, rank: int, reading_share: float) -> float:
+    def without(self, squares: float, rank: int, input_share: float) -> float:
         """Return the variance of the noise, in units of the one used, once a candidate's squares are taken out."""
-        freedom = self.freedom(reading_share)
-        ratios = self.readings_total / self.readings, self.points_total / self.points
-        level = reading_share * ratios[0] + (1.0 - reading_share) * ratios[1]
+        freedom = self.freedom(input_share)
+        ratios = self.inputs_total / self.inputs, self.observed_total / self.observed
+        level = input_share * ratios[0] + (1.0 - input_share) * ratios[1]
         return max((level * freedom - squares) / max(freedom - rank, 1.0), _LEAST_NOISE)
 
 
-def components(whitened: Whitened, points: int, readings: slice) -> NoiseComponents:
-    """Return the noise of a fit by component: the first ``points`` rows of a pose, and its readings' priors."""
+def components(whitened: Whitened, observed: int, inputs: slice) -> NoiseComponents:
+    """Return the noise of a fit by component: the first ``observations`` rows of an epoch, and its inputs' priors."""
     squares, freedom = _by_row(whitened)
-    poses, height = len(whitened.problem.residual), points + whitened.problem.local_value.shape[1]
-    own = np.s_[: poses * height]
-    square, free = (values[own].reshape(poses, height) for values in (squares, freedom))
-    rows = slice(points + readings.start, points + readings.stop)
+    epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
+    own = np.s_[: epochs * height]
+    square, free = (values[own].reshape(epochs, height) for values in (squares, freedom))
+    rows = slice(observed + inputs.start, observed + inputs.stop)
     prior = NOISE_PRIOR_FREEDOM
     others = float(np.sum(squares) - square[:, rows].sum()), float(np.sum(freedom) - free[:, rows].sum())
     return NoiseComponents(
@@ -84,19 +84,19 @@ def _by_row(whitened: Whitened) -> tuple[NDArray, NDArray]:
     return np.where(present, whitened.rest**2, 0.0), np.where(present, 1.0 - whitened.leverage, 0.0)
 
 
-def reading_ratio(whitened: Whitened, points: int, readings: slice, used: float) -> float:
-    """Return the readings' noise over the declared one (Foerstner's estimate), ``used`` times which was used."""
+def input_ratio(whitened: Whitened, observed: int, inputs: slice, used: float) -> float:
+    """Return the inputs' noise over the declared one (Foerstner's estimate), ``used`` times which was used."""
     squares, freedom = _by_row(whitened)
-    poses, height = len(whitened.problem.residual), points + whitened.problem.local_value.shape[1]
-    rows = np.s_[points + readings.start : points + readings.stop]
-    own = [values[: poses * height].reshape(poses, height)[:, rows].sum() for values in (squares, freedom)]
+    epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
+    rows = np.s_[observed + inputs.start : observed + inputs.stop]
+    own = [values[: epochs * height].reshape(epochs, height)[:, rows].sum() for values in (squares, freedom)]
     return _ratio(float(own[0]), float(own[1]), used)
 
 
 def survey_ratio(whitened: Whitened, places: NDArray, used: float) -> float:
     """Return the survey's noise over the declared one, from its rows' places among all rows (N,)."""
     squares, freedom = _by_row(whitened)
-    robust = np.minimum(squares[places], 9.0 * freedom[places])  # a target that was moved is no noise
+    robust = np.minimum(squares[places], 9.0 * freedom[places])  # a channel that was moved is no noise
     return _ratio(float(robust.sum()), float(freedom[places].sum()), used)
 
 
@@ -106,44 +106,45 @@ def _ratio(squares: float, freedom: float, used: float) -> float:
     return float(np.clip(np.sqrt(variance), 1.0 / _MOST_OFF, _MOST_OFF))
 
 
-def rescaled_points(whitened: Whitened, measured: MeasuredPoints, bodies: NDArray) -> MeasuredPoints:
-    """Return the points with their covariances brought to what a fit found, body by body, in the measurement's axes.
+def rescaled_noise(whitened: Whitened, measured: Observations, groups: NDArray) -> Observations:
+    """Return the observations with their covariances brought to what a fit found, group by group, in the measurement's
+    axes.
 
-    ``bodies`` (K,) numbers each target's body. Residuals of an effect count little (Student's t).
+    ``groups`` (K,) numbers each channel's group. Residuals of an effect count little (Student's t).
     """
-    rest, told = told_points(whitened, measured.points.shape)
+    rest, told = told_residuals(whitened, measured.values.shape)
     axes = np.eye(measured.size)
     whole = _scatter(rest[measured.seen], told[measured.seen], axes)
     own = []
-    for body in range(bodies.max() + 1):
-        rows = measured.seen & (bodies == body)
+    for group in range(groups.max() + 1):
+        rows = measured.seen & (groups == group)
         own.append(_scatter(rest[rows], told[rows], whole))
     declared = np.linalg.inv(measured.whitener + axes * ~measured.seen[..., None, None])
-    covariance = declared @ np.stack(own)[bodies] @ np.swapaxes(declared, -1, -2)
+    covariance = declared @ np.stack(own)[groups] @ np.swapaxes(declared, -1, -2)
     return replace(measured, covariance=np.where(measured.seen[..., None, None], covariance, measured.covariance))
 
 
-def told_points(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[NDArray, NDArray]:
-    """Return the points' whitened residuals, of shape (B, K, d), and how much of each point's noise they tell
-    (B, K, d, d)."""
-    poses, count, size = shape
+def told_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[NDArray, NDArray]:
+    """Return the observations' whitened residuals, of shape (B, K, d), and how much of each observation's noise they
+    tell (B, K, d, d)."""
+    epochs, count, size = shape
     height, width = size * count + whitened.problem.local_value.shape[1], whitened.basis.shape[1]
 
-    def of_points(rows: NDArray, width: int) -> NDArray:
-        own = rows[: poses * height].reshape(poses, height, width)[:, : size * count]
-        return own.reshape(poses, count, size, width)
+    def of_observations(rows: NDArray, width: int) -> NDArray:
+        own = rows[: epochs * height].reshape(epochs, height, width)[:, : size * count]
+        return own.reshape(epochs, count, size, width)
 
-    basis = of_points(whitened.basis, width)
+    basis = of_observations(whitened.basis, width)
     local = whitened.local_basis[:, : size * count].reshape(*shape, whitened.local_basis.shape[-1])
     told = np.eye(size) - local @ np.swapaxes(local, -1, -2) - basis @ np.swapaxes(basis, -1, -2)
-    return of_points(whitened.rest, 1)[..., 0], told
+    return of_observations(whitened.rest, 1)[..., 0], told
 
 
 def _scatter(rest: NDArray, told: NDArray, prior: NDArray) -> NDArray:
     """Return the scatter matrix of the noise behind residuals (n, d), of which they tell ``told`` (n, d, d); robust.
 
-    The prior counts as `NOISE_PRIOR_FREEDOM` values. Where residuals tell nothing (across a body of three targets), the
-    noise is taken to be what it is on average.
+    The prior counts as `NOISE_PRIOR_FREEDOM` values. Where residuals tell nothing (across a group of three channels),
+    the noise is taken to be what it is on average.
     """
     size = rest.shape[1]
     amount, axes = np.linalg.eigh(np.sum(told, 0))
@@ -186,26 +187,26 @@ class NoiseLevel:
 
 
 def noise_level(
-    whitened: Whitened, measured: MeasuredPoints, declared: NDArray, targets: NDArray | None = None
+    whitened: Whitened, measured: Observations, declared: NDArray, channels: NDArray | None = None
 ) -> NoiseLevel:
-    """Return the level of the noise that a fit leaves in the points over the declared covariances (B, K, d, d).
+    """Return the level of the noise that a fit leaves in the observations over the declared covariances (B, K, d, d).
 
-    Of all targets, or of those that ``targets`` (K,) marks. Its logarithm is tested, one-sided; ``measured`` holds the
-    covariances that the fit used.
+    Of all channels, or of those that ``channels`` (K,) marks. Its logarithm is tested, one-sided; ``measured`` holds
+    the covariances that the fit used.
     """
-    poses, count = measured.seen.shape
-    seen = measured.seen if targets is None else measured.seen & targets
+    epochs, count = measured.seen.shape
+    seen = measured.seen if channels is None else measured.seen & channels
     size = measured.size
     height = size * count + whitened.problem.local_value.shape[1]
 
-    def of_points(rows: NDArray) -> NDArray:
-        own = rows[: poses * height].reshape(poses, height)[:, : size * count]
-        return np.asarray(own.reshape(poses, count, size)[seen])
+    def of_observations(rows: NDArray) -> NDArray:
+        own = rows[: epochs * height].reshape(epochs, height)[:, : size * count]
+        return np.asarray(own.reshape(epochs, count, size)[seen])
 
     used, promised = measured.covariance[seen], declared[seen]
     change = np.linalg.solve(np.linalg.cholesky(promised), np.linalg.cholesky(used))
-    rest = np.einsum("nij,nj->ni", change, of_points(whitened.rest))
-    freedom = float(np.sum(1.0 - of_points(whitened.leverage)))
+    rest = np.einsum("nij,nj->ni", change, of_observations(whitened.rest))
+    freedom = float(np.sum(1.0 - of_observations(whitened.leverage)))
     ratio = float(np.sqrt(np.sum(rest**2) / freedom))
     spread = math.sqrt(0.5 / NOISE_PRIOR_FREEDOM + 0.5 / freedom)
     p_value = 0.5 * math.erfc(math.log(ratio) / spread / math.sqrt(2.0))
@@ -216,23 +217,23 @@ def noise_level(
 class Driver:
     """Something that the noise may follow: values (B, K), what it is called, and its column of the configurations.
 
-    ``within`` (K,) numbers groups whose own level says nothing: targets for what changes from pose to pose, bodies for
-    what changes from target to target. ``targets`` are those concerned where it is noise of these alone.
+    ``within`` (K,) numbers groups whose own level says nothing: channels for what changes from epoch to epoch, groups
+    for what changes from channel to channel. ``channels`` are those concerned where it is noise of these alone.
     """
 
     name: str
     values: NDArray
     within: NDArray
     column: str = ""
-    targets: tuple[int, ...] = ()
+    channels: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
-class NoiseFollowing:
+class NoiseDependence:
     """What the noise follows; its p-value, corrected for all that was tried; and how much larger it is where it is
     largest than where it is least.
 
-    ``factor`` (B, K) is each point's noise over the typical one.
+    ``factor`` (B, K) is each observation's noise over the typical one.
     """
 
     driver: Driver
@@ -243,7 +244,7 @@ class NoiseFollowing:
 
 
 def standardised(rest: NDArray, told: NDArray) -> NDArray:
-    """Return residuals (B, K, d) brought to unit noise, NaN where a fit leaves too little of a point.
+    """Return residuals (B, K, d) brought to unit noise, NaN where a fit leaves too little of an observation.
 
     ``told`` (B, K, d, d) is the covariance of the whitened residuals ``rest`` where noise is unit noise.
     """
@@ -254,38 +255,40 @@ def standardised(rest: NDArray, told: NDArray) -> NDArray:
 
 
 def drivers(
-    covariates: Mapping[str, NDArray], shape: NDArray, bodies: NDArray, distance: NDArray | None = None
+    covariates: Mapping[str, NDArray], shape: NDArray, groups: NDArray, distance: NDArray | None = None
 ) -> list[Driver]:
-    """Return what the noise may follow: columns (B,) and their squares, the place on the body, the distance, a target.
+    """Return what the noise may follow: columns (B,) and their squares, the place on the group, the distance, a
+    channel.
 
-    shape (K, 3) in m, bodies (K,) numbers of the targets' bodies, distance (B, K) of points from the instrument, m.
+    shape (K, 3) in m, groups (K,) numbers of the channels' groups, distance (B, K) of observations from the instrument,
+    m.
     """
-    targets = np.arange(len(shape))
-    poses = next((len(values) for values in covariates.values()), 0 if distance is None else len(distance))
+    channels = np.arange(len(shape))
+    epochs = next((len(values) for values in covariates.values()), 0 if distance is None else len(distance))
     found = []
     for name, values in covariates.items():
         if values.ndim == 1 and np.isfinite(values).all() and np.ptp(values) > 0:
             x = 2 * (values - values.min()) / np.ptp(values) - 1
             for power in (x, x**2 - np.mean(x**2)):
-                found.append(Driver(name, np.repeat(power[:, None], len(shape), 1), targets, name))
+                found.append(Driver(name, np.repeat(power[:, None], len(shape), 1), channels, name))
     for axis, values in zip("xyz", shape.T, strict=False):  # numbers have no place
-        found.append(Driver(f"the place along {axis}", np.repeat(values[None], poses, 0), bodies))
+        found.append(Driver(f"the place along {axis}", np.repeat(values[None], epochs, 0), groups))
     if distance is not None:
-        found.append(Driver("the distance from the instrument", distance, targets))
-    for target in targets:
-        values = np.repeat((targets == target)[None].astype(float), poses, 0)
-        found.append(Driver("", values, np.zeros(len(shape), int), "", (int(target),)))
+        found.append(Driver("the distance from the instrument", distance, channels))
+    for channel in channels:
+        values = np.repeat((channels == channel)[None].astype(float), epochs, 0)
+        found.append(Driver("", values, np.zeros(len(shape), int), "", (int(channel),)))
     return found
 
 
-def noise_following(rest: NDArray, candidates: Sequence[Driver], level: float) -> NoiseFollowing | None:
+def noise_dependence(rest: NDArray, candidates: Sequence[Driver], level: float) -> NoiseDependence | None:
     """Return what the noise behind standardised residuals (B, K, d) follows; None where p exceeds the level.
 
-    NaN where a point was not seen. p-values are corrected for the number of candidates (Bonferroni).
+    NaN where an observation was not seen. p-values are corrected for the number of candidates (Bonferroni).
     """
     square = np.sum(rest**2, -1)
     known = np.isfinite(square)
-    if known.sum() < _FEWEST_POINTS or not candidates:
+    if known.sum() < _FEWEST_VALUES or not candidates:
         return None
     size = rest.shape[-1]
     squares = np.maximum(np.nan_to_num(square) + _ADDED.get(size, 0.0), _LEAST)
@@ -294,7 +297,7 @@ def noise_following(rest: NDArray, candidates: Sequence[Driver], level: float) -
     scores = [_slope(logs, known, driver, spread) for driver in candidates]
     best = int(np.argmax([_strength(score, driver) for score, driver in zip(scores, candidates, strict=True)]))
     strength = _strength(scores[best], candidates[best])
-    tails = 1.0 if candidates[best].targets else 2.0
+    tails = 1.0 if candidates[best].channels else 2.0
     p_value = min(1.0, tails * 0.5 * math.erfc(max(strength, 0.0) / math.sqrt(2.0)) * len(candidates))
     if p_value > level:
         return None
@@ -332,13 +335,13 @@ def _slope(logs: NDArray, known: NDArray, driver: Driver, spread: float) -> tupl
 
 
 def _strength(score: tuple[float, float], driver: Driver) -> float:
-    """Return how many standard deviations a slope is; a single target only counts where it is noisier."""
+    """Return how many standard deviations a slope is; a single channel only counts where it is noisier."""
     ratio = score[0] / score[1]
-    return ratio if driver.targets else abs(ratio)
+    return ratio if driver.channels else abs(ratio)
 
 
 def _within(values: NDArray, known: NDArray, groups: NDArray) -> NDArray:
-    """Return values (B, K) less the mean of their group of targets; zero where not known."""
+    """Return values (B, K) less the mean of their group of channels; zero where not known."""
     left = np.where(known, values, 0.0)
     for group in np.unique(groups):
         own = groups == group
@@ -347,19 +350,19 @@ def _within(values: NDArray, known: NDArray, groups: NDArray) -> NDArray:
     return np.where(known, left, 0.0)
 
 
-def _following(driver: Driver, score: tuple[float, float], known: NDArray, p_value: float) -> NoiseFollowing:
+def _following(driver: Driver, score: tuple[float, float], known: NDArray, p_value: float) -> NoiseDependence:
     x = _within(driver.values, known, driver.within)
     away = np.where(np.isfinite(driver.values), driver.values, 0.0) - driver.values[known].mean()
     reach = 0.5 * float(np.ptp(x[known]))
     ratio = math.exp(abs(score[0]) * reach)
     factor = np.exp(0.5 * score[0] * away)
-    return NoiseFollowing(driver, p_value, ratio, ratio * score[1] * reach, factor)
+    return NoiseDependence(driver, p_value, ratio, ratio * score[1] * reach, factor)
 
 
-def told_share(shift: NDArray, covariance: NDArray, common: NDArray, share: float) -> float:
+def estimated_share(shift: NDArray, covariance: NDArray, common: NDArray, share: float) -> float:
     """Return the share in common that a fit speaks for, on average over all; the present one where it is nearly that.
 
-    Parameters, of which ``common`` (P,) are those of all legs, moved by shift (P,) and are known to covariance (P, P),
+    Parameters, of which ``common`` (P,) are those of all parts, moved by shift (P,) and are known to covariance (P, P),
     both in prior sigmas with the present share.
     """
     precision = np.linalg.inv(covariance)

@@ -1,4 +1,4 @@
-"""Points of all bodies at some poses, and the frame that each pose is measured in."""
+"""Observations of all groups at some epochs, and the frame that each epoch is measured in."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, skew
 
 _SPACE, _FRAME = 3, 6
-# Nothing is known of a pose's frame; these keep the equations scaled, and bend it by parts in 1e8.
+# Nothing is known of an epoch's frame; these keep the equations scaled, and bend it by parts in 1e8.
 _FRAME_SIGMA = np.array([0.1] * 3 + [0.1] * 3)  # m, rad
 
 
 @dataclass(frozen=True)
-class MeasuredPoints:
-    """Points (B, K, d), SI, each pose in its own frame, with covariance (B, K, d, d); seen (B, K)."""
+class Observations:
+    """Observations (B, K, d), SI, each epoch in its own frame, with covariance (B, K, d, d); seen (B, K)."""
 
-    points: NDArray
+    values: NDArray
     covariance: NDArray
     seen: NDArray
 
     @property
     def size(self) -> int:
-        """Return the number of coordinates d of a point."""
-        return int(self.points.shape[-1])
+        """Return the number of coordinates d of an observation."""
+        return int(self.values.shape[-1])
 
     @cached_property
     def whitener(self) -> NDArray:
-        """Return the matrices (B, K, d, d) that make the noise unit and white; zero where a point is missing."""
+        """Return the matrices (B, K, d, d) that make the noise unit and white; zero where an observation is missing."""
         covariance = np.where(self.seen[..., None, None], self.covariance, np.eye(self.size))
         return np.linalg.inv(np.linalg.cholesky(covariance)) * self.seen[..., None, None]
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of the poses: R (B, d, d) and t (B, d) in m, from the model's frame to that of the measurement.
+    """Frames of the epochs: R (B, d, d) and t (B, d) in m, from the model's frame to that of the measurement.
 
     They are fitted unless ``free`` is false: then the measurement has one frame for the campaign, the model's.
     """
@@ -48,18 +48,18 @@ class Frames:
     free: bool = True
 
     @classmethod
-    def of_numbers(cls, poses: int) -> Frames:
-        """Return the frames of readings that are numbers, d = 1: none."""
-        return cls(np.ones((poses, 1, 1)), np.zeros((poses, 1)), free=False)
+    def of_numbers(cls, epochs: int) -> Frames:
+        """Return the frames of inputs that are numbers, d = 1: none."""
+        return cls(np.ones((epochs, 1, 1)), np.zeros((epochs, 1)), free=False)
 
     @property
     def size(self) -> int:
-        """Return how many unknowns a frame is: six, or none where points are numbers."""
+        """Return how many unknowns a frame is: six, or none where observations are numbers."""
         return _FRAME if self.t.shape[1] == _SPACE else 0
 
     def columns(self, arms: NDArray) -> NDArray:
-        """Return how points (B, K, d) move with their frames, (B, K, d, size), in units of the frame's scale; arms are
-        the points from their frame's origin, in the measurement's axes."""
+        """Return how observations (B, K, d) move with their frames, (B, K, d, size), in units of the frame's scale;
+        arms are the observations from their frame's origin, in the measurement's axes."""
         if not self.size:
             return np.zeros((*arms.shape, 0))
         moved = np.concatenate([np.broadcast_to(np.eye(_SPACE), (*arms.shape, _SPACE)), -skew(arms)], -1)
@@ -74,27 +74,27 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Poses:
-    """Measured points of some poses, the conditions that the model needs there, and frames to start from.
+class Epochs:
+    """Measured observations of some epochs, the conditions that the model needs there, and frames to start from.
 
-    ``kept`` (B, K): points that are no gross errors, for a person says so.
+    ``kept`` (B, K): observations that are no gross errors, for a person says so.
     """
 
-    measured: MeasuredPoints
+    measured: Observations
     conditions: Any
     frames: Frames
     kept: NDArray | None = None
 
     def judged(self, wrong: NDArray) -> NDArray:
-        """Return which points (B, K) are to be taken out, of those that look grossly wrong."""
+        """Return which observations (B, K) are to be taken out, of those that look grossly wrong."""
         return wrong if self.kept is None else wrong & ~self.kept
 
-    def without(self, wrong: NDArray) -> Poses:
-        """Return the poses without some points (B, K)."""
+    def without(self, wrong: NDArray) -> Epochs:
+        """Return the epochs without some observations (B, K)."""
         return replace(self, measured=replace(self.measured, seen=self.measured.seen & ~wrong))
 
 
-def whitened_columns(measured: MeasuredPoints, frames: Frames, columns: NDArray) -> NDArray:
-    """Return motions of the points (B, K, d, P), in the model's frame, as whitened rows (B, d K, P)."""
-    poses, count, size, parameters = columns.shape
-    return (measured.whitener @ frames.R[:, None] @ columns).reshape(poses, count * size, parameters)
+def whitened_columns(measured: Observations, frames: Frames, columns: NDArray) -> NDArray:
+    """Return motions of the observations (B, K, d, P), in the model's frame, as whitened rows (B, d K, P)."""
+    epochs, count, size, parameters = columns.shape
+    return (measured.whitener @ frames.R[:, None] @ columns).reshape(epochs, count * size, parameters)

@@ -1,7 +1,7 @@
-"""What a model of points gets wrong when it predicts from readings alone, and what pure noise would leave there.
+"""What a model of observations gets wrong when it predicts from inputs alone, and what pure noise would leave there.
 
-Removed from measured minus predicted are only one motion per pose common to all bodies, local unknowns that the model
-does not claim to predict (the roll of a leg about its own axis), and the zero that readings of one run share.
+Removed from measured minus predicted are only one motion per epoch common to all groups, local unknowns that the model
+does not claim to predict (the roll of a part about its own axis), and the zero that inputs of one run share.
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.fit import PointFit, linearise
+from truing.inference.fit import Fit, linearise
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import Model
-from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.observations import Frames, Observations
 
-# Newton on frames and rolls: after two rounds from a pose's own fit, nothing is left to gain.
+# Newton on frames and rolls: after two rounds from an epoch's own fit, nothing is left to gain.
 _ROUNDS = 2
 _FLOOR_DRAWS = 24
-# A cause is rejected where held-out poses are predicted worse, by so much that chance does it this rarely; how much
-# chance does is known from the noise as well as from so many poses (or runs, whose poses go together).
-_WORSE, _POSES_OF_NOISE = 0.006, 10
-# Keeps what is fitted to a pose that lacks targets finite, in units of the noise.
+# A cause is rejected where held-out epochs are predicted worse, by so much that chance does it this rarely; how much
+# chance does is known from the noise as well as from so many epochs (or runs, whose epochs go together).
+_WORSE, _EPOCHS_OF_NOISE = 0.006, 10
+# Keeps what is fitted to an epoch that lacks channels finite, in units of the noise.
 _HELD = 1e-3
 
 
-_BY_POSE = ("gap", "whitened", "local", "by_shared", "by_fitted")
+_BY_EPOCH = ("gap", "whitened", "local", "by_shared", "by_fitted")
 
 
 @dataclass(frozen=True)
 class PredictionError:
-    """Measured minus predicted points (B, K, d), SI, in the measurement's axes, zero where unseen.
+    """Measured minus predicted observations (B, K, d), SI, in the measurement's axes, zero where unseen.
 
-    ``frames``, ``local`` (B, H) and the derivatives by the shared unknowns (B, M, G) and by what is fitted to each pose
-    (B, M, h) are those at the prediction, whitened; ``model`` predicted, with ``shared`` unknowns (G,).
-    ``zeros`` (B, K) numbers the readings that share a zero, -1 for none; None where points have frames.
+    ``frames``, ``local`` (B, H) and the derivatives by the shared unknowns (B, M, G) and by what is fitted to each
+    epoch (B, M, h) are those at the prediction, whitened; ``model`` predicted, with ``shared`` unknowns (G,). ``zeros``
+    (B, K) numbers the inputs that share a zero, -1 for none; None where observations have frames.
     """
 
     gap: NDArray
-    measured: MeasuredPoints
+    measured: Observations
     whitened: NDArray  # (B, K, d) the same in units of the noise
     frames: Frames
     local: NDArray
@@ -50,42 +50,42 @@ class PredictionError:
     by_fitted: NDArray
     model: Any
     shared: NDArray
-    zeros: NDArray | None = None
+    zero_groups: NDArray | None = None
 
     @cached_property
-    def channels(self) -> Mapping[str, NDArray]:
-        """Return how the points (B, K, d, C) follow each channel at the prediction."""
-        return self.model.channels(self.shared, self.local)  # type: ignore[no-any-return]
+    def pathways(self) -> Mapping[str, NDArray]:
+        """Return how the observations (B, K, d, C) follow each pathway at the prediction."""
+        return self.model.pathways(self.shared, self.local)  # type: ignore[no-any-return]
 
     @cached_property
-    def designer(self) -> Callable[[Any], Mapping[str, NDArray]]:
-        """Return what tells a cause's change of each channel at the prediction."""
-        return self.model.designer(self.shared, self.local)  # type: ignore[no-any-return]
+    def design_matrix(self) -> Callable[[Any], Mapping[str, NDArray]]:
+        """Return what tells a cause's change of each pathway at the prediction."""
+        return self.model.design_matrix(self.shared, self.local)  # type: ignore[no-any-return]
 
     @property
     def seen(self) -> NDArray:
-        """Return which points (B, K) were measured."""
+        """Return which observations (B, K) were measured."""
         return self.measured.seen
 
     def less(self, columns: NDArray) -> PredictionError:
-        """Return the error where the prediction moves by columns (B, M), whitened, and each pose is fitted anew."""
+        """Return the error where the prediction moves by columns (B, M), whitened, and each epoch is fitted anew."""
         left = self.whitened.reshape(columns.shape) - columns
-        left = _freed(left[..., None], self.by_fitted, self.measured, self.zeros)[..., 0]
+        left = _freed(left[..., None], self.by_fitted, self.measured, self.zero_groups)[..., 0]
         return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
     @property
     def squares(self) -> NDArray:
-        """Return the whitened sum of squares of each pose (B,)."""
+        """Return the whitened sum of squares of each epoch (B,)."""
         return np.sum(self.whitened**2, (1, 2))
 
     @property
-    def rms_by_pose(self) -> NDArray:
-        """Return the root mean square per coordinate of each pose (B,) in m, zero where nothing was seen."""
+    def rms_by_epoch(self) -> NDArray:
+        """Return the root mean square per coordinate of each epoch (B,) in m, zero where nothing was seen."""
         return np.asarray(np.sqrt(np.sum(self.gap**2, (1, 2)) / np.maximum(self.measured.size * self.seen.sum(1), 1)))
 
     @property
-    def largest_by_pose(self) -> NDArray:
-        """Return the largest distance of a point in each pose (B,) in m."""
+    def largest_by_epoch(self) -> NDArray:
+        """Return the largest distance of an observation in each epoch (B,) in m."""
         return np.asarray(np.sqrt(np.max(np.sum(self.gap**2, -1), 1)))
 
     @property
@@ -93,19 +93,19 @@ class PredictionError:
         """Return the root mean square per coordinate in m, None where nothing was seen."""
         return self.rms_of(slice(None))
 
-    def rms_of(self, targets: NDArray | slice) -> float | None:
-        """Return the root mean square per coordinate of some targets, None where nothing of them was seen."""
-        count = self.measured.size * int(self.seen[:, targets].sum())
-        return float(np.sqrt(np.sum(self.gap[:, targets] ** 2) / count)) if count else None
+    def rms_of(self, channels: NDArray | slice) -> float | None:
+        """Return the root mean square per coordinate of some channels, None where nothing of them was seen."""
+        count = self.measured.size * int(self.seen[:, channels].sum())
+        return float(np.sqrt(np.sum(self.gap[:, channels] ** 2) / count)) if count else None
 
     @property
     def largest(self) -> float | None:
-        """Return the largest distance of a point in m, None where nothing was seen."""
-        return float(self.largest_by_pose.max()) if self.seen.any() else None
+        """Return the largest distance of an observation in m, None where nothing was seen."""
+        return float(self.largest_by_epoch.max()) if self.seen.any() else None
 
 
-def merged(errors: Sequence[PredictionError], block: NDArray, measured: MeasuredPoints) -> PredictionError:
-    """Return the error of every pose as it is in the one of errors that block (B,) names."""
+def merged(errors: Sequence[PredictionError], block: NDArray, measured: Observations) -> PredictionError:
+    """Return the error of every epoch as it is in the one of errors that block (B,) names."""
     each = np.arange(len(block))
 
     def chosen(arrays: list[NDArray]) -> NDArray:
@@ -113,24 +113,24 @@ def merged(errors: Sequence[PredictionError], block: NDArray, measured: Measured
 
     turned, moved = (chosen([getattr(e.frames, name) for e in errors]) for name in ("R", "t"))
     frames = replace(errors[0].frames, R=turned, t=moved)
-    parts = {name: chosen([getattr(e, name) for e in errors]) for name in _BY_POSE}
+    parts = {name: chosen([getattr(e, name) for e in errors]) for name in _BY_EPOCH}
     return replace(errors[0], measured=measured, frames=frames, **parts)
 
 
 def prediction_error(
     model: Model,
-    measured: MeasuredPoints,
+    measured: Observations,
     frames: Frames,
     shared: NDArray,
     unpredicted: NDArray,
     by_shared: bool = True,
 ) -> PredictionError:
-    """Return the error of the prediction from readings; unpredicted (H,) marks local unknowns that are fitted.
+    """Return the error of the prediction from inputs; unpredicted (H,) marks local unknowns that are fitted.
 
     Derivatives by the shared unknowns are left out (G = 0) where they are not asked for.
     """
     kept = np.concatenate([np.ones(frames.size, bool), unpredicted])
-    local = np.zeros((len(measured.points), len(unpredicted)))
+    local = np.zeros((len(measured.values), len(unpredicted)))
     for _ in range(_ROUNDS):
         at = linearise(model, measured, frames, shared, local, by_shared=False)
         step = _fit(at.by_local[..., kept], at.residual[..., None])[..., 0]
@@ -138,24 +138,24 @@ def prediction_error(
         local[:, unpredicted] += step[:, frames.size :]
     at = linearise(model, measured, frames, shared, local, by_shared)
     fitted = at.by_local[..., kept]
-    zeros = model.zeros
-    rest = at.residual if zeros is None else _freed(at.residual[..., None], fitted, measured, zeros)[..., 0]
-    whitened, gap = rest.reshape(measured.points.shape), _unwhitened(measured, rest)
-    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared, zeros)
+    zero_groups = model.zero_groups
+    rest = at.residual if zero_groups is None else _freed(at.residual[..., None], fitted, measured, zero_groups)[..., 0]
+    whitened, gap = rest.reshape(measured.values.shape), _unwhitened(measured, rest)
+    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared, zero_groups)
 
 
 def predicts_worse(
-    before: PredictionError | None, after: PredictionError | None, covered: NDArray, together: NDArray | None = None
+    before: PredictionError | None, after: PredictionError | None, covered: NDArray, error_groups: NDArray | None = None
 ) -> bool:
-    """Return whether held-out poses that a cause covers (B,) are predicted significantly worse, pose against pose.
+    """Return whether held-out epochs that a cause covers (B,) are predicted significantly worse, epoch against epoch.
 
-    Poses with the same number in ``together`` (B,) err together, and count as one.
+    Epochs with the same number in ``together`` (B,) err together, and count as one.
     """
     if before is None or after is None:
         return False
     from scipy.special import stdtrit
 
-    groups = np.arange(len(covered)) if together is None else together
+    groups = np.arange(len(covered)) if error_groups is None else error_groups
     groups = np.unique(groups[covered], return_inverse=True)[1]
     if not len(groups) or groups.max() < 1:
         return False
@@ -163,67 +163,67 @@ def predicts_worse(
     former, latter = (np.einsum("bkij,bkj->bki", whitener, error.gap)[covered] for error in (before, after))
     worse = np.bincount(groups, np.sum(latter**2 - former**2, (1, 2)))
     of_noise = 4.0 * np.bincount(groups, np.sum((latter - former) ** 2, (1, 2))).mean()
-    freedom = len(worse) - 1 + _POSES_OF_NOISE
-    variance = (np.sum((worse - worse.mean()) ** 2) + _POSES_OF_NOISE * of_noise) / freedom
+    freedom = len(worse) - 1 + _EPOCHS_OF_NOISE
+    variance = (np.sum((worse - worse.mean()) ** 2) + _EPOCHS_OF_NOISE * of_noise) / freedom
     return bool(worse.mean() > stdtrit(freedom, 1.0 - _WORSE) * np.sqrt(variance / len(worse)))
 
 
-def _unwhitened(measured: MeasuredPoints, rows: NDArray) -> NDArray:
-    """Return whitened rows (B, M) as distances (B, K, d), SI, zero where a point is missing."""
-    gap = np.linalg.solve(_square(measured), rows.reshape(*measured.points.shape, 1))[..., 0]
+def _unwhitened(measured: Observations, rows: NDArray) -> NDArray:
+    """Return whitened rows (B, M) as distances (B, K, d), SI, zero where an observation is missing."""
+    gap = np.linalg.solve(_square(measured), rows.reshape(*measured.values.shape, 1))[..., 0]
     return np.where(measured.seen[..., None], gap, 0.0)
 
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """What noise alone leaves in a prediction error: the mean square (K,) per coordinate of each target, SI, and how
+    """What noise alone leaves in a prediction error: the mean square (K,) per coordinate of each channel, SI, and how
     often it was seen (K,)."""
 
     square: NDArray
     seen: NDArray
 
-    def rms_of(self, targets: NDArray | slice = slice(None)) -> float:
-        """Return the root mean square per coordinate of some targets."""
-        count = self.seen[targets]
-        return float(np.sqrt(np.sum(self.square[targets] * count) / max(count.sum(), 1)))
+    def rms_of(self, channels: NDArray | slice = slice(None)) -> float:
+        """Return the root mean square per coordinate of some channels."""
+        count = self.seen[channels]
+        return float(np.sqrt(np.sum(self.square[channels] * count) / max(count.sum(), 1)))
 
 
 def noise_floor(
-    fit: PointFit, measured: MeasuredPoints, unpredicted: NDArray, zeros: NDArray | None, rng: np.random.Generator
+    fit: Fit, measured: Observations, unpredicted: NDArray, zero_groups: NDArray | None, rng: np.random.Generator
 ) -> NoiseFloor:
     """Return what declared noise alone leaves in the prediction error of a fitted model; zeros as in `PredictionError`.
 
-    Draws of all noise (points, survey, actuators, geometry) go through the linearised fit.
+    Draws of all noise (observations, survey, actuators, geometry) go through the linearised fit.
     """
     whitened, problem = fit.whitened, fit.whitened.problem
-    poses, count = problem.residual.shape
-    noise = rng.standard_normal((poses, count, _FLOOR_DRAWS)) * problem.present[..., None]
+    epochs, count = problem.residual.shape
+    noise = rng.standard_normal((epochs, count, _FLOOR_DRAWS)) * problem.present[..., None]
     prior = rng.standard_normal((*problem.local_value.shape, _FLOOR_DRAWS)) * problem.local_known[:, None]
     error = _shared_error(whitened, noise, prior, rng)
     left = noise - problem.by_shared @ error
     actuators = np.concatenate([np.zeros(fit.frames.size, bool), ~unpredicted])
     left -= problem.by_local[..., actuators] @ prior[:, actuators]
-    left = _freed(left, problem.by_local[..., ~actuators], measured, zeros)
-    gap = np.linalg.solve(_square(measured), left.reshape(*measured.points.shape, _FLOOR_DRAWS))
+    left = _freed(left, problem.by_local[..., ~actuators], measured, zero_groups)
+    gap = np.linalg.solve(_square(measured), left.reshape(*measured.values.shape, _FLOOR_DRAWS))
     seen = measured.seen.sum(0)
     square = np.sum(np.mean(gap**2, (2, 3)) * measured.seen, 0) / np.maximum(seen, 1)
     return NoiseFloor(square, seen)
 
 
-def _freed(rows: NDArray, columns: NDArray, measured: MeasuredPoints, zeros: NDArray | None) -> NDArray:
-    """Return whitened rows (B, M, D) without what columns (B, M, h) of each pose, or the zeros of runs, explain."""
-    if zeros is None:
+def _freed(rows: NDArray, columns: NDArray, measured: Observations, zero_groups: NDArray | None) -> NDArray:
+    """Return whitened rows (B, M, D) without what columns (B, M, h) of each epoch, or the zeros of runs, explain."""
+    if zero_groups is None:
         return np.asarray(rows - columns @ _fit(columns, rows))
-    weight = np.where(measured.seen & (zeros >= 0), measured.whitener[..., 0, 0], 0.0).ravel()
-    return _without_zeros(rows.reshape(len(weight), -1), weight, np.maximum(zeros, 0).ravel()).reshape(rows.shape)
+    weight = np.where(measured.seen & (zero_groups >= 0), measured.whitener[..., 0, 0], 0.0).ravel()
+    return _without_zeros(rows.reshape(len(weight), -1), weight, np.maximum(zero_groups, 0).ravel()).reshape(rows.shape)
 
 
-def _without_zeros(rows: NDArray, weight: NDArray, zeros: NDArray) -> NDArray:
-    """Return rows (N, D) of readings less the zero that those with one number (N,) share, weight (N,) times it."""
-    norm = np.bincount(zeros, weight**2)
-    found = np.stack([np.bincount(zeros, weight * column) for column in rows.T], -1)
+def _without_zeros(rows: NDArray, weight: NDArray, zero_groups: NDArray) -> NDArray:
+    """Return rows (N, D) of inputs less the zero that those with one number (N,) share, weight (N,) times it."""
+    norm = np.bincount(zero_groups, weight**2)
+    found = np.stack([np.bincount(zero_groups, weight * column) for column in rows.T], -1)
     shared = found / np.where(norm > 0.0, norm, 1.0)[:, None]
-    return np.asarray(rows - weight[:, None] * shared[zeros])
+    return np.asarray(rows - weight[:, None] * shared[zero_groups])
 
 
 def _shared_error(whitened: Whitened, noise: NDArray, prior: NDArray, rng: np.random.Generator) -> NDArray:
@@ -235,7 +235,8 @@ def _shared_error(whitened: Whitened, noise: NDArray, prior: NDArray, rng: np.ra
 
 
 def _fit(columns: NDArray, rows: NDArray) -> NDArray:
-    """Return coefficients (B, h, D) of rows (B, M, D) on columns (B, M, h), held finite where a pose lacks targets."""
+    """Return coefficients (B, h, D) of rows (B, M, D) on columns (B, M, h), held finite where an epoch lacks
+    channels."""
     size = columns.shape[-1]
     if not size:
         return np.zeros((len(columns), 0, rows.shape[-1]))
@@ -244,6 +245,6 @@ def _fit(columns: NDArray, rows: NDArray) -> NDArray:
     return np.linalg.solve(factor, np.swapaxes(basis[:, : columns.shape[1]], 1, 2) @ rows)
 
 
-def _square(measured: MeasuredPoints) -> NDArray:
-    """Return the whitener (B, K, d, d) with the identity where a point is missing."""
+def _square(measured: Observations) -> NDArray:
+    """Return the whitener (B, K, d, d) with the identity where an observation is missing."""
     return np.where(measured.seen[..., None, None], measured.whitener, np.eye(measured.size))

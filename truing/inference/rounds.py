@@ -12,9 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.evidence import alike_log_evidence, log_evidence, log_possible, probabilities
-from truing.inference.fitted_model import Stand
-from truing.inference.search import FURTHER_SHARE, Candidate, Judge, Search, candidate_of, opened, search_of, total_of
-from truing.inference.signatures import Channels, Signature, joint, signature
+from truing.inference.fitted_model import FittedModel
+from truing.inference.search import (
+    FURTHER_SHARE,
+    Candidate,
+    NullDistribution,
+    Search,
+    candidate_of,
+    opened,
+    search_of,
+    total_of,
+)
+from truing.inference.signatures import Pathways, Signature, joint, signature
 
 # How many of the most probable candidates are tried in pairs.
 _PAIRED = 20
@@ -54,8 +63,8 @@ class Pair:
 class Round:
     """A fitted model, the candidates that are still open, and what the data say of each."""
 
-    stand: Stand
-    judge: Judge
+    fitted: FittedModel
+    null: NullDistribution
     candidates: tuple[Candidate, ...]
     scores: dict[str, Score] = field(repr=False)  # by the cause's key
     tried: int  # how many candidates there were
@@ -65,8 +74,8 @@ class Round:
         """Return a candidate's p-value, corrected for everything that was tried."""
         if not candidate.signature.rank:
             return 1.0
-        group = self.judge.group_of(candidate.kind, candidate.signature.rank)
-        return self.judge.corrected(self.scores[candidate.key].squares, group)
+        group = self.null.group_of(candidate.kind, candidate.signature.rank)
+        return self.null.corrected(self.scores[candidate.key].squares, group)
 
     @cached_property
     def best(self) -> dict[str, Candidate]:
@@ -103,7 +112,7 @@ class Round:
         if not candidate.signature.rank:
             return score.log_posterior
         beforehand = score.log_posterior - score.log_evidence
-        return log_evidence_of(candidate, self.stand, score.along, STRETCH) + score.log_signs + beforehand
+        return log_evidence_of(candidate, self.fitted, score.along, STRETCH) + score.log_signs + beforehand
 
     @cached_property
     def best_pair(self) -> Pair | None:
@@ -111,7 +120,7 @@ class Round:
         if len(self.candidates) < 2 or self.search is None:
             return None
         tried = self._paired
-        odds = {(i, j): self._pair_evidence(self.search.channels, tried[i], tried[j]) for i, j in _index_pairs(tried)}
+        odds = {(i, j): self._pair_evidence(self.search.pathways, tried[i], tried[j]) for i, j in _index_pairs(tried)}
         least = max((self.posterior(candidate) for candidate in tried), default=0.0) + np.log(RIVAL_FACTOR)
         for best in sorted(odds, key=lambda pair: odds[pair] - NAMED * _unnamed(tried[i] for i in pair), reverse=True):
             if odds[best] < least:
@@ -138,9 +147,9 @@ class Round:
         """Return the log odds of a form that nobody declared with what speaks most for it in forms of its subject."""
         if form.key not in self._rests:
             assert self.search is not None
-            channels = self.search.channels
+            pathways = self.search.pathways
             others = [c for c in self._unnamed_best if c is not form and c.cause.subject == form.cause.subject]
-            beside = [self._pair_evidence(channels, form, c) for c in (*self._further(form), *others)]
+            beside = [self._pair_evidence(pathways, form, c) for c in (*self._further(form), *others)]
             self._rests[form.key] = max([self.posterior(form), *beside])
         return self._rests[form.key]
 
@@ -149,9 +158,9 @@ class Round:
         acts on the same."""
         if self.search is None:
             return False
-        channels, squares = self.search.channels, self.scores[candidate.key].squares
+        pathways, squares = self.search.pathways, self.scores[candidate.key].squares
         larger = (own for own, held in self._forms_held if squares < _OF_ITS_SIZE * held)
-        return any(candidate.signature.share_on(channels, own) > _SAME_GROUND for own in larger)
+        return any(candidate.signature.share_on(pathways, own) > _SAME_GROUND for own in larger)
 
     @cached_property
     def _forms_held(self) -> list[tuple[Signature, float]]:
@@ -160,11 +169,11 @@ class Round:
         """
         assert self.search is not None
         found = []
-        for cause in self.stand.causes:
+        for cause in self.fitted.causes:
             if not cause.catalogued and cause.subject:
-                values, covariance = self.stand.values(cause)
+                values, covariance = self.fitted.values(cause)
                 squares = float(values @ np.linalg.solve(covariance, values))
-                found.append((signature(self.search.channels, self.stand.designer(cause)), squares))
+                found.append((signature(self.search.pathways, self.fitted.design_matrix(cause)), squares))
         return found
 
     @cached_property
@@ -176,23 +185,23 @@ class Round:
         """Return the most probable forms that nobody declared, those of an accepted one's further terms among them."""
         ranked = sorted(self.candidates, key=self.posterior, reverse=True)
         unnamed = [c for c in ranked if not c.cause.catalogued and c.signature.rank]
-        return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.goes_on]
+        return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.is_higher_order]
 
     def _further(self, form: Candidate) -> list[Candidate]:
         """Return the further terms of a form as candidates, as they would be proposed once it was accepted."""
         assert self.search is not None
-        channels, proposed = self.search.channels, opened(self.stand, form.cause.further(self.stand.scene))
+        pathways, proposed = self.search.pathways, opened(self.fitted, form.cause.higher_order_terms(self.fitted.scene))
         prior = FURTHER_SHARE / max(len(proposed), 1)
-        found = [candidate_of(self.stand, channels, cause, form.kind, prior) for cause in proposed]
+        found = [candidate_of(self.fitted, pathways, cause, form.kind, prior) for cause in proposed]
         return [candidate for candidate in found if candidate.signature.rank]
 
     def _score(self, candidate: Candidate) -> Score:
         """Return what the data say of a candidate, of one that is not yet proposed as well."""
         if candidate.key in self.scores or self.search is None:
             return self.scores[candidate.key]
-        channels = self.search.channels
-        along = channels.along(self.stand.fit.whitened.rest[None])[0]
-        return score_of(candidate, self.stand, channels, along)
+        pathways = self.search.pathways
+        along = pathways.along(self.fitted.fit.whitened.rest[None])[0]
+        return score_of(candidate, self.fitted, pathways, along)
 
     @cached_property
     def _paired(self) -> list[Candidate]:
@@ -203,11 +212,11 @@ class Round:
                 taken.append(candidate)
         return taken[:_PAIRED]
 
-    def _pair_evidence(self, channels: Channels, *pair: Candidate) -> float:
-        strengths, loadings = joint(channels, pair[0].signature, pair[1].signature)
+    def _pair_evidence(self, pathways: Pathways, *pair: Candidate) -> float:
+        strengths, loadings = joint(pathways, pair[0].signature, pair[1].signature)
         raw = np.concatenate([raw_scores(c.signature, self._score(c)) for c in pair])
         along = (raw @ loadings) / strengths
-        total, freedom = total_of(self.stand)
+        total, freedom = total_of(self.fitted)
         beforehand = sum(np.log(c.prior) + self._of_likeness(c) for c in pair)
         values, covariance = loadings @ (along / strengths), (loadings / strengths**2) @ loadings.T
         signs = self._signs(pair, values, covariance)
@@ -215,22 +224,22 @@ class Round:
 
     def _signs(self, pair: Sequence[Candidate], values: NDArray, covariance: NDArray) -> float:
         """Return what the evidence of candidates together owes to signs, from all their parameters (P,)."""
-        legs, first, found = self.stand.model.leg_count, 0, 0.0
+        parts, first, found = self.fitted.model.part_count, 0, 0.0
         for candidate in pair:
             own = np.s_[first : first + candidate.signature.parameters]
-            found += log_possible(values[own], covariance[own, own], candidate.cause.one_sided(legs))
+            found += log_possible(values[own], covariance[own, own], candidate.cause.one_sided(parts))
             first = own.stop
         return found
 
     def _of_likeness(self, candidate: Candidate) -> float:
         """Return what a candidate's log evidence owes to parameters of like size."""
-        score, (total, freedom) = self._score(candidate), total_of(self.stand)
+        score, (total, freedom) = self._score(candidate), total_of(self.fitted)
         owed = score.log_evidence - score.log_signs
         return owed - float(log_evidence(score.along, candidate.signature.strengths, total, freedom))
 
 
 def _index_pairs(tried: Sequence[Candidate]) -> list[tuple[int, int]]:
-    """Return the pairs worth trying: of two kinds, or of two single targets."""
+    """Return the pairs worth trying: of two kinds, or of two single channels."""
     return [
         (i, j)
         for i, j in combinations(range(len(tried)), 2)
@@ -244,20 +253,20 @@ def _unnamed(candidates: Iterable[Candidate]) -> int:
 
 
 def _apart(first: Candidate, second: Candidate) -> bool:
-    """Return whether two candidates act on channels none of which they share, as two single targets do."""
+    """Return whether two candidates act on pathways none of which they share, as two single channels do."""
     return not np.isin(first.signature.index, second.signature.index).any()
 
 
-def score_round(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Round:
+def score_round(fitted: FittedModel, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Round:
     """Return what a fitted model leaves for all candidates that the kinds of cause propose."""
-    return scored(stand, search_of(stand, kinds, draws, rng))
+    return scored(fitted, search_of(fitted, kinds, draws, rng))
 
 
-def scored(stand: Stand, search: Search) -> Round:
+def scored(fitted: FittedModel, search: Search) -> Round:
     """Return what a fitted model leaves for all candidates of a search."""
-    along = search.channels.along(stand.fit.whitened.rest[None])[0]
-    scores = {c.key: score_of(c, stand, search.channels, along) for c in search.candidates}
-    return Round(stand, search.judge, tuple(search.candidates), scores, len(search.candidates), search)
+    along = search.pathways.along(fitted.fit.whitened.rest[None])[0]
+    scores = {c.key: score_of(c, fitted, search.pathways, along) for c in search.candidates}
+    return Round(fitted, search.null, tuple(search.candidates), scores, len(search.candidates), search)
 
 
 @dataclass(frozen=True)
@@ -276,19 +285,19 @@ class Score:
         return float(np.sqrt(self.squares))
 
 
-def score_of(candidate: Candidate, stand: Stand, channels: Channels, along: NDArray) -> Score:
+def score_of(candidate: Candidate, fitted: FittedModel, pathways: Pathways, along: NDArray) -> Score:
     own = candidate.signature
     if not own.rank:
         return Score(0.0, 0.0, float(np.log(candidate.prior)), np.zeros(0))
     parts = along[:, own.index].ravel() @ own.unit_design
-    signs = signs_of(candidate, stand, parts)
-    odds = log_evidence_of(candidate, stand, parts) + signs
+    signs = signs_of(candidate, fitted, parts)
+    odds = log_evidence_of(candidate, fitted, parts) + signs
     return Score(float(parts @ parts), odds, odds + float(np.log(max(candidate.prior, 1e-300))), parts, signs)
 
 
-def signs_of(candidate: Candidate, stand: Stand, parts: NDArray) -> float:
+def signs_of(candidate: Candidate, fitted: FittedModel, parts: NDArray) -> float:
     """Return what a candidate's log evidence owes to the signs of parameters that nature makes on one side only."""
-    places = candidate.cause.one_sided(stand.model.leg_count)
+    places = candidate.cause.one_sided(fitted.model.part_count)
     if not places:
         return 0.0
     own = candidate.signature
@@ -296,11 +305,11 @@ def signs_of(candidate: Candidate, stand: Stand, parts: NDArray) -> float:
     return log_possible(own.fitted(parts), covariance, places)
 
 
-def log_evidence_of(candidate: Candidate, stand: Stand, parts: NDArray, stretch: float = 1.0) -> float:
+def log_evidence_of(candidate: Candidate, fitted: FittedModel, parts: NDArray, stretch: float = 1.0) -> float:
     """Return a candidate's log evidence: of parameters of like size where there are such, or independent ones."""
-    own, (total, freedom) = candidate.signature, total_of(stand)
+    own, (total, freedom) = candidate.signature, total_of(fitted)
     independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))
-    members = candidate.cause.alike(stand.model.leg_count)
+    members = candidate.cause.alike(fitted.model.part_count)
     if not members:
         return independent
     scores = own.loadings @ (parts * own.strengths)

@@ -1,16 +1,18 @@
-"""Gross errors by what a fit leaves: a point far outside its own target's spread, whatever effect widens that."""
+"""Gross errors by what a fit leaves: an observation far outside its own channel's spread, whatever effect widens
+that."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Unit normals are longer than the limit once in some 1e6 points.
+# Unit normals are longer than the limit once in some 1e6 observations.
 _BY_CHANCE = 1.2e-6
-_ENOUGH = 8  # points of a target that give a spread of its own
-# Of so many poses before, or after, so many must agree; of the second and the last but one, both neighbours will do.
+_ENOUGH = 8  # observations of a channel that give a spread of its own
+# Of so many epochs before, or after, so many must agree; of the second and the last but one, both neighbours will do.
 _NEIGHBOURS, _AGREE = 3, 2
-# Points agree within so many of the target's own spread from pose to pose; one that is suspect already, within fewer.
+# Observations agree within so many of the channel's own spread from epoch to epoch; one that is suspect already, within
+# fewer.
 _REACH, _SUSPECT_REACH = 12.0, 3.5
 # Suspects scatter more, being no part of the fit that they are judged by; they agree within this share of how far off
 # they are: no two gross errors do.
@@ -22,18 +24,18 @@ def gross_errors(
     seen: NDArray,
     axes: NDArray | None = None,
     order: NDArray | None = None,
-    zeros: NDArray | None = None,
+    zero_groups: NDArray | None = None,
 ) -> NDArray:
-    """Return which points (B, K) are grossly wrong, from whitened residuals rest (B, K, d).
+    """Return which observations (B, K) are grossly wrong, from whitened residuals rest (B, K, d).
 
-    A target's spread is its median length over the poses, and at least that of unit noise; a target that was seen in
-    few poses takes the median over all targets. Where ``axes`` (B, K, d, d) tell how whitened residuals follow shifts
-    along the body's own axes (m), and ``order`` (B,) the poses' ranks in time, a point that agrees with its neighbours
-    in time is right: its target was moved. Readings (d = 1) with the same number in ``zeros`` (B, K) count as a target
-    of their own: an effect widens the runs that show it, and not what else the same channel read.
+    A channel's spread is its median length over the epochs, and at least that of unit noise; a channel that was seen in
+    few epochs takes the median over all channels. Where ``axes`` (B, K, d, d) tell how whitened residuals follow shifts
+    along the group's own axes (m), and ``order`` (B,) the epochs' ranks in time, an observation that agrees with its
+    neighbours in time is right: its channel was moved. Readings (d = 1) with the same number in ``zeros`` (B, K) count
+    as a channel of their own: an effect widens the runs that show it, and not what else the same channel read.
     """
-    if zeros is not None:
-        return _by_run(rest, seen, axes, order, zeros)
+    if zero_groups is not None:
+        return _by_run(rest, seen, axes, order, zero_groups)
     far = _far(rest, seen)
     if axes is None or order is None or not far.any():
         return far
@@ -43,18 +45,19 @@ def gross_errors(
 
 
 def least_gross(size: int) -> float:
-    """Return the length of a whitened residual (d coordinates) from which on a point of ordinary spread is gross."""
+    """Return the length of a whitened residual (d coordinates) from which on an observation of ordinary spread is
+    gross."""
     from scipy.special import chdtri
 
     return float(np.sqrt(chdtri(size, _BY_CHANCE)))
 
 
-def _by_run(rest: NDArray, seen: NDArray, axes: NDArray | None, order: NDArray | None, zeros: NDArray) -> NDArray:
-    """Return the gross errors (B, K) where every run's readings of a channel stand for a target."""
-    step, channel = np.nonzero(seen & (zeros >= 0))
-    in_time = np.lexsort((step if order is None else order[step], zeros[step, channel]))
+def _by_run(rest: NDArray, seen: NDArray, axes: NDArray | None, order: NDArray | None, zero_groups: NDArray) -> NDArray:
+    """Return the gross errors (B, K) where every run's inputs of a channel stand for a channel."""
+    step, channel = np.nonzero(seen & (zero_groups >= 0))
+    in_time = np.lexsort((step if order is None else order[step], zero_groups[step, channel]))
     step, channel = step[in_time], channel[in_time]
-    group = np.unique(zeros[step, channel], return_inverse=True)[1]
+    group = np.unique(zero_groups[step, channel], return_inverse=True)[1]
     place = np.arange(len(group)) - np.searchsorted(group, group)
     shape = (int(place.max(initial=-1)) + 1, int(group.max(initial=-1)) + 1)
     known = np.zeros(shape, bool)
@@ -92,24 +95,25 @@ def lengths(rest: NDArray, seen: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def alone_in_time(values: NDArray, order: NDArray, suspect: NDArray, least: float = 1e-6) -> NDArray:
-    """Return which points (B, T) agree with no others of their target just before or just after them.
+    """Return which observations (B, T) agree with no others of their channel just before or just after them.
 
-    values (B, T, d): where each target was, less where it should be, along the body's axes, m; NaN where it was not
-    seen. order (B,): the poses' ranks in time. suspect (B, T): points that another test rejected. least (m): targets
-    scatter by no less than this. A target seen in fewer than four poses tells nothing: only its suspects count.
+    values (B, T, d): where each channel was, less where it should be, along the group's axes, m; NaN where it was not
+    seen. order (B,): the epochs' ranks in time. suspect (B, T): observations that another test rejected. least (m):
+    channels scatter by no less than this. A channel seen in fewer than four epochs tells nothing: only its suspects
+    count.
     """
     alone = np.zeros(suspect.shape, bool)
     known = np.isfinite(values).all(-1)
     in_time = np.argsort(order, kind="stable")
-    for target in range(values.shape[1]):
-        rows = in_time[known[in_time, target]]
-        own, doubted = values[rows, target], suspect[rows, target]
-        alone[rows, target] = doubted if len(rows) <= _NEIGHBOURS else _alone(own, doubted, least)
+    for channel in range(values.shape[1]):
+        rows = in_time[known[in_time, channel]]
+        own, doubted = values[rows, channel], suspect[rows, channel]
+        alone[rows, channel] = doubted if len(rows) <= _NEIGHBOURS else _alone(own, doubted, least)
     return alone
 
 
 def _alone(own: NDArray, doubted: NDArray, least: float) -> NDArray:
-    """Return which of a target's points (N, d), in time order, are alone."""
+    """Return which of a channel's observations (N, d), in time order, are alone."""
     from scipy.special import chdtri
 
     steps = _lengths(np.diff(own, axis=0))

@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.evidence import log_evidence
-from truing.inference.fitted_model import Stand
+from truing.inference.fitted_model import FittedModel
+from truing.inference.model import OBSERVED
 from truing.inference.noise import NoiseComponents
 from truing.inference.signatures import (
-    POINTS,
-    Channels,
-    ProfileSignatures,
+    ChannelSignatures,
+    Pathways,
+    RotatedChannels,
     Signature,
-    TurnedPoints,
-    profile_signatures,
+    channel_signatures,
+    rotated_channels,
     signature,
-    turned_points,
 )
 
 # Numbers drawn at a time.
@@ -39,7 +39,7 @@ _QUANTILE = 0.02
 _TAIL = 0.01
 # No noise is known to be so normal that smaller p-values would mean anything.
 LEAST_P = 1e-9
-# Single targets with the most evidence that become candidates of their own.
+# Single channels with the most evidence that become candidates of their own.
 _BEST_MEMBERS = 4
 # The probability, within its kind, that what is left of a form that nobody declared is its further terms.
 FURTHER_SHARE = 0.5
@@ -65,12 +65,12 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Profiles:
-    """Candidates over single targets: the kind they belong to, and their signatures."""
+class ChannelFamily:
+    """Candidates over single channels: the kind they belong to, and their signatures."""
 
-    cause: Any  # which makes the candidate of a target and a shape
+    cause: Any  # which makes the candidate of a channel and a shape
     kind: str
-    signatures: ProfileSignatures
+    signatures: ChannelSignatures
 
     @property
     def prior(self) -> float:
@@ -82,10 +82,10 @@ class Profiles:
 class Search:
     """All candidates on one fit; ``shares`` (by kind) are their parts of the budget of false alarms."""
 
-    channels: Channels
+    pathways: Pathways
     noise: NoiseComponents
     candidates: Sequence[Candidate]
-    profiles: Sequence[Profiles]
+    families: Sequence[ChannelFamily]
     shares: dict[str, float]
     draws: int
     rng: np.random.Generator
@@ -96,9 +96,9 @@ class Search:
         found: dict[tuple[str, int], list[float]] = {}
         for candidate in self._seen:
             own = candidate.signature
-            found.setdefault((candidate.kind, own.rank), []).append(own.reading_share)
+            found.setdefault((candidate.kind, own.rank), []).append(own.input_share)
         listed = [Group(kind, rank, float(np.mean(shares))) for (kind, rank), shares in found.items()]
-        listed += [Group(p.kind, p.signatures.parameters, 0.0) for p in self.profiles]
+        listed += [Group(p.kind, p.signatures.parameters, 0.0) for p in self.families]
         return tuple(listed)
 
     @cached_property
@@ -107,7 +107,7 @@ class Search:
 
     @cached_property
     def _banks(self) -> list[tuple[NDArray | slice, list[tuple[NDArray, list[int]]]]]:
-        """Return where candidates on the same channels stand, and, for those of them of one rank r, all unit designs
+        """Return where candidates on the same pathways stand, and, for those of them of one rank r, all unit designs
         (r * n, B * C), first directions first, and which candidates (n,)."""
         by_index: dict[bytes, dict[int, list[int]]] = {}
         for number, candidate in enumerate(self._seen):
@@ -137,17 +137,18 @@ class Search:
         """Return the largest square of every group, (D, groups)."""
         squares = self.squares(along)
         columns = [squares[:, members].max(1) for members in self._members]
-        columns += self._of_profiles(along[:, :, self.channels.places[POINTS]])
+        columns += self._of_families(along[:, :, self.pathways.places[OBSERVED]])
         return np.column_stack(columns) if columns else np.zeros((len(along), 0))
 
-    def _of_profiles(self, points: NDArray) -> list[NDArray]:
-        """Return the largest square (D,) of every set of profiles, from parts (D, B, C) along the channel of points."""
+    def _of_families(self, parts: NDArray) -> list[NDArray]:
+        """Return the largest square (D,) of every set of profiles, from parts (D, B, C) along the pathway of
+        observations."""
         found: list[NDArray] = []
-        last, along = None, points
-        for own in (profiles.signatures for profiles in self.profiles):
-            if own.points is not last:
-                last, along = own.points, own.points.along(points)
-            found.append(own.squares(along).reshape(len(points), -1).max(1))
+        last, along = None, parts
+        for own in (families.signatures for families in self.families):
+            if own.rotated is not last:
+                last, along = own.rotated, own.rotated.along(parts)
+            found.append(own.squares(along).reshape(len(parts), -1).max(1))
         return found
 
     @cached_property
@@ -158,21 +159,22 @@ class Search:
         return list(found.values())
 
     def by_kind(self, maxima: NDArray, noise: tuple[NDArray, NDArray]) -> NDArray:
-        """Return the smallest p of every kind (D, kinds), not corrected; noise levels of points and readings (D,)."""
+        """Return the smallest p of every kind (D, kinds), not corrected; noise levels of observations and inputs
+        (D,)."""
         kinds = kinds_of(self.groups)
         found = np.ones((len(maxima), len(kinds)))
         for number, group in enumerate(self.groups):
-            level = (1.0 - group.reading_share) * noise[0] + group.reading_share * noise[1]
+            level = (1.0 - group.input_share) * noise[0] + group.input_share * noise[1]
             column = kinds.index(group.kind)
             own = f_test(maxima[:, number], group, level, self.noise)
             found[:, column] = np.minimum(found[:, column], own)
         return found
 
     @cached_property
-    def judge(self) -> Judge:
+    def null(self) -> NullDistribution:
         """Return what judges the candidates: the same search on drawn and on flipped residuals."""
         drawn, flipped = [], []
-        height = len(self.channels.whitened.rest)
+        height = len(self.pathways.whitened.rest)
         block = max(_BLOCK // height, 1)
         for first in range(0, self.draws, block):
             count = min(block, self.draws - first)
@@ -180,18 +182,18 @@ class Search:
             flipped.append(self._flipped(count))
         for needed_no_more in ("_banks", "_standard", "_best_rows"):
             self.__dict__.pop(needed_no_more, None)
-        return Judge(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
+        return NullDistribution(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
 
     def _drawn(self, count: int, height: int) -> NDArray:
         rows = self.rng.standard_normal((count, height), np.float32)
-        rows *= self.channels.whitened.present
-        levels = tuple(self.rng.chisquare(nu, count) / nu for nu in (self.noise.points, self.noise.readings))
-        return self.by_kind(self.maxima(self.channels.along(rows)), (levels[0], levels[1]))
+        rows *= self.pathways.whitened.present
+        levels = tuple(self.rng.chisquare(nu, count) / nu for nu in (self.noise.observed, self.noise.inputs))
+        return self.by_kind(self.maxima(self.pathways.along(rows)), (levels[0], levels[1]))
 
     def _flipped(self, count: int) -> NDArray:
         rows = _signs(self.rng, count, len(self._standard)) * self._standard.astype(np.float32)
         level = np.full(count, self._flipped_level)
-        return self.by_kind(self.maxima(self.channels.along(rows)), (level, level))
+        return self.by_kind(self.maxima(self.pathways.along(rows)), (level, level))
 
     @cached_property
     def _standard(self) -> NDArray:
@@ -199,7 +201,7 @@ class Search:
 
         An effect would else widen its own null distribution.
         """
-        whitened, rows = self.channels.whitened, self._best_rows
+        whitened, rows = self.pathways.whitened, self._best_rows
         rest = whitened.rest - rows @ (rows.T @ whitened.rest)
         leverage = whitened.leverage + np.sum(rows**2, 1)
         standard = np.where(leverage < 0.999, rest / np.sqrt(np.maximum(1.0 - leverage, 1e-3)), 0.0)
@@ -208,25 +210,25 @@ class Search:
     @cached_property
     def _best_rows(self) -> NDArray:
         """Return the directions (N, r) of the candidate that the residual speaks for most by itself."""
-        along = self.channels.along(self.channels.whitened.rest[None])
+        along = self.pathways.along(self.pathways.whitened.rest[None])
         squares, found = self.squares(along)[0], []
         for number, candidate in enumerate(self._seen):
-            group = Group(candidate.kind, candidate.signature.rank, candidate.signature.reading_share)
-            noise = self.noise.without(float(squares[number]), group.rank, group.reading_share)
+            group = Group(candidate.kind, candidate.signature.rank, candidate.signature.input_share)
+            noise = self.noise.without(float(squares[number]), group.rank, group.input_share)
             found.append(float(f_test(squares[number], group, noise, self.noise)))
         if not found:
-            return np.zeros((len(self.channels.whitened.rest), 0))
+            return np.zeros((len(self.pathways.whitened.rest), 0))
         best = min(range(len(found)), key=lambda number: (found[number], -squares[number]))
-        return self._seen[best].signature.rows(self.channels)
+        return self._seen[best].signature.rows(self.pathways)
 
     @cached_property
     def _flipped_level(self) -> float:
-        tested = self.channels.whitened.present & (self.channels.whitened.leverage < 0.999)
+        tested = self.pathways.whitened.present & (self.pathways.whitened.leverage < 0.999)
         return float(np.mean(self._standard[tested] ** 2))
 
 
 def _place(index: NDArray) -> NDArray | slice:
-    """Return where channels stand (n,) as a slice where they are neighbours, which are picked without a copy."""
+    """Return where pathways stand (n,) as a slice where they are neighbours, which are picked without a copy."""
     return slice(index[0], index[-1] + 1) if np.all(np.diff(index) == 1) else index
 
 
@@ -241,11 +243,11 @@ class Group:
 
     kind: str
     rank: int
-    reading_share: float
+    input_share: float
 
 
 @dataclass(frozen=True)
-class Judge:
+class NullDistribution:
     """The null distribution of a search: ``drawn`` and ``flipped`` (draws, kinds) hold the smallest p of every kind on
     simulated and on sign-flipped residuals; ``shares`` (by kind) are the parts of the budget of false alarms."""
 
@@ -279,7 +281,7 @@ class Judge:
 
     def corrected(self, squares: float, group: Group) -> float:
         """Return the p-value of a candidate's squares: how often a search of everything finds as much by chance."""
-        noise = self.noise.without(squares, group.rank, group.reading_share)
+        noise = self.noise.without(squares, group.rank, group.input_share)
         statistic = float(self.raw(squares, group, noise) * self.cost[self.kinds.index(group.kind)])
         return min(1.0, max(_share(minima, statistic) for minima in self._minima))
 
@@ -302,7 +304,7 @@ def f_test(squares: NDArray | float, group: Group, noise: NDArray | float, compo
     """Return the F test's p of squares (...) of a group's candidates, at a level of the noise."""
     from scipy.special import fdtrc
 
-    freedom = components.freedom(group.reading_share)
+    freedom = components.freedom(group.input_share)
     return np.asarray(fdtrc(group.rank, max(freedom - group.rank, 1.0), np.asarray(squares) / group.rank / noise))
 
 
@@ -319,70 +321,72 @@ def _share(minima: NDArray, statistic: float) -> float:
     return max(min(drawn, extrapolated), LEAST_P)
 
 
-def search_of(stand: Stand, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Search:
+def search_of(fitted: FittedModel, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Search:
     """Return the search over all candidates that the kinds of cause propose, on what a fitted model leaves."""
-    channels = stand.channels()
-    candidates, profiles = _proposed(stand, channels, kinds), _profiles(stand, channels, kinds)
-    along = channels.along(stand.fit.whitened.rest[None])[0]
-    for own in profiles:
-        candidates += _best_members(stand, channels, own, along)
+    pathways = fitted.pathways()
+    candidates, families = _proposed(fitted, pathways, kinds), _families(fitted, pathways, kinds)
+    along = pathways.along(fitted.fit.whitened.rest[None])[0]
+    for own in families:
+        candidates += _best_members(fitted, pathways, own, along)
     shares = {kind.id: kind.share for kind in kinds}
-    return Search(channels, stand.noise, candidates, profiles, shares, draws, rng)
+    return Search(pathways, fitted.noise, candidates, families, shares, draws, rng)
 
 
-def _proposed(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Candidate]:
+def _proposed(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Any]) -> list[Candidate]:
     found = []
     for kind in kinds:
-        further = opened(stand, [c for own in stand.causes if own.id == kind.id for c in own.further(stand.scene)])
-        for proposed in (opened(stand, kind.candidates(stand.scene)), further):
-            weights = np.array([cause.prior(stand.scene) for cause in proposed])
+        further = opened(
+            fitted, [c for own in fitted.causes if own.id == kind.id for c in own.higher_order_terms(fitted.scene)]
+        )
+        for proposed in (opened(fitted, kind.candidates(fitted.scene)), further):
+            weights = np.array([cause.prior(fitted.scene) for cause in proposed])
             whole = max(weights.sum(), 1e-300) / (FURTHER_SHARE if further else 1.0)
             for cause, weight in zip(proposed, weights / whole, strict=True):
-                found.append(candidate_of(stand, channels, cause, kind.id, float(weight)))
+                found.append(candidate_of(fitted, pathways, cause, kind.id, float(weight)))
     return found
 
 
-def opened(stand: Stand, proposed: Sequence[Any]) -> list[Any]:
+def opened(fitted: FittedModel, proposed: Sequence[Any]) -> list[Any]:
     """Return the causes that the model of a stand has a place for."""
-    return [cause for cause in proposed if not any(own.excludes(cause) for own in stand.causes)]
+    return [cause for cause in proposed if not any(own.excludes(cause) for own in fitted.causes)]
 
 
-def candidate_of(stand: Stand, channels: Channels, cause: Any, kind: str, prior: float) -> Candidate:
-    return Candidate(cause, kind, signature(channels, stand.designer(cause)), prior)
+def candidate_of(fitted: FittedModel, pathways: Pathways, cause: Any, kind: str, prior: float) -> Candidate:
+    return Candidate(cause, kind, signature(pathways, fitted.design_matrix(cause)), prior)
 
 
-def _profiles(stand: Stand, channels: Channels, kinds: Sequence[Any]) -> list[Profiles]:
+def _families(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Any]) -> list[ChannelFamily]:
     found = []
-    turns, scene = stand.model.turns(stand.fit.shared, stand.fit.local), stand.scene
-    points: dict[tuple[tuple[int, ...], bytes], TurnedPoints] = {}  # mostly the same for all
+    rotations, scene = fitted.model.rotations(fitted.fit.shared, fitted.fit.local), fitted.scene
+    rotated: dict[tuple[tuple[int, ...], bytes], RotatedChannels] = {}  # mostly the same for all
     for kind in kinds:
-        for own in kind.profiles(scene):
-            key = own.targets.shape, own.targets.tobytes()
-            points[key] = points.get(key) or turned_points(channels, own.targets, turns, own.patterns)
-            signatures = profile_signatures(points[key], own.values * own.scale, own.usable)
+        for own in kind.channel_candidates(scene):
+            key = own.channels.shape, own.channels.tobytes()
+            rotated[key] = rotated.get(key) or rotated_channels(pathways, own.channels, rotations, own.patterns)
+            signatures = channel_signatures(rotated[key], own.values * own.scale, own.usable)
             if signatures.seen.any():
-                found.append(Profiles(own, kind.id, signatures))
+                found.append(ChannelFamily(own, kind.id, signatures))
     return found
 
 
-def _best_members(stand: Stand, channels: Channels, own: Profiles, along: NDArray) -> list[Candidate]:
-    """Return the candidates over single targets with the most evidence, each target at its best shape."""
+def _best_members(fitted: FittedModel, pathways: Pathways, own: ChannelFamily, along: NDArray) -> list[Candidate]:
+    """Return the candidates over single channels with the most evidence, each channel at its best shape."""
     signatures = own.signatures
-    scores = signatures.scores(signatures.points.along(along[None][:, :, channels.places[POINTS]]))[..., 0]
+    scores = signatures.scores(signatures.rotated.along(along[None][:, :, pathways.places[OBSERVED]]))[..., 0]
     values, vectors = np.linalg.eigh(signatures.gram)
     strengths = np.sqrt(np.maximum(values, 1e-12))
     parts = np.einsum("stpr,stp->str", vectors, scores) / strengths
-    total, freedom = total_of(stand)
+    total, freedom = total_of(fitted)
     odds = np.where(signatures.seen, log_evidence(parts, strengths, total, freedom), -np.inf)
     found = []
-    for target in np.argsort(-odds.max(0), kind="stable")[:_BEST_MEMBERS]:
-        shape = int(np.argmax(odds[:, target]))
-        cause = own.cause.member(int(target), shape) if np.isfinite(odds[shape, target]) else None
-        if cause is not None and cause.key not in stand.model.layout:
-            found.append(candidate_of(stand, channels, cause, own.kind, own.prior))
+    for channel in np.argsort(-odds.max(0), kind="stable")[:_BEST_MEMBERS]:
+        shape = int(np.argmax(odds[:, channel]))
+        cause = own.cause.member(int(channel), shape) if np.isfinite(odds[shape, channel]) else None
+        if cause is not None and cause.key not in fitted.model.layout:
+            found.append(candidate_of(fitted, pathways, cause, own.kind, own.prior))
     return found
 
 
-def total_of(stand: Stand) -> tuple[float, float]:
-    noise = stand.noise
-    return noise.points_total + noise.readings_total, noise.points + noise.readings
+def total_of(fitted: FittedModel) -> tuple[float, float]:
+    noise = fitted.noise
+    return noise.observed_total + noise.inputs_total, noise.observed + noise.inputs

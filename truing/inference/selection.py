@@ -1,7 +1,8 @@
-"""Which causes are accepted into a model of points: forward, the most probable first, everything refitted each time.
+"""Which causes are accepted into a model of observations: forward, the most probable first, everything refitted each
+time.
 
 A cause has to be real (the search's p-value), the most probable of those that are (evidence, in pairs where two explain
-what a third would swallow), and must not predict held-out poses worse. In the end each is asked whether the others
+what a third would swallow), and must not predict held-out epochs worse. In the end each is asked whether the others
 could do without it, and what is left whether its size follows something: then everything is weighted and judged anew.
 """
 
@@ -14,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.fitted_model import Fitter, ScreenedPoint, Stand
+from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
 from truing.inference.model import CausalModel
-from truing.inference.noise import NoiseFollowing, NoiseLevel, noise_level
-from truing.inference.observations import Poses
+from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
+from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_form_of_a_subject, score_round
 from truing.inference.search import Candidate, Search
@@ -62,15 +63,15 @@ class Diagnosis:
     """All verdicts, found ones first; the plain and the final model; all rounds; what was left out."""
 
     verdicts: tuple[Verdict, ...]
-    plain: Stand
-    final: Stand
+    plain: FittedModel
+    final: FittedModel
     rounds: tuple[Round, ...] = field(repr=False)
     search: Search = field(repr=False)  # the last one, in which nothing was left to be found
-    screened: tuple[ScreenedPoint, ...]  # points taken out as gross errors
+    screened: tuple[ScreenedValue, ...]  # observations taken out as gross errors
     noise: NoiseLevel  # what the final model leaves, over what was declared
-    noisy: tuple[tuple[int, NoiseLevel], ...]  # single targets with noise of their own that is larger than declared
-    following: tuple[NoiseFollowing, ...]  # what the noise follows; points were weighted accordingly
-    held_out: Poses | None
+    noisy: tuple[tuple[int, NoiseLevel], ...]  # single channels with noise of their own that is larger than declared
+    noise_dependences: tuple[NoiseDependence, ...]  # what the noise follows; observations were weighted accordingly
+    held_out: Epochs | None
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class _Accepted:
     chosen: Choice
     round: Round
     cause: Any  # in the form that was fitted
-    after: Stand
+    after: FittedModel
 
     @property
     def candidate(self) -> Candidate:
@@ -92,11 +93,11 @@ class _Accepted:
 class _Searched:
     """A search from the plain model to one in which nothing is left to be found."""
 
-    plain: Stand
+    plain: FittedModel
     kept: list[_Accepted]
     refused: list[Verdict]  # which predict worse, or which the others can do without
     rounds: list[Round]
-    final: Stand
+    final: FittedModel
 
     @property
     def search(self) -> Search:
@@ -115,8 +116,8 @@ class Acceptance:
     def __init__(
         self,
         model: CausalModel,
-        calibration: Poses,
-        held_out: Poses | None,
+        calibration: Epochs,
+        held_out: Epochs | None,
         settings: Settings,
         progress: Callable[[str], None] = lambda what: None,
         given: Sequence[Any] = (),
@@ -126,10 +127,10 @@ class Acceptance:
 
     def run(self, kinds: Sequence[Any]) -> Diagnosis:
         """Return what is decided on all kinds of cause of a catalogue."""
-        following: list[NoiseFollowing] = []
+        noise_dependences: list[NoiseDependence] = []
         searched = self._searched(kinds)
-        while more := self._noise_follows(searched.final, _MOST_FOLLOWED - len(following)):
-            following += more
+        while more := self._noise_follows(searched.final, _MOST_FOLLOWED - len(noise_dependences)):
+            noise_dependences += more
             searched = self._searched(kinds)
         fitter, final = self._fitter, searched.final
         return Diagnosis(
@@ -139,27 +140,27 @@ class Acceptance:
             tuple(searched.rounds),
             searched.search,
             tuple(fitter.screened),
-            noise_level(final.fit.whitened, final.measured, fitter.declared_points),
-            tuple(self._noisy_targets(final)),
-            tuple(following),
+            noise_level(final.fit.whitened, final.measured, fitter.declared),
+            tuple(self._noisy_channels(final)),
+            tuple(noise_dependences),
             fitter.held_out,
         )
 
-    def _noisy_targets(self, final: Stand) -> Iterator[tuple[int, NoiseLevel]]:
+    def _noisy_channels(self, final: FittedModel) -> Iterator[tuple[int, NoiseLevel]]:
         """Yield the channels of an instrument whose noise is larger than declared, p-values corrected for their number;
-        of single points there are too few to tell."""
+        of single observations there are too few to tell."""
         own = np.flatnonzero(final.measured.seen.any(0)) if final.measured.size == 1 else ()
-        for target in own:
-            only = np.arange(final.measured.seen.shape[1]) == target
-            level = noise_level(final.fit.whitened, final.measured, self._fitter.declared_points, only)
+        for channel in own:
+            only = np.arange(final.measured.seen.shape[1]) == channel
+            level = noise_level(final.fit.whitened, final.measured, self._fitter.declared, only)
             if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
-                yield int(target), replace(level, p_value=p_value)
+                yield int(channel), replace(level, p_value=p_value)
 
-    def _noise_follows(self, final: Stand, most: int) -> list[NoiseFollowing]:
-        """Return what the noise follows, one after the other, each time with the same causes fitted to points that are
-        weighted accordingly: only once nothing more is found is it worth a search."""
-        found: list[NoiseFollowing] = []
-        while len(found) < most and (more := self._fitter.following(final, self._settings.following_level)):
+    def _noise_follows(self, final: FittedModel, most: int) -> list[NoiseDependence]:
+        """Return what the noise follows, one after the other, each time with the same causes fitted to observations
+        that are weighted accordingly: only once nothing more is found is it worth a search."""
+        found: list[NoiseDependence] = []
+        while len(found) < most and (more := self._fitter.noise_dependence(final, self._settings.following_level)):
             found.append(more)
             self._fitter.reweight(more.factor)
             if len(found) < most:
@@ -179,7 +180,7 @@ class Acceptance:
         verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
         for step in searched.kept:
             plain = first_order(step.round, step.candidate, FOUND, held_out)
-            told = fitted(plain, step.cause, step.round.stand, step.after, final)
+            told = fitted(plain, step.cause, step.round.fitted, step.after, final)
             spread = both_sides(self._fitter, final, step.cause, step.candidate.signature.parameters)
             verdicts.append(replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects))
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds)]
@@ -188,9 +189,9 @@ class Acceptance:
                 verdicts.append(verdict)
         return verdicts
 
-    def _round(self, stand: Stand, kinds: Sequence[Any], number: int) -> Round:
+    def _round(self, fitted: FittedModel, kinds: Sequence[Any], number: int) -> Round:
         self._progress(f"scoring the candidates of {len(kinds)} kinds of cause")
-        return score_round(stand, kinds, self._settings.draws, np.random.default_rng([self._settings.seed, number]))
+        return score_round(fitted, kinds, self._settings.draws, np.random.default_rng([self._settings.seed, number]))
 
     def _forward(self, rounds: list[Round], kinds: Sequence[Any]) -> tuple[list[_Accepted], list[Verdict]]:
         """Return the causes accepted one after the other, and those that predict worse; adds their rounds."""
@@ -202,47 +203,49 @@ class Acceptance:
             if (chosen := choose(current, refused, self._settings.level, pairs=pairs)) is None:
                 break
             chosen, cause, after = self._fitted(chosen, current)
-            together = self._together(after)
-            if predicts_worse(current.stand.held_out, after.held_out, self._covered(cause, after), together):
+            error_groups = self._together(after)
+            if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after), error_groups):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, Reason.HELD_OUT))
                 continue
-            following = self._round(after, kinds, len(rounds))
-            pairs = not chosen.of_two or confirmed(current, chosen, following, self._settings.level, refused)
+            next_round = self._round(after, kinds, len(rounds))
+            pairs = not chosen.of_two or confirmed(current, chosen, next_round, self._settings.level, refused)
             if not pairs:
                 continue
             rounds[-1] = current.closed()
             found.append(_Accepted(chosen.light(), rounds[-1], cause, after))
-            rounds.append(following)
+            rounds.append(next_round)
         return found, worse
 
-    def _fitted(self, chosen: Choice, current: Round) -> tuple[Choice, Any, Stand]:
+    def _fitted(self, chosen: Choice, current: Round) -> tuple[Choice, Any, FittedModel]:
         """Return what was chosen in the form that is fitted, and the model with it; without those of its parts that do
         nothing then."""
         while True:
             own = chosen.candidate.cause
             cause, size = own.refined(), chosen.candidate.signature.parameters
-            after = self._fitter.prepared((*current.stand.causes, cause), current.stand)
+            after = self._fitter.prepared((*current.fitted.causes, cause), current.fitted)
             values, covariance = after.values(cause)
-            least = own.narrowed(values[:size], covariance[:size, :size], after.model.leg_count)
+            least = own.narrowed(values[:size], covariance[:size, :size], after.model.part_count)
             narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
             if narrower is chosen.candidate or not is_real(current, narrower, self._settings.level):
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=())
 
-    def _covered(self, cause: Any, after: Stand) -> NDArray:
-        """Return at which held-out poses (B,) a cause claims to hold."""
+    def _covered(self, cause: Any, after: FittedModel) -> NDArray:
+        """Return at which held-out epochs (B,) a cause claims to hold."""
         held = self._fitter.held_out
         if held is None:
             return np.ones(len(after.measured.seen), bool)
         return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
 
-    def _together(self, after: Stand) -> NDArray | None:
-        """Return which held-out poses (B,) err together."""
+    def _together(self, after: FittedModel) -> NDArray | None:
+        """Return which held-out epochs (B,) err together."""
         held = self._fitter.held_out
         model = after.model if held is None else after.model.at(held.conditions)
-        return model.together  # type: ignore[no-any-return]
+        return model.error_groups  # type: ignore[no-any-return]
 
-    def _dropped(self, found: list[_Accepted], plain: Stand) -> tuple[list[_Accepted], list[Verdict], Stand]:
+    def _dropped(
+        self, found: list[_Accepted], plain: FittedModel
+    ) -> tuple[list[_Accepted], list[Verdict], FittedModel]:
         """Return what is kept once every accepted cause had to show that the others cannot do without it."""
         final, kept = found[-1].after if found else plain, list(found)
         dropped: list[Verdict] = []
@@ -253,22 +256,22 @@ class Acceptance:
                 final = self._fitter.prepared((*self._given, *(other.cause for other in kept)), final)
         return kept, dropped, final
 
-    def _is_needed(self, step: _Accepted, final: Stand, others: Sequence[Any]) -> bool:
+    def _is_needed(self, step: _Accepted, final: FittedModel, others: Sequence[Any]) -> bool:
         """Return whether an accepted cause is still real in the final model, at the search's threshold: by Wald's test,
         or by what a fit of the others without it leaves, since a shape that the data hardly tell widens amplitudes."""
         values, covariance = final.values(step.cause)
         size = step.candidate.signature.parameters
-        judge = step.round.judge
-        group = judge.group_of(step.candidate.kind, step.candidate.signature.rank)
-        limit = judge.threshold(group, self._settings.level)
+        null = step.round.null
+        group = null.group_of(step.candidate.kind, step.candidate.signature.rank)
+        limit = null.threshold(group, self._settings.level)
         squares = float(values[:size] @ np.linalg.solve(covariance[:size, :size], values[:size]))
-        if judge.raw(squares, group, 1.0) <= limit:
+        if null.raw(squares, group, 1.0) <= limit:
             return True
         if step.cause.key == step.candidate.key:  # no shape of its own
             return False
-        without = self._fitter.stand((*self._given, *others), final)
+        without = self._fitter.fitted((*self._given, *others), final)
         gained = float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2))
-        return bool(judge.raw(gained / final.noise_ratio**2, group, 1.0) <= limit)
+        return bool(null.raw(gained / final.noise_ratio**2, group, 1.0) <= limit)
 
     def _rivals(self, kept: Sequence[_Accepted]) -> list[Verdict]:
         """Return the kinds that explain what was found as well, which the campaign cannot tell from it."""
@@ -276,7 +279,7 @@ class Acceptance:
         for step in kept:
             for rival, lead in step.chosen.rivals:
                 if rival.kind != step.candidate.kind and _is_told(rival, lead):
-                    own = self._fitter.stand((*step.round.stand.causes, rival.cause.refined()), step.round.stand)
+                    own = self._fitter.fitted((*step.round.fitted.causes, rival.cause.refined()), step.round.fitted)
                     plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, Reason.RIVAL)
                     odds = step.round.posterior(step.candidate) + lead
                     found.append(replace(plain, own=own, log_odds=odds, rival=step.cause))
@@ -348,17 +351,17 @@ def choose(current: Round, refused: set[str], level: float, *, pairs: bool = Tru
     return Choice(chosen, also, False, _other_subjects(current, chosen))
 
 
-def confirmed(current: Round, choice: Choice, following: Round, level: float, refused: set[str]) -> bool:
+def confirmed(current: Round, choice: Choice, next_round: Round, level: float, refused: set[str]) -> bool:
     """Return whether what was chosen as one of two, and the best beside it once everything was fitted anew, are still
     more probable than any single one that was not refused: before, the evidence of two is an estimate.
 
     So is that of a single one, which is linear in the effect; what leaves nothing real beside it needs no other.
     """
-    left = following.best.values()
-    if not any(is_real(following, c, level) for c in left):
+    left = next_round.best.values()
+    if not any(is_real(next_round, c, level) for c in left):
         return True
     alone = max(current.posterior(c) for kind, c in current.best.items() if kind not in refused)
-    beside = max((following.posterior(c) for c in left), default=0.0)
+    beside = max((next_round.posterior(c) for c in left), default=0.0)
     return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
 
 
@@ -374,12 +377,12 @@ def is_real(current: Round, candidate: Candidate, level: float) -> bool:
 
 def _equals(current: Round, level: float, refused: set[str]) -> list[Candidate]:
     """Return the best candidates of those kinds that stand and are within a factor 20 of the best in evidence."""
-    real = [c for c in current.best.values() if c.kind not in refused and _stands(current, c, level)]
+    real = [c for c in current.best.values() if c.kind not in refused and _holds_up(current, c, level)]
     best = max((current.posterior(c) for c in real), default=0.0)
     return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
 
-def _stands(current: Round, candidate: Candidate, level: float) -> bool:
+def _holds_up(current: Round, candidate: Candidate, level: float) -> bool:
     """Return whether a candidate is real, and a name no remainder of a form that nobody declared.
 
     Such forms are rough, so that something is left of them: beside one, a name has to be told from its further terms,
@@ -388,20 +391,20 @@ def _stands(current: Round, candidate: Candidate, level: float) -> bool:
     """
     if not is_real(current, candidate, level):
         return False
-    forms = [cause for cause in current.stand.causes if not cause.catalogued]
+    forms = [cause for cause in current.fitted.causes if not cause.catalogued]
     if not candidate.cause.catalogued or not forms:
         return True
     told = {cause.subject for cause in forms if cause.subject}  # what concerns all is about nothing in particular
     unnamed = [c for c in current.candidates if not c.cause.catalogued]
-    rests = (current.posterior(c) for c in unnamed if c.cause.goes_on or c.cause.subject in told)
+    rests = (current.posterior(c) for c in unnamed if c.cause.is_higher_order or c.cause.subject in told)
     least = max(max(rests, default=0.0), 0.0) + float(np.log(RIVAL_FACTOR))
     return current.posterior(candidate) >= least and not current.is_remainder(candidate)
 
 
 def _leads(current: Round, first: Candidate, level: float) -> bool:
     """Return whether the first of a pair is accepted: beside forms of a subject as if it came alone."""
-    if any(is_form_of_a_subject(cause) for cause in current.stand.causes):
-        return _stands(current, first, level)
+    if any(is_form_of_a_subject(cause) for cause in current.fitted.causes):
+        return _holds_up(current, first, level)
     return is_real(current, first, level)
 
 
@@ -419,22 +422,22 @@ def _other_subjects(current: Round, chosen: Candidate) -> tuple[tuple[str, float
     return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])
 
 
-def both_sides(fitter: Fitter, final: Stand, cause: Any, size: int) -> NDArray:
+def both_sides(fitter: Fitter, final: FittedModel, cause: Any, size: int) -> NDArray:
     """Return factors (P, P) on the covariance of a cause in the final model, all of whose parameters but the first
     ``size`` are its shape: those that make sigmas of shapes what the wider side's rise of the sum of squares says."""
     values, covariance = final.values(cause)
     wider = np.ones(len(values))
     for place in range(size, len(values)):
         step = _REACH * np.sqrt(covariance[place, place]) * (np.arange(len(values)) == place)
-        held = [cause.held_at((values + way * step)[size:]) for way in (-1.0, 1.0)]
+        held = [cause.with_fixed_shape((values + way * step)[size:]) for way in (-1.0, 1.0)]
         rises = [_rise(fitter, final, cause, own) for own in held if own is not None]
         least = min((np.sqrt(max(rise, 0.0)) for rise in rises), default=_REACH)
         wider[place] = np.clip(_REACH / max(least, 1e-9), 1.0, _WIDEST)
     return np.outer(wider, wider)
 
 
-def _rise(fitter: Fitter, final: Stand, cause: Any, held: Any) -> float:
+def _rise(fitter: Fitter, final: FittedModel, cause: Any, held: Any) -> float:
     """Return by how much the sum of squares rises, in those of the noise, where a cause's shape is held."""
     causes = tuple(held if other is cause else other for other in final.causes)
-    without = fitter.stand(causes, final)
+    without = fitter.fitted(causes, final)
     return float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2)) / final.noise_ratio**2

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.fitted_model import Stand
-from truing.inference.observations import MeasuredPoints, Poses, whitened_columns
+from truing.inference.fitted_model import FittedModel
+from truing.inference.model import OBSERVED
+from truing.inference.observations import Epochs, Observations, whitened_columns
 from truing.inference.prediction import NoiseFloor, PredictionError, prediction_error
 from truing.inference.rounds import Round
 from truing.inference.search import LEAST_P, Candidate
-from truing.inference.signatures import POINTS, Signature
+from truing.inference.signatures import Signature
 
 FOUND, INDISTINGUISHABLE, REJECTED = "found", "indistinguishable", "rejected"
 
@@ -48,7 +49,9 @@ class Verdict:
     values: NDArray  # (P,) SI
     covariance: NDArray  # (P, P)
     candidates: int  # how many were tried together
-    own: Stand | None = None  # the model with it: of a found cause when it was found, of a rival in place of that one
+    own: FittedModel | None = (
+        None  # the model with it: of a found cause when it was found, of a rival in place of that one
+    )
     reason: Reason | None = None
     rival: Any = None  # the cause from which it is indistinguishable
     subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
@@ -61,13 +64,13 @@ class Verdict:
 
 
 def first_order(
-    current: Round, candidate: Candidate, verdict: str, held_out: Poses | None, reason: Reason | None = None
+    current: Round, candidate: Candidate, verdict: str, held_out: Epochs | None, reason: Reason | None = None
 ) -> Verdict:
     """Return a verdict on a candidate with what it would do to a round's model, to first order."""
-    stand, score, own = current.stand, current.scores[candidate.key], candidate.signature
+    fitted, score, own = current.fitted, current.scores[candidate.key], candidate.signature
     values = own.fitted(score.along)
-    sigma = stand.noise_ratio * own.loadings / own.strengths
-    scale = np.array([p.scale for p in candidate.cause.parameters(stand.model.leg_count)])
+    sigma = fitted.noise_ratio * own.loadings / own.strengths
+    scale = np.array([p.scale for p in candidate.cause.parameters(fitted.model.part_count)])
     others = [c for c in current.best.values() if c.kind != candidate.kind]
     return Verdict(
         candidate.cause,
@@ -77,10 +80,10 @@ def first_order(
         current.posterior(candidate),
         score.signal_to_noise,
         current.scale_holds(candidate, others) if verdict == FOUND else None,
-        stand.error,
-        after_first_step(stand, candidate.cause, own, values),
-        _held_out(stand, candidate, values, held_out),
-        stand.floor,
+        fitted.error,
+        after_first_step(fitted, candidate.cause, own, values),
+        _held_out(fitted, candidate, values, held_out),
+        fitted.floor,
         values * scale,
         (sigma @ sigma.T) * np.outer(scale, scale),
         current.tried,
@@ -89,14 +92,14 @@ def first_order(
 
 
 def _held_out(
-    stand: Stand, candidate: Candidate, values: NDArray, held_out: Poses | None
+    fitted: FittedModel, candidate: Candidate, values: NDArray, held_out: Epochs | None
 ) -> tuple[PredictionError | None, PredictionError | None]:
-    """Return what is predicted wrongly of held-out poses, without and with a candidate; of blocks only fits tell."""
-    after = held_out_after_first_step(stand, candidate.cause, candidate.signature, values, held_out)
-    return (None if after is None else stand.held_out), after
+    """Return what is predicted wrongly of held-out epochs, without and with a candidate; of blocks only fits tell."""
+    after = held_out_after_first_step(fitted, candidate.cause, candidate.signature, values, held_out)
+    return (None if after is None else fitted.held_out), after
 
 
-def fitted(verdict: Verdict, cause: Any, before: Stand, after: Stand, final: Stand) -> Verdict:
+def fitted(verdict: Verdict, cause: Any, before: FittedModel, after: FittedModel, final: FittedModel) -> Verdict:
     """Return the verdict on a cause that was accepted: as fitted where it was, with its values in the final model."""
     values, covariance = final.values(cause)
     return replace(
@@ -111,11 +114,11 @@ def fitted(verdict: Verdict, cause: Any, before: Stand, after: Stand, final: Sta
     )
 
 
-def certain(cause: Any, plain: Stand, held_out: Poses | None) -> Verdict:
+def certain(cause: Any, plain: FittedModel, held_out: Epochs | None) -> Verdict:
     """Return the verdict on a cause that was certain before any search, and is in the plain model."""
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
-    shared = plain.model.widened(plain.fit.shared, model)
+    shared = plain.model.embedded(plain.fit.shared, model)
     before = prediction_error(model, plain.measured, plain.fit.frames, shared, model.unpredicted, by_shared=False)
     held = None
     if held_out is not None:
@@ -142,39 +145,39 @@ def certain(cause: Any, plain: Stand, held_out: Poses | None) -> Verdict:
     )
 
 
-def after_first_step(stand: Stand, cause: object, own: Signature, values: NDArray) -> PredictionError:
-    """Return the error on calibration poses once a candidate's parameters (P,), in plausible scales, are taken in."""
-    step = _shared_step(stand, own, values)
-    return _moved(stand.error, stand.measured, cause, values, step)
+def after_first_step(fitted: FittedModel, cause: object, own: Signature, values: NDArray) -> PredictionError:
+    """Return the error on calibration epochs once a candidate's parameters (P,), in plausible scales, are taken in."""
+    step = _shared_step(fitted, own, values)
+    return _moved(fitted.error, fitted.measured, cause, values, step)
 
 
 def held_out_after_first_step(
-    stand: Stand, cause: object, own: Signature, values: NDArray, held_out: Poses | None
+    fitted: FittedModel, cause: object, own: Signature, values: NDArray, held_out: Epochs | None
 ) -> PredictionError | None:
-    """Return the same on held-out poses, None where there are none."""
-    if held_out is None or stand.held_out is None:
+    """Return the same on held-out epochs, None where there are none."""
+    if held_out is None or fitted.held_out is None:
         return None
-    return _moved(stand.held_out, held_out.measured, cause, values, _shared_step(stand, own, values))
+    return _moved(fitted.held_out, held_out.measured, cause, values, _shared_step(fitted, own, values))
 
 
-def _shared_step(stand: Stand, own: Signature, values: NDArray) -> NDArray:
+def _shared_step(fitted: FittedModel, own: Signature, values: NDArray) -> NDArray:
     """Return by how much the shared unknowns (G,) give way to a candidate, in prior sigmas."""
-    return -stand.fit.whitened.from_basis(own.explained @ values)
+    return -fitted.fit.whitened.from_basis(own.explained @ values)
 
 
 def _moved(
-    error: PredictionError, measured: MeasuredPoints, cause: object, values: NDArray, step: NDArray
+    error: PredictionError, measured: Observations, cause: object, values: NDArray, step: NDArray
 ) -> PredictionError:
-    motion = _points_motion(error, cause) @ values
+    motion = _motion(error, cause) @ values
     columns = whitened_columns(measured, error.frames, motion[..., None])[..., 0]
     return error.less(columns + error.by_shared @ step)
 
 
-def _points_motion(error: PredictionError, cause: object) -> NDArray:
-    """Return how the points (B, K, d, P) follow a candidate's parameters, per plausible scale."""
-    designs, poses, size = error.designer(cause), len(error.local), error.measured.size
-    parts = [error.channels[name] @ design[:, None] for name, design in designs.items() if name != POINTS]
-    if POINTS in designs:
-        own = designs[POINTS]
-        parts.append(np.broadcast_to(own, (poses, *own.shape[1:])).reshape(poses, -1, size, own.shape[-1]))
+def _motion(error: PredictionError, cause: object) -> NDArray:
+    """Return how the observations (B, K, d, P) follow a candidate's parameters, per plausible scale."""
+    designs, epochs, size = error.design_matrix(cause), len(error.local), error.measured.size
+    parts = [error.pathways[name] @ design[:, None] for name, design in designs.items() if name != OBSERVED]
+    if OBSERVED in designs:
+        own = designs[OBSERVED]
+        parts.append(np.broadcast_to(own, (epochs, *own.shape[1:])).reshape(epochs, -1, size, own.shape[-1]))
     return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]

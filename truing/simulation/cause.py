@@ -28,6 +28,8 @@ LEG_FIELDS = frozenset({"indicated", "rho", "a", "b", "u", "l", "delta_bz"})
 
 # What a cause may act on.
 POINTS, READINGS, RAYS = "points", "readings", "rays"
+# The pathway by which a cause acts on what is observed itself, as `truing.inference.model` calls it.
+OBSERVED = "observed"
 
 
 class Step(StrEnum):
@@ -60,7 +62,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Told:
+class ReportedParameter:
     """A parameter as the tables tell it: in its own unit; text and counts have no sigma."""
 
     name: str
@@ -113,17 +115,17 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Profiles:
+class ChannelCandidates:
     """Candidates that each shift one target of the bodies' surveys by one of S shapes over the poses, m columns each.
 
     Their parameters are the shifts x, y, z along column 1, then those along column 2. There are as many as targets
-    times shapes, so that they are scored by their shapes; ``member(t, s)`` is the cause for the t-th of ``targets`` and
-    shape s. With ``patterns`` each moves n targets together, and its parameters, q for every column, are those of the
-    pattern.
+    times shapes, so that they are scored by their shapes; ``member(t, s)`` is the cause for the t-th of ``channels``
+    and shape s. With ``patterns`` each moves n targets together, and its parameters, q for every column, are those of
+    the pattern.
     """
 
     values: NDArray  # (S, B, m), without dimension: what a shift is multiplied with
-    targets: NDArray  # (T,) indices into the campaign's targets; (T, n) with patterns
+    channels: NDArray  # (T,) indices into the targets; (T, n) with patterns
     usable: NDArray  # (S, T) whether that target was seen often enough for that shape
     scale: float  # m, one sigma of a plausible shift
     member: Callable[[int, int], Cause]
@@ -175,12 +177,12 @@ class Cause:
         return f"{self.id} {told}".strip()
 
     @property
-    def form_of(self) -> str:
+    def family(self) -> str:
         """Return what this is one of several forms of: a model takes up one of them."""
         return self.key
 
     @property
-    def goes_on(self) -> bool:
+    def is_higher_order(self) -> bool:
         """Return whether it is a further form of one that has to be accepted before."""
         return False
 
@@ -191,7 +193,7 @@ class Cause:
 
     def excludes(self, other: Cause) -> bool:
         """Return whether a model that holds this cause has no place for another: the same in another form."""
-        return self.form_of == other.form_of
+        return self.family == other.family
 
     def settings(self) -> dict[str, Any]:
         """Return its fields, all that a model needs beside the parameters to know the cause again."""
@@ -209,11 +211,11 @@ class Cause:
         """Return the candidates worth testing in a campaign; none where it could not show."""
         return (self,)
 
-    def profiles(self, scene: Scene) -> Sequence[Profiles]:
+    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
         """Return candidates over single targets, which are too many to be told one by one; none for most causes."""
         return ()
 
-    def further(self, scene: Scene) -> Sequence[Cause]:
+    def higher_order_terms(self, scene: Scene) -> Sequence[Cause]:
         """Return forms that go on where this one ends: what it leaves once it is accepted is as likely theirs as that
         of any other form of its kind."""
         return ()
@@ -230,13 +232,13 @@ class Cause:
         """Return the positions of parameters that nature makes no less than zero: a gap, a loss; or none."""
         return ()
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns that it follows where it is no cause of the catalogue; else none."""
         return ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of configurations, beside the readings, without which it cannot be predicted."""
-        return self.follows(legs)
+        return self.inputs(legs)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the parameters for a mechanism with that many legs; none for a discrete cause."""
@@ -264,7 +266,7 @@ class Cause:
         """
         return self
 
-    def held_at(self, shape: NDArray) -> Cause | None:
+    def with_fixed_shape(self, shape: NDArray) -> Cause | None:
         """Return the form with its shape held where the further parameters (P - p,) of a refined one have it.
 
         By it is asked how surely data tell a shape that is far from linear; None where that need not be asked.
@@ -276,11 +278,11 @@ class Cause:
         (P, P) in SI: where an effect is large, what is linear in it only nearly needs them to be chosen."""
         return self
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the parameters as the tables name them, from values (P,) and covariance (P, P) in SI."""
         sigma = np.sqrt(np.diag(covariance))
         named = zip(self.parameters(legs), values, sigma, strict=True)
-        return tuple(Told(p.name, float(v / p.si), float(s / p.si), p.unit) for p, v, s in named)
+        return tuple(ReportedParameter(p.name, float(v / p.si), float(s / p.si), p.unit) for p, v, s in named)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ class Plan(Protocol):
         """What causes may propose candidates from."""
 
     @property
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """How many legs, or channels, parameters are numbered by."""
 
 
@@ -104,7 +104,7 @@ def questions(plan: Plan, seen: Sequence[Sight], wanted: Sequence[str], known: I
     """A question per sort of effect of the wanted causes (all, where none is named), in the order of those known."""
     kinds: list[Cause] = [kind for kind in known if kind.catalogued]
     kinds = [kind for kind in kinds if not wanted or kind.id in wanted]
-    legs = plan.leg_count
+    legs = plan.part_count
     asked = [_question(sort, seen, legs) for sort in sorts(kinds, plan.scene)]
     return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.sort.kind))
 
@@ -132,7 +132,7 @@ def trials(asked: Sequence[Question], plan: Plan, draws: int, nothing: int, seed
 
     One of each comes before the second of any, so that what is there of an interrupted call tells of all.
     """
-    legs = plan.leg_count
+    legs = plan.part_count
     listed = [Trial(_NOTHING, 0.0, (), (seed, 0, 0, number)) for number in range(nothing)]
     for place, question in enumerate(asked):
         if question.expected is None:

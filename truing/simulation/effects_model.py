@@ -46,11 +46,11 @@ class Prediction:
     Points are readings of a bench, numbers of rays; rows of knowledge concern no pose (survey, a prior campaign).
     """
 
-    points: NDArray  # (B, K, 3) m, base frame
+    values: NDArray  # (B, K, 3) m, base frame
     by_shared: NDArray  # (B, K, 3, G) m
     by_local: NDArray  # (B, K, 3, H) m
-    survey_residual: NDArray  # (E,) whitened, measured - predicted
-    survey_by_shared: NDArray  # (E, G) whitened
+    known_residual: NDArray  # (E,) whitened, measured - predicted
+    known_by_shared: NDArray  # (E, G) whitened
     shared_known: NDArray  # (G,) whose prior is knowledge, and not merely wide
     local_known: NDArray  # (H,)
 
@@ -69,16 +69,16 @@ class EffectsModel(ABC):
 
     @property
     @abstractmethod
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """Return the number of legs L."""
 
     @property
-    def zeros(self) -> NDArray | None:
+    def zero_groups(self) -> NDArray | None:
         """Return which readings share a zero: none, since points have frames."""
         return None
 
     @property
-    def together(self) -> NDArray | None:
+    def error_groups(self) -> NDArray | None:
         """Return which poses err together: each stands for itself."""
         return None
 
@@ -111,7 +111,7 @@ class EffectsModel(ABC):
         """Return the number of shared unknowns G."""
         return max(part.stop for part in self.layout.values())
 
-    def widened(self, shared: NDArray, model: Self) -> NDArray:
+    def embedded(self, shared: NDArray, model: Self) -> NDArray:
         """Return shared unknowns of this model as those of another, zero where this one has none."""
         wide = np.zeros(model.shared_size)
         if len(shared):
@@ -125,7 +125,7 @@ class EffectsModel(ABC):
 
     def effect_scale(self, cause: Cause) -> NDArray:
         """Return the plausible scale (P,) of a cause's parameters, SI."""
-        return np.array([parameter.scale for parameter in cause.parameters(self.leg_count)])
+        return np.array([parameter.scale for parameter in cause.parameters(self.part_count)])
 
     def effect_sigma(self, cause: Cause) -> NDArray:
         """Return the prior sigma (P,) that a cause's parameters are fitted with, SI."""
@@ -156,7 +156,7 @@ class RecordedModel(EffectsModel):
         """Return the predicted points (B, K, 3), m, in the model's frame."""
         return self._with_errors(self._recording(shared, local).state.points, shared, local)
 
-    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
+    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
         return self._recording(shared, local).turn
 

@@ -94,7 +94,7 @@ def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, 
     names: dict[tuple[str, str], set[str]] = defaultdict(set)
     scale = np.array([parameter.scale for parameter in cause.parameters(legs)])
     for pattern, count in zip(*_patterns(len(scale)), strict=True):
-        for told in cause.told(size * scale * pattern, np.zeros((len(scale), len(scale))), legs):
+        for told in cause.reported(size * scale * pattern, np.zeros((len(scale), len(scale))), legs):
             if isinstance(told.value, (int, float)) and told.sigma is not None:
                 key = (told.name.rstrip("0123456789_"), told.unit)
                 found[key] += [told.value] * count
@@ -116,7 +116,7 @@ def sorts(kinds: Iterable[Cause], scene: Scene) -> list[Sort]:
 
 
 def _members(kind: Cause, scene: Scene) -> Iterable[Cause]:
-    for profiles in kind.profiles(scene):
+    for profiles in kind.channel_candidates(scene):
         for shape, target in np.argwhere(profiles.usable):
             yield profiles.member(int(target), int(shape))
 

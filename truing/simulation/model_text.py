@@ -95,7 +95,7 @@ def _effect_lines(effect: Effect, covariance: NDArray, legs: int) -> list[str]:
         f"values = {toml_value(exact(effect.values))}",
         "[effects.parameters]",
     ]
-    for told in cause.told(effect.values, covariance, legs):
+    for told in cause.reported(effect.values, covariance, legs):
         value = float(f"{told.value:.10g}") if isinstance(told.value, float) else told.value
         sigma = {} if told.sigma is None else {"sigma": float(f"{told.sigma:.4g}")}
         lines.append(f"{toml_key(told.name)} = {toml_value({'value': value, **sigma, 'unit': told.unit})}")

@@ -59,7 +59,7 @@ class NonparametricEffect(Cause):
         return " ".join(part for part in parts if part)
 
     @property
-    def goes_on(self) -> bool:
+    def is_higher_order(self) -> bool:
         """Return whether it holds the higher-order terms of a form of lower degree."""
         return self.first > 1
 
@@ -79,7 +79,7 @@ class NonparametricEffect(Cause):
                 inside &= np.abs(values - centre) <= half * (1.0 + _EDGE)
         return inside
 
-    def further(self, scene: Scene) -> Sequence[Cause]:
+    def higher_order_terms(self, scene: Scene) -> Sequence[Cause]:
         """Return its next terms; none of a form that is no series."""
         if self.form not in (POLYNOMIAL, WAVES):
             return ()
@@ -90,7 +90,7 @@ class NonparametricEffect(Cause):
         """Return the weight: what is in proportion to one input is likelier than other forms."""
         return _IN_PROPORTION if self.form == POLYNOMIAL and len(self.columns) == self.degree == 1 else 1.0
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the tables that it depends on."""
         return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in self.columns))
 

@@ -42,12 +42,12 @@ def numbers_of(prior: CampaignPrior, model: Any) -> list[Number]:
     causes, found = {cause.key: cause for cause in prior.causes}, []
     for part in prior.parts:
         if part.name in _AXES:
-            found += _of_geometry(part, model.leg_count)
+            found += _of_geometry(part, model.part_count)
         elif part.name in _OF_SENSOR:
             found += _of_sensor(part, model.known.sensor)
         else:
             cause = causes[part.name]
-            for p, scale in zip(cause.parameters(model.leg_count), part.scale, strict=True):
+            for p, scale in zip(cause.parameters(model.part_count), part.scale, strict=True):
                 owner = f"{cause.id} {cause.subject}".strip()
                 found.append(Number(*name_and_leg(p.name), p.unit, float(scale) / p.si, owner))
     return found

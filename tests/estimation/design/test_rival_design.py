@@ -20,8 +20,8 @@ from truing.estimation.design.rival_design import (
     told_apart,
 )
 from truing.estimation.rotation import exp_so3
-from truing.inference.fit import PointFit, fit_points
-from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.fit import Fit, fit_model
+from truing.inference.observations import Frames, Observations
 
 SIGMA = 0.01
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.5]])
@@ -40,11 +40,11 @@ class Conditions:
 class Prediction:
     """Points and derivatives of the model below."""
 
-    points: np.ndarray
+    values: np.ndarray
     by_shared: np.ndarray
     by_local: np.ndarray
-    survey_residual: np.ndarray
-    survey_by_shared: np.ndarray
+    known_residual: np.ndarray
+    known_by_shared: np.ndarray
     shared_known: np.ndarray
     local_known: np.ndarray
 
@@ -70,19 +70,19 @@ class Bending:
         return Prediction(points, by_shared, none, np.empty(0), np.empty((0, 4)), np.ones(4, bool), np.ones(0, bool))
 
 
-def _measured(model: Bending, truth: np.ndarray, rng: np.random.Generator) -> tuple[MeasuredPoints, Frames]:
-    points = model.predict(truth, np.empty((len(model.conditions.readings), 0))).points
+def _measured(model: Bending, truth: np.ndarray, rng: np.random.Generator) -> tuple[Observations, Frames]:
+    points = model.predict(truth, np.empty((len(model.conditions.readings), 0))).values
     R, t = exp_so3(rng.normal(0.0, 0.5, (len(points), 3))), rng.normal(size=(len(points), 3))
     seen = points @ np.swapaxes(R, 1, 2) + t[:, None] + rng.normal(0.0, SIGMA, points.shape)
     cov = np.broadcast_to(np.eye(3) * SIGMA**2, (*points.shape, 3))
-    return MeasuredPoints(seen, cov, np.ones(points.shape[:2], bool)), Frames(R, t)
+    return Observations(seen, cov, np.ones(points.shape[:2], bool)), Frames(R, t)
 
 
-def _fit(model: Bending, measured: MeasuredPoints, frames: Frames) -> PointFit:
-    return fit_points(model, measured, frames, np.zeros(4), np.empty((len(frames.t), 0)))
+def _fit(model: Bending, measured: Observations, frames: Frames) -> Fit:
+    return fit_model(model, measured, frames, np.zeros(4), np.empty((len(frames.t), 0)))
 
 
-def _log_evidence(fit: PointFit) -> float:
+def _log_evidence(fit: Fit) -> float:
     """Return the log marginal likelihood but for what all models of the same data have in common."""
     whitened = fit.whitened
     own = np.log(np.abs(np.diagonal(whitened.local_factor, axis1=1, axis2=2))).sum()
@@ -93,9 +93,9 @@ def _log_evidence(fit: PointFit) -> float:
 class Case:
     """Two rivals after a campaign on one side of zero, where a line and a parabola are nearly the same."""
 
-    measured: MeasuredPoints
+    measured: Observations
     frames: Frames
-    fits: tuple[PointFit, PointFit]
+    fits: tuple[Fit, Fit]
     seen: tuple[Candidates, Candidates]
     odds: float  # log odds of the line against the parabola
 
@@ -104,8 +104,8 @@ class Case:
         fitted = self.seen[right].fitted
         truth = rng.multivariate_normal(fitted.shared, fitted.covariance)
         more, where = _measured(fitted.model.at(Conditions(readings)), truth, rng)
-        names = ("points", "covariance", "seen")
-        both = MeasuredPoints(*(np.concatenate([getattr(self.measured, n), getattr(more, n)]) for n in names))
+        names = ("values", "covariance", "seen")
+        both = Observations(*(np.concatenate([getattr(self.measured, n), getattr(more, n)]) for n in names))
         frames = Frames(np.concatenate([self.frames.R, where.R]), np.concatenate([self.frames.t, where.t]))
         known = np.concatenate([self.seen[0].fitted.model.conditions.readings, readings])
         found = [_log_evidence(_fit(one.fitted.model.at(Conditions(known)), both, frames)) for one in self.seen]
@@ -182,8 +182,8 @@ def _sigma(case: Case, readings: np.ndarray) -> float:
     rng = np.random.default_rng(0)
     model = case.seen[0].fitted.model
     more, where = _measured(model.at(Conditions(readings)), case.fits[0].shared, rng)
-    names = ("points", "covariance", "seen")
-    both = MeasuredPoints(*(np.concatenate([getattr(case.measured, n), getattr(more, n)]) for n in names))
+    names = ("values", "covariance", "seen")
+    both = Observations(*(np.concatenate([getattr(case.measured, n), getattr(more, n)]) for n in names))
     frames = Frames(np.concatenate([case.frames.R, where.R]), np.concatenate([case.frames.t, where.t]))
     known = Conditions(np.concatenate([model.conditions.readings, readings]))
     return float(np.sqrt(_fit(model.at(known), both, frames).whitened.covariance()[3, 3]))

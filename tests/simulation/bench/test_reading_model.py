@@ -76,19 +76,19 @@ def test_derivatives_are_exact(signals: bool) -> None:
             exact = model.points(*at).imag / STEP / noise[..., 0]
             told = slopes[..., n] / noise[..., 0]
             assert_close(told, exact, atol=1e-11 * max(np.abs(exact).max(), 1.0), what=f"{part} {n}")
-    assert_close(found.points, model.points(shared, local), atol=0.0)
+    assert_close(found.values, model.points(shared, local), atol=0.0)
 
 
 def test_candidates_act_as_they_do_once_they_are_among_the_unknowns() -> None:
     """What a search is told of a candidate is the prediction's derivative at zero, whatever was accepted before."""
     model = bench().model(*MANY)
     shared, local = _unknowns(model)
-    designer = model.designer(shared, local)
+    design_matrix = model.design_matrix(shared, local)
     for kind in catalogue_of_readings().values():
         for cause in [c for c in kind.candidates(model.scene) if all(c.key != own.key for own in MANY)][::211]:
             wider = model.with_causes((*model.causes, cause))
-            slopes = wider.predict(model.widened(shared, wider), local).by_shared[:, :, 0, wider.layout[cause.key]]
-            design = designer(cause)["points"]
+            slopes = wider.predict(model.embedded(shared, wider), local).by_shared[:, :, 0, wider.layout[cause.key]]
+            design = design_matrix(cause)["observed"]
             expected = slopes / cause.reach / SIGMA[:, None]
             atol = 1e-11 * max(np.abs(expected).max(initial=0.0), 1e-9)
             assert_close(design / SIGMA[:, None], expected, atol=atol, what=cause.key)

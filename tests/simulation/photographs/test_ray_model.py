@@ -64,7 +64,7 @@ def test_a_camera_that_jumps_is_told_with_the_pose_and_by_how_much() -> None:
     diagnosis = search(off_by("camera left c", 0.5 * (np.arange(POSES) >= 10)))
     assert found(diagnosis) == [("camera-instability", "camera left")]
     verdict = diagnosis.verdicts[0]
-    told_of = {one.name: one for one in verdict.cause.told(verdict.values, verdict.covariance, 0)}
+    told_of = {one.name: one for one in verdict.cause.reported(verdict.values, verdict.covariance, 0)}
     assert told_of["from_pose"].value == 11
     assert abs(told_of["c"].value - 0.5) < 4 * told_of["c"].sigma < 0.5
 
@@ -81,7 +81,7 @@ def test_a_camera_that_differs_from_pose_to_pose_is_told_by_its_scatter() -> Non
     diagnosis = search(off_by("camera left c", loose))
     assert found(diagnosis) == [("camera-instability", "camera left")]
     verdict = diagnosis.verdicts[0]
-    told_of = {one.name: one for one in verdict.cause.told(verdict.values, verdict.covariance, 0)}
+    told_of = {one.name: one for one in verdict.cause.reported(verdict.values, verdict.covariance, 0)}
     assert abs(told_of["c_scatter"].value - np.std(loose, ddof=1)) < 0.2
 
 
@@ -111,7 +111,7 @@ def test_what_follows_a_column_that_no_cause_knows_is_unexplained() -> None:
     verdict = diagnosis.verdicts[0]
     assert verdict.cause.id == "unexplained"
     assert verdict.cause.subject == "camera left"
-    assert verdict.cause.follows(0) == ("rho1_mm",)
+    assert verdict.cause.inputs(0) == ("rho1_mm",)
 
 
 def test_layers_of_air_and_panes_are_told_though_they_are_the_same_in_all_poses() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.photographs.ray_poses import RayParameter, RayPoses
 
 NUMBERS = (
@@ -42,12 +42,12 @@ def ray_poses(seed: int) -> RayPoses:
     return RayPoses(tuple(range(1, POSES + 1)), NUMBERS, names, root, seen, columns, (0.0, float(time[-1])), 20.0, up)
 
 
-def told(rays: RayPoses, off: NDArray, seed: int) -> Poses:
+def told(rays: RayPoses, off: NDArray, seed: int) -> Epochs:
     """What rays tell where the numbers (B, T) are off by so many of their scales."""
     noise = np.random.default_rng([seed, 1]).standard_normal(rays.root.shape[:2])
     values = np.einsum("bkt,bt->bk", rays.root, off) + noise * rays.seen
-    measured = MeasuredPoints(values[..., None], np.ones((*values.shape, 1, 1)), rays.seen)
-    return Poses(measured, rays, Frames.of_numbers(len(rays.poses)))
+    measured = Observations(values[..., None], np.ones((*values.shape, 1, 1)), rays.seen)
+    return Epochs(measured, rays, Frames.of_numbers(len(rays.poses)))
 
 
 def place(name: str) -> int:

@@ -60,7 +60,7 @@ def candidates(kind: Cause) -> list[Cause]:
     scene, made = SCENES.get(kind.acts_on), [cause for cause in MADE if isinstance(cause, type(kind))]
     if scene is None or made:
         return made or [kind]
-    members = [own.member(0, shape) for own in kind.profiles(scene) for shape in range(len(own.values))]
+    members = [own.member(0, shape) for own in kind.channel_candidates(scene) for shape in range(len(own.values))]
     return [*kind.candidates(scene), *members] or [kind]
 
 

@@ -22,8 +22,8 @@ from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 from tests.stages.line import run_line, settings_of
 from tests.tolerance import assert_close
-from truing.inference.fitted_model import Fitter, Stand
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.bench.causes.load_path import LoadEccentricity as Eccentricity
 from truing.simulation.bench.extended_sensor import ExtendedSensor, extended_sensor
 from truing.simulation.bench.known_readings import zeros_of
@@ -114,7 +114,7 @@ def test_one_after_the_other_they_tell_what_both_tell_together(home: Path, first
     gathered = [_gathered(home, seed, None) for seed in (4, 5)]
     alone, whole = _fitted(gathered[0]), _fitted(_together(*gathered))
     started = _gathered(home, 6, write_sensor(_extended(alone)), like=5)
-    after = _extended(Fitter(started.model, started.calibration, None, 0).stand(()))
+    after = _extended(Fitter(started.model, started.calibration, None, 0).fitted(()))
     both = _extended(whole)
     sigma, sigma_after = (np.sqrt(np.diag(model.covariance)) for model in (both, after))
     assert_close(after.values[0], both.values[0], atol=0.01 * sigma[36:].min())
@@ -129,11 +129,11 @@ def _gathered(home: Path, seed: int, earlier: str | None, like: int | None = Non
     return gathered_of(tables if earlier is None else {**tables, "start": earlier}, settings_of(folder))
 
 
-def _fitted(found: Gathered) -> Stand:
-    return Fitter(found.model, found.calibration, None, 0).stand((FZ,))
+def _fitted(found: Gathered) -> FittedModel:
+    return Fitter(found.model, found.calibration, None, 0).fitted((FZ,))
 
 
-def _extended(stand: Stand) -> ExtendedSensor:
+def _extended(stand: FittedModel) -> ExtendedSensor:
     """The model of a fit with the noise as declared."""
     return extended_sensor(stand.model, stand.fit.shared, stand.fit.whitened.covariance(), {"campaign": "first"})
 
@@ -147,15 +147,15 @@ def _together(first: Gathered, second: Gathered) -> Gathered:
     }
     covariates = {n: np.concatenate([v, later.covariates[n]]) for n, v in one.conditions.covariates.items()}
     conditions = replace(one.conditions, covariates=covariates, **arrays)
-    names = ("points", "covariance", "seen")
-    points = MeasuredPoints(*(np.concatenate([getattr(c.measured, n) for c in (one, two)]) for n in names))
+    names = ("values", "covariance", "seen")
+    points = Observations(*(np.concatenate([getattr(c.measured, n) for c in (one, two)]) for n in names))
     known = first.model.known
     model = replace(
         first.model,
         known=replace(known, zeros=zeros_of(conditions.run, points.seen, known.sigma)),
         conditions=conditions,
     )
-    return replace(first, model=model, calibration=Poses(points, conditions, Frames.of_numbers(len(conditions.load))))
+    return replace(first, model=model, calibration=Epochs(points, conditions, Frames.of_numbers(len(conditions.load))))
 
 
 @pytest.mark.parametrize(

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from tests.simulation.bench.sensor_benches import SIGMA, bench
-from truing.inference.fitted_model import Fitter, Stand
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.pulls import pulls
 from truing.simulation.bench.simulation import draw_readings
 
 
-def _fitted(share: float, seed: int) -> Stand:
+def _fitted(share: float, seed: int) -> FittedModel:
     """The plain fit to a campaign of a sensor whose legs have so much in common."""
     own = bench()
     model = own.model(signals=False)
     readings = draw_readings(model.with_share(share), (), np.random.default_rng(seed))[..., None]
     covariance = np.broadcast_to(SIGMA[:6, None, None] ** 2, (*readings.shape, 1)).copy()
-    measured = MeasuredPoints(readings, covariance, own.seen[:, :6])
-    return Fitter(model, Poses(measured, own.conditions, Frames.of_numbers(len(readings))), None, 0).prepared()
+    measured = Observations(readings, covariance, own.seen[:, :6])
+    return Fitter(model, Epochs(measured, own.conditions, Frames.of_numbers(len(readings))), None, 0).prepared()
 
 
 @pytest.mark.parametrize(("share", "low", "high", "own"), [(1.0, 0.99, 1.0, False), (0.1, 0.0, 0.5, True)])

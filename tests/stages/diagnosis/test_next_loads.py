@@ -22,9 +22,9 @@ from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 from tests.stages.line import run_line, settings_of
 from tests.tolerance import assert_between
 from truing.estimation.design.rival_design import Fitted
-from truing.inference.fit import PointFit, fit_points
-from truing.inference.fitted_model import Fitter, Stand
-from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.fit import Fit, fit_model
+from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.observations import Frames, Observations
 from truing.inference.selection import Diagnosis
 from truing.simulation.bench.causes.stiffness import Hysteresis
 from truing.simulation.bench.causes.stiffness import StiffnessNonlinear as Nonlinear
@@ -91,7 +91,7 @@ def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> 
 
 
 @pytest.fixture(scope="module")
-def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Stand], PossibleRuns, Plan]:
+def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[FittedModel], PossibleRuns, Plan]:
     """A softer sensor or one that gets softer towards its range's ends, where it was only ever loaded fully."""
     made = draw_campaign(FULL_LOADS, [StiffnessScale(2, -0.01)], np.random.default_rng(6))
     folder = write_campaign(made, tmp_path_factory.mktemp("next") / "soft", 1)
@@ -111,7 +111,7 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Stand], Possibl
     return stands, options[0], plan
 
 
-def test_the_loads_tell_apart_as_much_as_they_promise(soft: tuple[list[Stand], PossibleRuns, Plan]) -> None:
+def test_the_loads_tell_apart_as_much_as_they_promise(soft: tuple[list[FittedModel], PossibleRuns, Plan]) -> None:
     """Both causes refitted to readings that are drawn with either of them: the odds that can be expected at least."""
     rng, (stands, options, plan) = np.random.default_rng(9), soft
     further = _conditions(options, plan.choice.chosen, stands[0].model)
@@ -136,7 +136,11 @@ def _conditions(options: PossibleRuns, chosen: Sequence[int], model: ReadingMode
 
 
 def _odds_after(
-    stands: Sequence[Stand], options: PossibleRuns, further: ReadingConditions, right: int, rng: np.random.Generator
+    stands: Sequence[FittedModel],
+    options: PossibleRuns,
+    further: ReadingConditions,
+    right: int,
+    rng: np.random.Generator,
 ) -> float:
     """The log odds of the right one after further runs, whose truth is drawn as it is known."""
     fitted, measured = next_run(stands[right]), stands[0].measured
@@ -145,11 +149,11 @@ def _odds_after(
     sigma, zero = options.readout.sigma, options.readout.zero
     _, run = np.unique(further.run, return_inverse=True)
     read = exact + zero * rng.normal(size=(run.max() + 1, len(zero)))[run] + sigma * rng.normal(size=exact.shape)
-    more = MeasuredPoints(
+    more = Observations(
         read[..., None], np.broadcast_to(sigma[:, None, None] ** 2, (*read.shape, 1, 1)), np.ones(read.shape, bool)
     )
-    names = ("points", "covariance", "seen")
-    both = MeasuredPoints(*(np.concatenate([getattr(measured, name), getattr(more, name)]) for name in names))
+    names = ("values", "covariance", "seen")
+    both = Observations(*(np.concatenate([getattr(measured, name), getattr(more, name)]) for name in names))
     after = [_fit(stand.model, _joined(stand.model.conditions, further), both) for stand in stands]
     return _log_odds(*after) if right == 0 else -_log_odds(*after)
 
@@ -160,14 +164,14 @@ def _joined(first: ReadingConditions, second: ReadingConditions) -> ReadingCondi
     return replace(first, covariates=covariates, **arrays)
 
 
-def _fit(model: ReadingModel, conditions: ReadingConditions, measured: MeasuredPoints) -> PointFit:
+def _fit(model: ReadingModel, conditions: ReadingConditions, measured: Observations) -> Fit:
     zeros = zeros_of(conditions.run, measured.seen, model.known.sigma)
     whole = replace(model, known=replace(model.known, zeros=zeros), conditions=conditions)
     local = np.zeros((len(conditions.load), whole.local_size))
-    return fit_points(whole, measured, Frames.of_numbers(len(local)), np.zeros(whole.shared_size), local)
+    return fit_model(whole, measured, Frames.of_numbers(len(local)), np.zeros(whole.shared_size), local)
 
 
-def _log_odds(first: PointFit, second: PointFit) -> float:
+def _log_odds(first: Fit, second: Fit) -> float:
     """The log ratio of marginal likelihoods."""
     both = [
         -0.5 * w.rest @ w.rest + 0.5 * np.linalg.slogdet(w.covariance())[1] for w in (first.whitened, second.whitened)

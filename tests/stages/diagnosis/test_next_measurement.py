@@ -19,8 +19,8 @@ from tests.simulation.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_between
 from truing.estimation.design.rival_design import Fitted
 from truing.estimation.rotation import exp_so3
-from truing.inference.fit import PointFit, fit_points
-from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.fit import Fit, fit_model
+from truing.inference.observations import Frames, Observations
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import AdviceKind
@@ -54,7 +54,7 @@ class Case:
 
     measured: Measured
     fitted: tuple[Fitted, Fitted]
-    fits: tuple[PointFit, PointFit]
+    fits: tuple[Fit, Fit]
 
     def gain(self, conditions: Conditions, rng: np.random.Generator) -> float:
         """Return by how much the log odds of the first grow with more poses, its truth drawn as it is known.
@@ -67,8 +67,8 @@ class Case:
         truth = first.shared.copy()
         truth[others] += rng.multivariate_normal(np.zeros(len(others)), first.given(seat))
         more = _measure(first.model.at(conditions), truth, rng)
-        names = ("points", "covariance", "seen")
-        both = MeasuredPoints(
+        names = ("values", "covariance", "seen")
+        both = Observations(
             *(np.concatenate([getattr(self.measured.points, n), getattr(more.points, n)]) for n in names)
         )
         frames = Frames(*(np.concatenate([getattr(self.measured.frames, n), getattr(more.frames, n)]) for n in "Rt"))
@@ -88,15 +88,15 @@ def _measure(model: PointModel, truth: np.ndarray, rng: np.random.Generator) -> 
     R, t = exp_so3(rng.normal(0.0, 1.0, (count, 3))), rng.normal(0.0, 0.5, (count, 3))
     seen = points @ np.swapaxes(R, 1, 2) + t[:, None] + rng.normal(0.0, SIGMA_M, points.shape)
     covariance = np.broadcast_to(np.eye(3) * SIGMA_M**2, (*points.shape, 3))
-    return Measured(MeasuredPoints(seen, covariance, np.ones(points.shape[:2], bool)), Frames(R, t))
+    return Measured(Observations(seen, covariance, np.ones(points.shape[:2], bool)), Frames(R, t))
 
 
-def _fit(model: PointModel, measured: MeasuredPoints, frames: Frames, shared: np.ndarray | None = None) -> PointFit:
+def _fit(model: PointModel, measured: Observations, frames: Frames, shared: np.ndarray | None = None) -> Fit:
     start = np.zeros(model.shared_size) if shared is None else shared
-    return fit_points(model, measured, frames, start, np.zeros((len(frames.t), model.local_size)))
+    return fit_model(model, measured, frames, start, np.zeros((len(frames.t), model.local_size)))
 
 
-def _log_odds(first: PointFit, second: PointFit) -> float:
+def _log_odds(first: Fit, second: Fit) -> float:
     """Return the log ratio of marginal likelihoods, but for what does not change with more poses."""
     both = []
     for fit in (first, second):
@@ -119,7 +119,7 @@ def _plain(rng: np.random.Generator, covariates: Mapping[str, np.ndarray]) -> tu
 
 def _case(model: PointModel, truth: np.ndarray, first: object, second: object, value: float) -> Case:
     right, wrong = model.with_causes((first,)), model.with_causes((second,))
-    wide = model.widened(truth, right)
+    wide = model.embedded(truth, right)
     wide[right.layout[first.key]] = value / right.effect_sigma(first)
     measured = _measure(right, wide, np.random.default_rng(8))
     fits = tuple(_fit(one, measured.points, measured.frames) for one in (right, wrong))

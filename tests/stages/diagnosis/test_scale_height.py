@@ -8,7 +8,7 @@ import pytest
 
 from stages.diagnosis.scale_height import scale_height
 from truing.estimation.rotation import exp_so3
-from truing.inference.observations import Frames, MeasuredPoints, Poses
+from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.mechanisms.unknowns import Conditions
 
 RNG = np.random.default_rng(4)
@@ -18,13 +18,13 @@ MEASURED = np.einsum("bij,kj->bki", TURN, INSIDE) + SHIFT[:, None]
 NAMES = ("S1", "S2", "T1", "T2", "P1", "P2")
 
 
-def poses() -> Poses:
+def poses() -> Epochs:
     points = MEASURED[:, 4:].copy()
     seen = np.array([[True, True], [True, True], [True, False]])
     points[~seen] = np.nan
     conditions = Conditions(np.zeros((3, 0)), poses=(1, 2, 3))
-    measured = MeasuredPoints(points, np.ones((3, 2, 1, 1)) * np.eye(3), seen)
-    return Poses(measured, conditions, Frames(TURN, SHIFT))
+    measured = Observations(points, np.ones((3, 2, 1, 1)) * np.eye(3), seen)
+    return Epochs(measured, conditions, Frames(TURN, SHIFT))
 
 
 def tables(serves: tuple[str, str]) -> dict[str, pa.Table]:

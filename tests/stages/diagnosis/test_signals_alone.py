@@ -59,7 +59,7 @@ def predicted(found, effects=()):
 def test_rows_that_were_exchanged_are_certain_without_geometry_or_declared_noise(rng):
     found = gathered(exchange(signals(rng), (3, 1), (3, 3), "fz_n"), {"campaign": WITHOUT["campaign"]})
     assert [cause.subject for cause in found.given] == ["run 3"]
-    told = {one.name: one.value for one in found.given[0].told(np.zeros(0), np.zeros((0, 0)), 6)}
+    told = {one.name: one.value for one in found.given[0].reported(np.zeros(0), np.zeros((0, 0)), 6)}
     assert told == {"rows": "3/1 3/3", "components": "fz"}
     noise = 1e3 * np.sqrt(found.calibration.measured.covariance[0, 6:, 0, 0])
     assert_between(noise.min(), 0.5 * SIGNAL_MV, SIGNAL_MV)
@@ -90,8 +90,8 @@ def test_a_good_table_has_no_exchanged_rows(rng):
 
 def test_zeros_of_tared_signals_are_no_matter_of_choice(rng):
     tared, free = (gathered(signals(rng), drawn(**more)).model for more in ({"zero_mv": 0.05}, {}))
-    assert (tared.zeros[:, 6:] == -1).all()
-    assert (free.zeros[:, 6:] >= 0).all()
+    assert (tared.zero_groups[:, 6:] == -1).all()
+    assert (free.zero_groups[:, 6:] >= 0).all()
     zeros = tared.known.zeros
     assert_close(zeros.sigma[zeros.channel >= 6], np.full(36, 5e-5), atol=1e-12)
     assert zeros.known.all()

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.fit import linearise
-from truing.inference.observations import Frames, MeasuredPoints
+from truing.inference.observations import Frames, Observations
 
 # Directions of the unknowns in which all candidates together see less than this share of the noise's variance are left
 # out: they change no squared distance by as much.
@@ -147,7 +147,7 @@ def candidates(fitted: Fitted, conditions: Any, instrument: Instrument) -> Candi
     """Return poses at new conditions as a fitted model sees them."""
     model = fitted.model.at(conditions)
     count, targets = len(conditions.readings), len(instrument.covariance)
-    origin = MeasuredPoints(
+    origin = Observations(
         np.zeros((count, targets, 3)),
         np.broadcast_to(instrument.covariance, (count, targets, 3, 3)),
         np.ones((count, targets), bool),

@@ -49,7 +49,7 @@ def run_candidates(fitted: Fitted, runs: Runs, readout: Readout) -> Candidates:
     whole = len(runs.conditions.readings)
     found = model.predict(fitted.shared, np.zeros((whole, model.local_size)))
     weight = 1.0 / readout.sigma[:, None]
-    predicted = runs.by_run((found.points[:, :, 0] * weight[:, 0])[..., None])[..., 0]
+    predicted = runs.by_run((found.values[:, :, 0] * weight[:, 0])[..., None])[..., 0]
     rows = runs.by_run(found.by_shared[:, :, 0] * weight)
     of_steps = _of_steps(runs.by_run(found.by_local[:, :, 0] * weight), runs.steps)
     own = np.concatenate([of_steps, _zeros(runs, readout)], -1)

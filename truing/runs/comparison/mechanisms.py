@@ -36,7 +36,7 @@ def mechanism_numbers(found: ExtendedModel) -> pd.DataFrame:
     ]
     for effect in model.effects(found.shared):
         spreads = sigma[model.layout[effect.cause.key]] * model.effect_sigma(effect.cause)
-        rows += effect_rows(effect.cause, effect.values, spreads, model.leg_count)
+        rows += effect_rows(effect.cause, effect.values, spreads, model.part_count)
     return pd.DataFrame(rows, columns=[*NAMES, "value", "sigma", "unit"])
 
 

@@ -43,7 +43,7 @@ def mechanism_of(run: Run) -> str:
     """Return the mechanism of a run, as ``6-pus of 6 legs``; empty where it has left no model that tells."""
     model = run.model
     if isinstance(model, ExtendedModel):
-        return f"{model.model.nominal.closure.name} of {model.model.leg_count} legs"
+        return f"{model.model.nominal.closure.name} of {model.model.part_count} legs"
     return ""
 
 

@@ -20,7 +20,7 @@ from truing.simulation.axis.rows import (
     AxisRows,
     AxisScene,
 )
-from truing.simulation.cause import Cause, Kind, Parameter, Profiles, Step, Told
+from truing.simulation.cause import Cause, ChannelCandidates, Kind, Parameter, ReportedParameter, Step
 
 AXES = "axes"  # what these causes act on
 # The most ordinary element first: where readings cannot tell two apart, it is named, and the other beside it.
@@ -141,7 +141,7 @@ class ZeroShift(AxisCause):
                 found += [self._of(own, name, first, start, event) for name in _shown(own.axis)]
         return found
 
-    def profiles(self, scene: Any) -> Sequence[Profiles]:
+    def channel_candidates(self, scene: Any) -> Sequence[ChannelCandidates]:
         """Return every element from every row on that has some rows on either side."""
         own: AxisScene = scene
         in_time = np.argsort(own.rows.order, kind="stable")
@@ -159,7 +159,7 @@ class ZeroShift(AxisCause):
             return self._of(own, elements[element], row, float(own.rows.time_s[row]), "")
 
         scale = _PLAUSIBLE[own.axis.kind]
-        return [Profiles(late[..., None].astype(float), each, usable, scale, member, patterns)]
+        return [ChannelCandidates(late[..., None].astype(float), each, usable, scale, member, patterns)]
 
     def _of(self, scene: AxisScene, element: str, row: int, start: float, event: str) -> ZeroShift:
         pose = scene.rows.poses[row]
@@ -174,10 +174,14 @@ class ZeroShift(AxisCause):
         late = (rows.time_s >= self.from_s).astype(float)
         return (late[:, None] * axis.response(self.element))[..., None]
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the shift, and since when."""
-        since = Told("event", self.event, None, "") if self.event else Told("from_pose", str(self.from_pose), None, "")
-        return (*super().told(values, covariance, legs), since)
+        since = (
+            ReportedParameter("event", self.event, None, "")
+            if self.event
+            else ReportedParameter("from_pose", str(self.from_pose), None, "")
+        )
+        return (*super().reported(values, covariance, legs), since)
 
 
 def _shown(axis: Axis, elements: Sequence[str] = _ELEMENTS) -> list[str]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.axis.causes import AxisCause
 from truing.simulation.axis.rows import Axis, AxisRows, AxisScene, encoder_targets
-from truing.simulation.cause import Cause
+from truing.simulation.cause import OBSERVED, Cause
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.mechanisms.model import Prediction
 from truing.simulation.targets import Targets
@@ -32,7 +32,7 @@ class AxisModel(EffectsModel):
     command_sigma: float = 0.0
 
     @property
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """Return the number of legs: none."""
         return 0
 
@@ -55,7 +55,7 @@ class AxisModel(EffectsModel):
         return np.zeros(self.local_size, bool)
 
     @property
-    def bodies(self) -> NDArray:
+    def channel_groups(self) -> NDArray:
         """Return the number of each encoder's noise (K,): one for all.
 
         A single encoder has too few readings to tell its noise from an effect on most of them.
@@ -89,7 +89,7 @@ class AxisModel(EffectsModel):
         """Return the model with the noise of commands so many times as large; there is no survey."""
         return replace(self, command_sigma=self.command_sigma * readings)
 
-    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
+    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return how readings follow shifts of them, (B, K, 1, 1): by one."""
         return np.ones((len(self.rows.command), len(self.axis.encoders), 1, 1))
 
@@ -110,13 +110,13 @@ class AxisModel(EffectsModel):
         rows = np.empty(0), np.empty((0, self.shared_size if by_shared else 0))
         return Prediction(points, slopes, by_local, *rows, known, ~self.unpredicted)
 
-    def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return no channel: a cause tells what it does to the readings."""
         return {}
 
-    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
-        """Return what tells a cause's change of the channel ``points``, (B, K, P), per plausible scale."""
-        return lambda cause: {"points": self._slopes(cause) * self.effect_scale(cause)}
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+        """Return what tells a cause's change of the pathway ``observed``, (B, K, P), per plausible scale."""
+        return lambda cause: {OBSERVED: self._slopes(cause) * self.effect_scale(cause)}
 
     def _by_shared(self, shape: tuple[int, ...]) -> NDArray:
         slopes = np.zeros((*shape[:2], self.shared_size))

@@ -17,7 +17,7 @@ from truing.simulation.bench.forward_pass import ReadingPassage, passed
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps
 from truing.simulation.bench.six_upur.uncertain_sensor import Response
-from truing.simulation.cause import Cause, Scene, Step
+from truing.simulation.cause import OBSERVED, Cause, Scene, Step
 from truing.simulation.effects_model import EffectsModel, Prediction, Split, laid_out
 from truing.simulation.targets import Targets
 
@@ -36,7 +36,7 @@ class ReadingModel(EffectsModel):
     conditions: ReadingConditions
 
     @property
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """Return the number of legs."""
         return _AXES
 
@@ -67,7 +67,7 @@ class ReadingModel(EffectsModel):
         return np.zeros(self.local_size, bool)
 
     @property
-    def bodies(self) -> NDArray:
+    def channel_groups(self) -> NDArray:
         """Return the number of each channel's noise (K,): one for displacements, rotations and signals each.
 
         A single channel has too few readings to tell its noise from an effect on most of them.
@@ -82,14 +82,14 @@ class ReadingModel(EffectsModel):
         return Targets(np.full(count, _NO_BODY), np.full(count, _NO_LEG), self.known.channels, own)
 
     @cached_property
-    def zeros(self) -> NDArray:
+    def zero_groups(self) -> NDArray:
         """Return the number (B, K) of the run and channel whose zero a reading counts from; -1 for tared signals."""
         count, own = len(self.known.channels), self.known.zeros
         tared = np.isin(np.arange(count), own.channel[own.known & (own.channel >= len(CHANNELS))])
         return np.where(tared, -1, self.steps.code[:, None] * count + np.arange(count))
 
     @property
-    def together(self) -> NDArray:
+    def error_groups(self) -> NDArray:
         """Return the numbers of the runs (B,), whose steps err together."""
         return self.steps.code
 
@@ -157,7 +157,7 @@ class ReadingModel(EffectsModel):
         """Return the wrenches (B, 6) that truly act, N and N m, at shared (G,) and local (B, H) unknowns."""
         return self._passage(shared, local).state.wrench
 
-    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
+    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return how readings follow shifts of them, (B, K, 1, 1): by one."""
         return np.ones((*self.conditions.load.shape[:1], len(self.known.channels), 1, 1))
 
@@ -177,17 +177,17 @@ class ReadingModel(EffectsModel):
             ~self.unpredicted,
         )
 
-    def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return no channel: what acts on a bench is told by what it does to the readings, whatever they remember."""
         return {}
 
-    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
-        """Return what tells a cause's change of the channel ``points``, (B, K, P), per plausible scale."""
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+        """Return what tells a cause's change of the pathway ``observed``, (B, K, P), per plausible scale."""
         passage = self._passage(shared, local)
 
         def found(cause: Cause) -> dict[str, NDArray]:
             values = np.zeros(len(cause.parameters(_AXES)))
-            return {"points": passage.of_cause(cause, values) * self.effect_scale(cause)}
+            return {OBSERVED: passage.of_cause(cause, values) * self.effect_scale(cause)}
 
         return found
 

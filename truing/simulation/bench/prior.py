@@ -68,7 +68,7 @@ def sensor_prior(found: ExtendedSensor, model: ReadingModel) -> SensorPrior:
     Tolerances are taken to be those of the next one. Effects that it cannot predict, for want
     of a column, are left out.
     """
-    causes = persistent_causes(found.causes, model.leg_count, model.steps.covariates, model.known.channels)
+    causes = persistent_causes(found.causes, model.part_count, model.steps.covariates, model.known.channels)
     sensor = replace(model.known.sensor, share=found.share)
     start, rows = _behind(sensor, found.compliance)
     left, size, right = np.linalg.svd(rows, full_matrices=False)

@@ -24,7 +24,7 @@ def draw_readings(
     hidden = model.with_causes([effect.cause for effect in effects])
     known = model.with_causes(())
     drawn = np.where(_is_known(known), rng.standard_normal(known.shared_size), 0.0)
-    shared = known.widened(drawn, hidden)
+    shared = known.embedded(drawn, hidden)
     for effect in effects:
         shared[hidden.layout[effect.cause.key]] = effect.values / hidden.effect_sigma(effect.cause)
     local = rng.standard_normal((len(model.conditions.load), model.local_size))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.simulation.cause import Cause, Scene, Step
+from truing.simulation.cause import OBSERVED, Cause, Scene, Step
 from truing.simulation.effects_model import COMMON, Prediction, RecordedModel, laid_out
 from truing.simulation.mechanisms.forward_pass import Met, Passage, moved_by_shape
 from truing.simulation.mechanisms.legs.geometry import Closure, Legs
@@ -97,12 +97,12 @@ class BodyModel(RecordedModel):
         return self.conditions.pose_errors
 
     @property
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """Return the number of legs: none."""
         return 0
 
     @cached_property
-    def bodies(self) -> NDArray:
+    def channel_groups(self) -> NDArray:
         """Return the number of each target's body (K,)."""
         return self.targets.body - FIRST_BODY
 
@@ -203,17 +203,17 @@ class BodyModel(RecordedModel):
         self._fill_common(slopes)
         return slopes
 
-    def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return no channel: what acts on bodies moves their points."""
         return {}
 
-    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
-        """Return what tells a cause's change of the channel ``points``, (B or 1, 3 K, P), per plausible scale."""
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+        """Return what tells a cause's change of the pathway ``observed``, (B or 1, 3 K, P), per plausible scale."""
         recording = self._recording(shared, local)
 
         def found(cause: Cause) -> dict[str, NDArray]:
             told = designs(recording, cause, self.effect_scale(cause))
-            return {name: design for name, design in told.items() if name == "points"}
+            return {name: design for name, design in told.items() if name == OBSERVED}
 
         return found
 
@@ -225,7 +225,7 @@ class BodyModel(RecordedModel):
         return known
 
     def _name(self, body: int) -> str:
-        return self.targets.bodies[int(np.flatnonzero(self.bodies == body)[0])]
+        return self.targets.bodies[int(np.flatnonzero(self.channel_groups == body)[0])]
 
     def _seat(self, body: int, level: int = 0) -> slice:
         first = self.layout["seat"].start + _POSE * (int(self.known.levels[:body].sum()) + level)
@@ -249,7 +249,8 @@ class BodyModel(RecordedModel):
     @cached_property
     def _centres(self) -> NDArray:
         """Return the mean place (N, 3) of each body's targets in its frame."""
-        return np.stack([self.known.shape[self.bodies == body].mean(0) for body in range(len(self.known.levels))])
+        own = (self.channel_groups == body for body in range(len(self.known.levels)))
+        return np.stack([self.known.shape[there].mean(0) for there in own])
 
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         """Return what is recorded of the bodies with the effects in force."""
@@ -258,7 +259,7 @@ class BodyModel(RecordedModel):
         kind = np.result_type(places, shared, local)
         points, turn = np.empty(places.shape, kind), np.empty((*places.shape, 3), kind)
         for body, centre in enumerate(self._centres):
-            own, pose = self.bodies == body, self._pose(body, shared, local)
+            own, pose = self.channel_groups == body, self._pose(body, shared, local)
             start = self.conditions.R[:, body]
             R = exp_so3(pose[:, 3:]) @ start
             middle = self.conditions.t[:, body] + start @ centre + pose[:, :3]
@@ -302,7 +303,7 @@ class BodyModel(RecordedModel):
         """Yield each body, its targets, and how these (B, k, 3, 6) follow a shift and a rotation vector of its pose."""
         turn, places = recording.state.turn, self._places(recording.passage)
         for body, centre in enumerate(self._centres):
-            own = self.bodies == body
+            own = self.channel_groups == body
             arms = np.einsum("bkij,bkj->bki", turn[:, own], places[:, own] - centre)
             jacobian = left_jacobian_so3(self._pose(body, shared, local)[:, 3:])
             slope = np.empty((*arms.shape, _POSE))

@@ -93,10 +93,10 @@ def survey_noise(model: Unknowns) -> NDArray:
     """Return the noise (K,), m, of the survey of each body, as its unknown shape has it: all but a rigid motion."""
     squares = np.sum(model.known.survey.modes**2, (1, 2))
     sigma = np.zeros(len(squares))
-    for body in np.unique(model.bodies):
-        own = (model.bodies == body) & ~model.targets.at_attachment
+    for body in np.unique(model.channel_groups):
+        own = (model.channel_groups == body) & ~model.targets.at_attachment
         free = 3 * own.sum() - 6 * (body < LEG and own.sum() >= LEAST_FRAME)
-        sigma[model.bodies == body] = np.sqrt(squares[own].sum() / max(free, 1))
+        sigma[model.channel_groups == body] = np.sqrt(squares[own].sum() / max(free, 1))
     return sigma
 
 
@@ -153,8 +153,8 @@ def _predicted(
         by_shared, by_local = model.pose_derivatives(shared, local)
     else:
         found = model.predict(shared, local)
-        p, R = _framed(model, found.points)
-        by_shared, by_local = (_twists(model, found.points, p, by) for by in (found.by_shared, found.by_local))
+        p, R = _framed(model, found.values)
+        by_shared, by_local = (_twists(model, found.values, p, by) for by in (found.by_shared, found.by_local))
     of_model = by_shared @ covariance @ np.swapaxes(by_shared, 1, 2)
     return p, R, of_model + by_local @ np.swapaxes(by_local, 1, 2), of_model, state.converged
 

@@ -98,7 +98,7 @@ class PointModel(Unknowns):
         self._fill_pose_errors(slopes)
         return slopes
 
-    def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return how recorded points (B, K, 3, n), m, follow each channel by which a cause may act, per SI unit.
 
         ``rho``, ``l``, ``delta_bz`` (n = L) and a, b, u (n = 3 L, leg by leg), as far as the closure has them. A
@@ -114,10 +114,10 @@ class PointModel(Unknowns):
             found[name] = recording.recorded(recording.motion(change, structure if name == "rho" else ()))
         return found
 
-    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
         """Return what tells a cause's change of each channel, (B or 1, n, P), per plausible scale of its parameters.
 
-        Targets that it moves are told on the channel ``points``, n = 3 K, whose motions are the identity.
+        Targets that it moves are told on the pathway ``observed``, n = 3 K, whose motions are the identity.
         """
         recording = self._recording(shared, local)
         return lambda cause: designs(recording, cause, self.effect_scale(cause))

@@ -44,11 +44,11 @@ def write_model(extended_model: ExtendedModel) -> str:
         "reference_temperature_c": model.known.reference_temperature_c,
     }
     tables = ["", *_prior(model)]
-    for leg in range(model.leg_count):
+    for leg in range(model.part_count):
         tables += ["", "[[legs]]", f"nominal = {_leg(model.nominal, leg)}", f"identified = {_leg(identified, leg)}"]
         tables += [f"sigma = {_leg_sigma(model, sigma, leg)}"]
     units, survey = "their prior standard deviations", _targets(extended_model)
-    return model_text(extended_model, numbers, tables, survey, names=_names(model), units=units, legs=model.leg_count)
+    return model_text(extended_model, numbers, tables, survey, names=_names(model), units=units, legs=model.part_count)
 
 
 def read_model(text: str) -> ExtendedModel:

@@ -39,8 +39,8 @@ def mechanism_prior(found: ExtendedModel, model: Unknowns, common: tuple[Cause, 
     """
     old, causes = found.model, common
     if causes is None:
-        drives = {f"rho{leg}_mm" for leg in range(1, model.leg_count + 1)}
-        causes = persistent_causes(old.causes, model.leg_count, model.conditions.covariates, drives)
+        drives = {f"rho{leg}_mm" for leg in range(1, model.part_count + 1)}
+        causes = persistent_causes(old.causes, model.part_count, model.conditions.covariates, drives)
     wider = model.with_causes(causes)
     names = [name for name in _GEOMETRY if name in old.layout and name in wider.layout]
     names += [cause.key for cause in causes]

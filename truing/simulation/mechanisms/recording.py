@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.cause import OBSERVED, Cause, Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.forward_pass import Met, Passage, carried
 from truing.simulation.mechanisms.state import State
@@ -74,16 +74,16 @@ def record(passage: Passage, targets: Targets, frames: LegFrames, effects: Seque
 
 
 def designs(recording: Recording, cause: Cause, scale: NDArray) -> dict[str, NDArray]:
-    """Return a cause's change per scale (P,) of its parameters by channel, (B or 1, n, P).
+    """Return a cause's change per scale (P,) of its parameters by pathway, (B or 1, n, P).
 
-    The index within a channel is leg, or 3 leg + axis; targets that moved are points, 3 target + axis.
+    The index within a pathway is leg, or 3 leg + axis; of what is observed, 3 target + axis.
     """
     found: dict[str, NDArray] = {}
     for name, slope in cause.change(recording.at(cause), np.zeros(len(scale))).fields.items():
         slope = slope * scale
         if name == "moved":
             slope = recording.turn @ slope
-        channel = "points" if name == "moved" else name
+        pathway = OBSERVED if name in ("moved", "points") else name
         flat = slope.reshape(len(slope), -1, len(scale))
-        found[channel] = found[channel] + flat if channel in found else flat
+        found[pathway] = found[pathway] + flat if pathway in found else flat
     return found

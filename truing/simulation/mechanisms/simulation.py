@@ -62,7 +62,7 @@ def _truth(model: PointModel, effects: Sequence[Effect], rng: np.random.Generato
     All but the effects is drawn alike whatever is hidden.
     """
     plain = model.with_causes(())
-    shared = plain.widened(rng.standard_normal(plain.shared_size), model)
+    shared = plain.embedded(rng.standard_normal(plain.shared_size), model)
     for name in ("seat", *model.known.open_geometry):
         shared[model.layout[name]] = 0.0
     for effect in effects:

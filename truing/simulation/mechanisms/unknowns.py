@@ -122,12 +122,12 @@ class Unknowns(RecordedModel):
         return self.conditions.pose_errors
 
     @property
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """Return the number of legs L."""
         return self.nominal.count
 
     @property
-    def bodies(self) -> NDArray:
+    def channel_groups(self) -> NDArray:
         """Return the number of each target's body (K,): base, platform, then the legs."""
         return self.targets.body + np.where(self.targets.body == LEG, self.targets.leg, 0)
 

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Scene
+from truing.simulation.cause import OBSERVED, Cause, Scene
 from truing.simulation.effects_model import EffectsModel, Prediction, laid_out
 from truing.simulation.photographs.causes.ray_causes import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses
@@ -40,7 +40,7 @@ class RayModel(EffectsModel):
         return cls(rays, tuple(n for n, p in enumerate(rays.parameters) if p.sigma != 0.0 and rays.tells[n]))
 
     @property
-    def leg_count(self) -> int:
+    def part_count(self) -> int:
         """Return the number of legs: none."""
         return 0
 
@@ -72,7 +72,7 @@ class RayModel(EffectsModel):
         return np.zeros(0, bool)
 
     @property
-    def bodies(self) -> NDArray:
+    def channel_groups(self) -> NDArray:
         """Return the number of each channel's noise (K,): one for all, that of the rays."""
         return np.zeros(len(self.conditions.channels), int)
 
@@ -151,22 +151,22 @@ class RayModel(EffectsModel):
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted channels (B, K, 1), in units of their noise."""
-        return self.predict(shared, local, by_shared=False).points
+        return self.predict(shared, local, by_shared=False).values
 
-    def turns(self, shared: NDArray, local: NDArray) -> NDArray:
+    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return how channels follow shifts of them, (B, K, 1, 1): by one."""
         return np.ones((*self.conditions.root.shape[:2], 1, 1))
 
-    def channels(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return no channel: what acts on rays is told by what it does to them."""
         return {}
 
-    def designer(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
-        """Return what tells a cause's change of the channel ``points``, (B, K, P), per plausible scale."""
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+        """Return what tells a cause's change of the pathway ``observed``, (B, K, P), per plausible scale."""
 
         def found(cause: Cause) -> dict[str, NDArray]:
             values = np.zeros(len(cause.parameters(0)))
-            return {"points": self._followed(cause, values) * self.effect_scale(cause)}
+            return {OBSERVED: self._followed(cause, values) * self.effect_scale(cause)}
 
         return found
 

@@ -12,7 +12,7 @@ from truing.estimation.rotation import skew
 from truing.simulation.bench.causes.channels import OfChannel
 from truing.simulation.bench.causes.reading_causes import FEWEST, MM, is_linear, seen_channels, seen_of, steps_of
 from truing.simulation.bench.load_steps import CHANNELS, LINEAR, ReadingState
-from truing.simulation.cause import Cause, Parameter, Scene, Told
+from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene
 
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 0.03, 0.01
 _XYZ = "xyz"
@@ -97,15 +97,19 @@ class CosineError(OfChannel):
             found[:, self._own] += share * readings[:, other]
         return found
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the angle between beam and axis."""
         if self.along:
             lost, sigma = max(float(values[0]), 0.0), float(np.sqrt(covariance[0, 0]))
             angle = float(np.arccos(max(1.0 - lost, -1.0)))
-            return (Told("angle", angle, min(sigma / max(np.sin(angle), 1e-12), float(np.sqrt(2.0 * sigma))), "rad"),)
+            return (
+                ReportedParameter(
+                    "angle", angle, min(sigma / max(np.sin(angle), 1e-12), float(np.sqrt(2.0 * sigma))), "rad"
+                ),
+            )
         angle = float(np.linalg.norm(values))
         along = values / max(angle, 1e-12)
-        return (Told("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad"),)
+        return (ReportedParameter("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad"),)
 
     def _shows(self, scene: Scene, channel: str) -> tuple[bool, bool]:
         """Return whether motion across a channel shows in it, and whether it does beside the motion along it."""

@@ -49,7 +49,7 @@ class OfChannel(ReadingCause):
         return whose(self.channel)
 
     @property
-    def form_of(self) -> str:
+    def family(self) -> str:
         """Return the kind and its channel."""
         return f"{self.id} {self.channel}".strip()
 
@@ -78,7 +78,7 @@ class OfRun(OfChannel):
         return f"run {self.run}" if self.lone else f"run {self.run} {whose(self.channel)}"
 
     @property
-    def form_of(self) -> str:
+    def family(self) -> str:
         """Return the kind, its channel and its run."""
         return f"{self.id} {self.channel} {self.run}".strip()
 
@@ -112,7 +112,7 @@ class ZeroDrift(OfRun):
     @property
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
-        return f"{self.form_of} {'run' if self.of_run else 'all'}"
+        return f"{self.family} {'run' if self.of_run else 'all'}"
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every channel and signal, and every channel of every run, with three readings at least."""

@@ -19,7 +19,7 @@ from truing.simulation.bench.causes.reading_causes import (
     steps_of,
 )
 from truing.simulation.bench.load_steps import ReadingState
-from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
 
 _PLAUSIBLE_COUNT = 3.0
 _PLAUSIBLE_SHARE = 0.02
@@ -54,7 +54,7 @@ class FringeSlip(OfRun):
     @property
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
-        return f"{self.form_of} {self.from_rank}"
+        return f"{self.family} {self.from_rank}"
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every run, linear channel and step that has three readings on either side."""
@@ -85,10 +85,10 @@ class FringeSlip(OfRun):
         late = (state.steps.run == self.run) & (state.steps.rank >= self.from_rank)
         return self.at_own(state, self.half_wavelength_m * late[:, None].astype(float))
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the whole number that is nearest, and the step from which on."""
         count = int(np.rint(values[0])) or (1 if values[0] >= 0 else -1)
-        return (Told("count", count, None, "1"), Told("from_step", self.from_step, None, ""))
+        return (ReportedParameter("count", count, None, "1"), ReportedParameter("from_step", self.from_step, None, ""))
 
 
 @dataclass(frozen=True)
@@ -124,9 +124,9 @@ class Crosstalk(ReadingCause):
         """Return changes of the readings, with what of them leaks over."""
         return np.asarray(slopes + values[0] * self._leaks(state, slopes))
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the fraction, and whose it is."""
-        return (*super().told(values, covariance, legs), Told("source", self.source, None, ""))
+        return (*super().reported(values, covariance, legs), ReportedParameter("source", self.source, None, ""))
 
     def _leaks(self, state: ReadingState, readings: NDArray) -> NDArray:
         names = state.steps.channels

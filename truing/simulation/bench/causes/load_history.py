@@ -13,7 +13,7 @@ from truing.simulation.bench.causes.load_path import OfLoad
 from truing.simulation.bench.causes.reading_causes import seen_axes, steps_of
 from truing.simulation.bench.load_steps import TIME, LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
 
 _PLAUSIBLE = 0.02
 _SHORTEST_S = 10.0
@@ -64,7 +64,7 @@ class Creep(OfLoad):
         """Return the form whose time constant is fitted too."""
         return replace(self, free=True)
 
-    def held_at(self, shape: NDArray) -> Cause | None:
+    def with_fixed_shape(self, shape: NDArray) -> Cause | None:
         """Return the form with the time constant that its logarithm over tau_s says."""
         return replace(self, tau_s=self.tau_s * float(np.exp(shape[0])), free=False)
 
@@ -98,15 +98,15 @@ class Creep(OfLoad):
         """Return changes of the deflection, with what they have crept."""
         return np.asarray(slopes + values[0] * self._followed(slopes, state.steps, values))
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the fraction, and the time constant in s."""
-        fraction = Told("fraction", float(values[0]), float(np.sqrt(covariance[0, 0])), "1")
+        fraction = ReportedParameter("fraction", float(values[0]), float(np.sqrt(covariance[0, 0])), "1")
         if not self.free:
-            return (fraction, Told("tau", self.tau_s, self.tau_s * _PLAUSIBLE_LOG, "s"))
+            return (fraction, ReportedParameter("tau", self.tau_s, self.tau_s * _PLAUSIBLE_LOG, "s"))
         tau = self.tau_s * float(np.exp(values[1]))
         # What the wider side of the interval comes to: a logarithm's is wider upwards.
         wider = np.expm1(_WITHIN_95 * float(np.sqrt(covariance[1, 1]))) / _WITHIN_95
-        return (fraction, Told("tau", tau, tau * float(wider), "s"))
+        return (fraction, ReportedParameter("tau", tau, tau * float(wider), "s"))
 
     def _followed(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
         """Return deflections (B, 6, 6, ...) as they are followed, zero under loads that are not concerned."""

@@ -35,7 +35,7 @@ class OfLoad(ReadingCause):
         return f"load {self.axis}" if self.axis else ""
 
     @property
-    def form_of(self) -> str:
+    def family(self) -> str:
         """Return the kind and its axis: a model takes up one of its forms."""
         return f"{self.id} {self.axis}".strip()
 

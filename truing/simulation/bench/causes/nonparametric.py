@@ -35,7 +35,7 @@ from truing.simulation.bench.load_steps import (
     LoadSteps,
     ReadingState,
 )
-from truing.simulation.cause import Cause, Profiles, Scene, Step
+from truing.simulation.cause import Cause, ChannelCandidates, Scene, Step
 from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
 
@@ -101,7 +101,7 @@ class NonparametricReadingEffect(NonparametricEffect, ReadingCause):
         """Return the channel."""
         return whose(self.channel)
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the tables that it depends on."""
         plain = tuple(column.removeprefix(UNLOADING).removeprefix(SO_FAR).removeprefix(WAY) for column in self.columns)
         return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in plain))
@@ -122,7 +122,7 @@ class NonparametricReadingEffect(NonparametricEffect, ReadingCause):
             found += [replace(rest, half_ranges=(float(tau),)) for tau in fades]
         return found
 
-    def profiles(self, scene: Scene) -> Sequence[Profiles]:
+    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
         """Return what each channel may depend on to and fro: every period of time, and of a load, that the campaign
         tells apart."""
         steps, seen = steps_of(scene), seen_of(scene)
@@ -172,7 +172,7 @@ def _applied(steps: LoadSteps) -> list[str]:
     return [name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded]
 
 
-def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[Profiles]:
+def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCandidates]:
     """Return how channels, seen (B, K), may depend on the periods of a column, by their noise."""
     periods = _periods_of(steps, column)
     start = float(steps.time_s[0]) if column == TIME else 0.0
@@ -184,13 +184,13 @@ def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[Profiles]:
     forms = [NonparametricReadingEffect(half_ranges=(float(period),), **inputs) for period in periods]  # type: ignore[arg-type]
     shapes = np.stack([form.functions(steps) for form in forms])
 
-    def alike(places: NDArray) -> Profiles:
+    def alike(places: NDArray) -> ChannelCandidates:
         scale = _PLAUSIBLE_SIGMAS * float(steps.sigma[places[0]])
 
         def member(target: int, shape: int) -> Cause:
             return replace(forms[shape], channel=steps.channels[places[target]], scale=scale)
 
-        return Profiles(shapes, places, np.ones((len(periods), len(places)), bool), scale, member)
+        return ChannelCandidates(shapes, places, np.ones((len(periods), len(places)), bool), scale, member)
 
     return [alike(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.simulation.bench.causes.reading_causes import ReadingCause, is_signal
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
 
 Row = tuple[int | str, int | str]
 
@@ -56,10 +56,13 @@ class RowsExchanged(ReadingCause):
             shift[np.ix_(places, columns)] = load[::-1] - load  # type: ignore[arg-type]
         return shift
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the rows, as run/step, and the components, as text."""
         rows = " ".join(f"{run}/{step}" for run, step in self.rows)
-        return (Told("rows", rows, None, ""), Told("components", " ".join(self.components), None, ""))
+        return (
+            ReportedParameter("rows", rows, None, ""),
+            ReportedParameter("components", " ".join(self.components), None, ""),
+        )
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from truing.simulation.bodies.causes.terms import (
     runs_with_time,
     told_term,
 )
-from truing.simulation.cause import Cause, Parameter, Scene, Step, Told
+from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.state import State
 
@@ -164,10 +164,10 @@ class BodyDeformation(OfBody):
         """Return d moved / d shift = the term's value, free of a motion of the body as a whole."""
         return Change({"moved": self._moved(state, self._functions(state))}, len(self.terms) * self._pattern.shape[1])
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the pattern, and what it follows."""
-        found = super().told(*self._free_of_motion(values, covariance), legs)
-        return (*found, Told("driver", " ".join(map(told_term, self.terms)), None, ""))
+        found = super().reported(*self._free_of_motion(values, covariance), legs)
+        return (*found, ReportedParameter("driver", " ".join(map(told_term, self.terms)), None, ""))
 
     def _functions(self, state: State) -> NDArray:
         """Return the terms' values (B, m)."""

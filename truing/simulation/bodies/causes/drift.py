@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_large, wholes
 from truing.simulation.bodies.causes.terms import ORDER, TIME, runs_with_time
-from truing.simulation.cause import Cause, Kind, Parameter, Scene, Told
+from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.targets import FEWEST
 from truing.simulation.mechanisms.state import State
@@ -62,10 +62,10 @@ class BodyDrift(OfBody):
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
         form = f"{self.waves} waves" if self.waves else f"tau={self.tau:.6g}" if self.tau else "linear"
-        return f"{self.form_of} {f'{form} from {self.start:.6g}' if self.late else form}"
+        return f"{self.family} {f'{form} from {self.start:.6g}' if self.late else form}"
 
     @property
-    def form_of(self) -> str:
+    def family(self) -> str:
         """Return what drifts: its courses exclude each other, and a jump only itself."""
         whose = f"{self.id} {self.body} {'whole' if self.whole else 'pattern'} {self.column}"
         return f"{whose} jump at {self.from_order:.6g}" if self.jumps else whose
@@ -128,19 +128,19 @@ class BodyDrift(OfBody):
         size = self._pattern.shape[1]
         return {"moved": self.change(state, values).fields["moved"][..., :size] @ values[:size]}
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the drift from the first to the last pose, and the time constant in units of its column."""
         size, plain = self._pattern.shape[1], replace(self, tau_is_fitted=False, waves=0)
         whole = np.kron(np.arange(1, self.waves + 1) % 2 * -1.0, np.eye(size)) if self.waves else np.eye(size)
         end = whole @ values[: whole.shape[1]], whole @ covariance[: whole.shape[1], : whole.shape[1]] @ whole.T
-        found = super(BodyDrift, plain).told(*self._free_of_motion(*end), legs)
+        found = super(BodyDrift, plain).reported(*self._free_of_motion(*end), legs)
         if self.jumps:
-            return (*found, Told("from_pose", self.from_pose, None, ""))
+            return (*found, ReportedParameter("from_pose", self.from_pose, None, ""))
         if not self.tau_is_fitted:
             return found
         tau = self.tau * float(np.exp(np.clip(values[size], *_LOG_RATIOS)))
         unit = "s" if self.column == TIME else "poses"
-        return (*found, Told("tau", tau, tau * float(np.sqrt(covariance[size, size])), unit))
+        return (*found, ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[size, size])), unit))
 
     def _course(self, state: State, log_ratio: Any) -> tuple[NDArray, NDArray]:
         """Return the course of the drift (B,), 0 at the start and 1 at the end, and its slope by the log of tau."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Parameter, Scene, Step, Told
+from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.legs.flexure import circle_distance
@@ -165,9 +165,9 @@ class BaseDeformation(Cause):
         unit, scale, si = ("mm/K", _PLAUSIBLE_PER_KELVIN, 1e-3) if warm else ("mm/mm", _PLAUSIBLE_PER_WAY, 1.0)
         return tuple(Parameter(name, unit, scale, si) for name in _SHAPES)
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the driver, then the sizes of the three shapes."""
-        return (Told("driver", self.driver, None, ""), *super().told(values, covariance, legs))
+        return (ReportedParameter("driver", self.driver, None, ""), *super().reported(values, covariance, legs))
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return the shift of joints and base targets along z per size of each shape."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.state import State
@@ -145,7 +145,7 @@ class PeriodicError(PerLeg):
         amplitudes = values[:-1] if self.free else values
         return {"rho": waves.reshape(*waves.shape[:-2], -1) @ amplitudes}
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return amplitude and phase of each leg concerned, and the pitch between them, with sigmas to first order."""
         own = self.concerned(legs)
         amplitudes, phases = [], []
@@ -154,19 +154,21 @@ class PeriodicError(PerLeg):
             part = slice(2 * place, 2 * place + 2)
             # Directions that the campaign does not see leave variances of zero, give or take rounding.
             sigma = np.sqrt(np.maximum(np.diag(by_both @ covariance[part, part] @ by_both.T), 0.0))
-            amplitudes.append(Told(f"amplitude_{leg}", size / _MM, float(sigma[0]) / _MM, "mm"))
-            phases.append(Told(f"phase_{leg}", phase, min(float(sigma[1]), math.pi), "rad"))
+            amplitudes.append(ReportedParameter(f"amplitude_{leg}", size / _MM, float(sigma[0]) / _MM, "mm"))
+            phases.append(ReportedParameter(f"phase_{leg}", phase, min(float(sigma[1]), math.pi), "rad"))
         return (*amplitudes, self._told_pitch(values, covariance), *phases)
 
-    def _told_pitch(self, values: NDArray, covariance: NDArray) -> Told:
+    def _told_pitch(self, values: NDArray, covariance: NDArray) -> ReportedParameter:
         if self.aliased:
-            return Told("pitch", self.pitch_mm, self.pitch_mm, "mm")
+            return ReportedParameter("pitch", self.pitch_mm, self.pitch_mm, "mm")
         if not self.free:
-            return Told("pitch", self.pitch_mm, self.pitch_mm**2 * self.frequency_sigma * _MM or None, "mm")
+            return ReportedParameter(
+                "pitch", self.pitch_mm, self.pitch_mm**2 * self.frequency_sigma * _MM or None, "mm"
+            )
         frequency, slope = self._frequency(values[-1])
         pitch = 1 / float(frequency) / _MM
         sigma = pitch**2 * float(slope) * math.sqrt(covariance[-1, -1]) * _MM
-        return Told("pitch", pitch, min(sigma, pitch**2 * self.frequency_sigma * _MM), "mm")
+        return ReportedParameter("pitch", pitch, min(sigma, pitch**2 * self.frequency_sigma * _MM), "mm")
 
     def _frequency(self, away: NDArray) -> tuple[NDArray, NDArray]:
         """Return the frequency (1/m) that the last parameter stands for, and its derivative by that."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Kind, Parameter, Scene, Step, Told
+from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.state import State
@@ -71,15 +71,15 @@ class LegDrift(PerLeg):
         drifts = tuple(Parameter(name, "mm", _PLAUSIBLE_M, 1e-3) for name in self.numbered("drift", legs))
         return (*drifts, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else drifts
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the drifts, then tau in s where the drift settles."""
-        told = super().told(values, covariance, legs)
+        told = super().reported(values, covariance, legs)
         if self.tau_s == 0:
             return told
         if not self.free:
-            return (*told, Told("tau", self.tau_s, None, "s"))
+            return (*told, ReportedParameter("tau", self.tau_s, None, "s"))
         tau = self.tau_s * float(np.exp(values[-1]))
-        return (*told[:-1], Told("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
+        return (*told[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return the course of the drift per leg concerned, and by the logarithm of the time constant."""

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Profiles, Scene, Step
+from truing.simulation.cause import Cause, ChannelCandidates, Scene, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import (
     LAST_STEP,
@@ -117,21 +117,21 @@ class NonparametricMechanismEffect(NonparametricEffect):
         """Return everything that legs, bodies and the scale may depend on in a campaign."""
         return [NonparametricMechanismEffect(**found) for found in _dependences(scene)]
 
-    def profiles(self, scene: Scene) -> Sequence[Profiles]:
+    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
         """Return what single targets may depend on: by one function each drive and column, squares and products; by
         several slow waves of time."""
         inputs = _Inputs(scene)
         shapes = [list(inputs.of_single_targets()), list(inputs.waves())]
         return [_profiles(scene, inputs, found) for found in shapes if found and len(scene.shape)]
 
-    def further(self, scene: Scene) -> Sequence[Cause]:
+    def higher_order_terms(self, scene: Scene) -> Sequence[Cause]:
         """Return its next terms, of all that it concerns or of single legs among it, as far as poses tell them."""
         several = self._concerned(scene.legs) if self._is_of_legs and not self._is_one else ()
         chosen = (self.legs, *((leg,) for leg in several))
         most = len(scene.poses) // PER_FUNCTION
         return [
             replace(own, legs=legs)
-            for own in super().further(scene)
+            for own in super().higher_order_terms(scene)
             if isinstance(own, NonparametricMechanismEffect) and own.degree <= most
             for legs in chosen
         ]
@@ -140,7 +140,7 @@ class NonparametricMechanismEffect(NonparametricEffect):
         """Return the weight: all legs are likelier than a single one, and that than a pair."""
         return super().prior(scene) * (choice_share(len(self.legs), scene.legs) if scene.legs else 1.0)
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the configurations that it depends on."""
         concerned = self._concerned(legs)
         if self.form == ALL_DRIVES:
@@ -156,7 +156,7 @@ class NonparametricMechanismEffect(NonparametricEffect):
         if not self._is_of_legs:
             return ()
         looks_back = any(column in (*LOOKING_BACK, ORDER) for column in self.columns)
-        return tuple(dict.fromkeys((*self.follows(legs), *([TIME] if looks_back else []))))
+        return tuple(dict.fromkeys((*self.inputs(legs), *([TIME] if looks_back else []))))
 
     def alike(self, legs: int) -> tuple[int, ...]:
         """Return the amplitudes of the legs concerned: of several functions those of the last."""
@@ -382,7 +382,7 @@ class _Inputs:
         return dependence(columns, self._ranges.__getitem__, form, degree)
 
 
-def _profiles(scene: Scene, inputs: _Inputs, shapes: list[Dependence]) -> Profiles:
+def _profiles(scene: Scene, inputs: _Inputs, shapes: list[Dependence]) -> ChannelCandidates:
     def member(target: int, shape: int) -> Cause:
         own = scene.targets
         whose = {"quantity": "targets", "body": own.bodies[target], "targets": (own.names[target],)}
@@ -394,7 +394,7 @@ def _profiles(scene: Scene, inputs: _Inputs, shapes: list[Dependence]) -> Profil
     values = np.stack([NonparametricMechanismEffect(**shape).basis(value) for shape in shapes])
     seen = np.full(len(scene.shape), len(scene.poses)) if scene.seen is None else scene.seen.sum(0)
     enough = np.broadcast_to(seen >= _FEWEST_SEEN * values.shape[-1], (len(shapes), len(scene.shape)))
-    return Profiles(values, np.arange(len(scene.shape)), enough, _PLAUSIBLE[Quantity.TARGETS], member)
+    return ChannelCandidates(values, np.arange(len(scene.shape)), enough, _PLAUSIBLE[Quantity.TARGETS], member)
 
 
 def _patterned(scene: Scene) -> Iterator[Dependence]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.simulation.cause import Cause, Kind, Parameter, Profiles, Scene, Step, Told
+from truing.simulation.cause import Cause, ChannelCandidates, Kind, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.state import State
 
@@ -59,7 +59,7 @@ class TargetMoved(Cause):
         """Return none: they are told by profiles."""
         return ()
 
-    def profiles(self, scene: Scene) -> Sequence[Profiles]:
+    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
         """Return every target, and every marker in place of its corners, from every pose on that has three poses with
         it on either side, and since the survey."""
         if ORDER not in scene.covariates or not len(scene.shape) or len(scene.poses) < FEWEST:
@@ -85,12 +85,15 @@ class TargetMoved(Cause):
             which = list(corners[number])
             return moved(*markers[number], onset).of_corners([own.names[k] for k in which], scene.shape[which])
 
-        single = Profiles(late, alone, usable[:, alone], _PLAUSIBLE_M, member)
+        single = ChannelCandidates(late, alone, usable[:, alone], _PLAUSIBLE_M, member)
         if not found:
             return [single]
         together, patterns = rigid_patterns(corners, scene.shape)
         seen = np.asarray(usable[:, together].all(-1))
-        return [*([single] if len(alone) else []), Profiles(late, together, seen, _PLAUSIBLE_M, marker, patterns)]
+        return [
+            *([single] if len(alone) else []),
+            ChannelCandidates(late, together, seen, _PLAUSIBLE_M, marker, patterns),
+        ]
 
     def of_corners(self, corners: Sequence[str], places: NDArray) -> TargetMoved:
         """Return the marker of this name, whose corners sit at places (n, 3) on the body, m."""
@@ -136,9 +139,9 @@ class TargetMoved(Cause):
                 moved[late, place] = own
         return {"moved": moved}
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the shift, and the pose from which on."""
-        return (*super().told(values, covariance, legs), Told("from_pose", self.from_pose, None, ""))
+        return (*super().reported(values, covariance, legs), ReportedParameter("from_pose", self.from_pose, None, ""))
 
 
 @dataclass(frozen=True)
@@ -188,9 +191,9 @@ class TargetsSwapped(Cause):
         exchanged[rows, np.array(places)] = points[rows, np.array(places[::-1])]
         return exchanged
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the poses, as text."""
-        return (Told("poses", " ".join(str(pose) for pose in self.poses), None, ""),)
+        return (ReportedParameter("poses", " ".join(str(pose) for pose in self.poses), None, ""),)
 
 
 def place_of(state: State, body: str, target: str) -> int | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Kind, Parameter, Scene, Told
+from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene
 from truing.simulation.photographs.causes.ray_causes import FEWEST, RayCause, at_numbers, rays_of
 from truing.simulation.photographs.ray_poses import CAMERA, TEMPERATURE, TIME, RayPoses
 
@@ -60,10 +60,10 @@ class CameraInstability(RayCause):
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
         shape = {JUMP: f" {self.from_pose}", SETTLES: f" {self.tau_s:.6g}"}.get(self.form, "")
-        return f"{self.form_of} {self.form}{shape}"
+        return f"{self.family} {self.form}{shape}"
 
     @property
-    def form_of(self) -> str:
+    def family(self) -> str:
         """Return the camera and what changes of it."""
         return f"{self.id} {self.camera} {' '.join(self.what)}"
 
@@ -115,19 +115,19 @@ class CameraInstability(RayCause):
         own = tuple(Parameter(name, "px", _PLAUSIBLE_PX) for name in self.what)
         return (*own, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else own
 
-    def told(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[Told, ...]:
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the changes, then the pose of a jump or the time constant; of what has no order its scatter."""
         if self.form == SCATTER:
             return tuple(self._scatter(values, covariance))
-        told = super().told(values, covariance, legs)
+        told = super().reported(values, covariance, legs)
         if self.form == JUMP:
-            return (*told, Told("from_pose", self.from_pose, None, "")) if self.from_pose != "" else told
+            return (*told, ReportedParameter("from_pose", self.from_pose, None, "")) if self.from_pose != "" else told
         if self.form != SETTLES:
             return told
         if not self.free:
-            return (*told, Told("tau", self.tau_s, None, "s"))
+            return (*told, ReportedParameter("tau", self.tau_s, None, "s"))
         tau = self.tau_s * float(np.exp(values[-1]))
-        return (*told[:-1], Told("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
+        return (*told[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return d numbers / d parameters: the course, of each number or of each pose."""
@@ -169,7 +169,7 @@ class CameraInstability(RayCause):
             found[own >= 0, place, number, own[own >= 0]] = 1.0
         return found.reshape(len(own), len(rays.parameters), -1)
 
-    def _scatter(self, values: NDArray, covariance: NDArray) -> list[Told]:
+    def _scatter(self, values: NDArray, covariance: NDArray) -> list[ReportedParameter]:
         """Return the root mean square change of each number about its mean, noise taken off, and one sigma of it."""
         count, found = len(self.poses), []
         for number, name in enumerate(self.what):
@@ -182,7 +182,9 @@ class CameraInstability(RayCause):
             spread = variance * apart + noise
             sigma = float(np.sqrt(2.0 * np.sum(spread * spread))) / freedom  # of the variance
             size = float(np.sqrt(variance))
-            found.append(Told(f"{name}_scatter", size, sigma / (2.0 * max(size, 0.5 * np.sqrt(sigma))), "px"))
+            found.append(
+                ReportedParameter(f"{name}_scatter", size, sigma / (2.0 * max(size, 0.5 * np.sqrt(sigma))), "px")
+            )
         return found
 
 
