@@ -11,7 +11,8 @@ from schemas.artifacts import ARTIFACTS
 from schemas.covariates import listed, own_name
 from stages.diagnosis.claims import claim_of
 from stages.diagnosis.shown import POINTS, Channels, Shown
-from truing.simulation.bodies.causes.terms import CAME_FROM, ORDER, TIME
+from truing.simulation.bodies.causes.terms import CAME_FROM
+from truing.simulation.inputs import ORDER, TIME
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -32,6 +32,11 @@ def skew(v: NDArray) -> NDArray:
     return np.stack(rows, axis=-1).reshape(*v.shape[:-1], 3, 3)
 
 
+def rigid_motions(points: NDArray) -> NDArray:
+    """Return how points (..., 3) follow a small motion (t, theta) of their body about the origin, (..., 3, 6)."""
+    return np.concatenate([np.broadcast_to(np.eye(3), (*points.shape, 3)), -skew(points)], -1)
+
+
 def exp_so3(theta: NDArray) -> NDArray:
     """Return the rotation (..., 3, 3) of rotation vectors theta (..., 3) in rad (Rodrigues)."""
     theta = _floating(theta)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions
 from truing.simulation.targets import LEG, Targets
 
 
@@ -66,8 +66,7 @@ def _attachment_factor(survey: NDArray, covariance: NDArray, seats: NDArray, fra
 
 def _rigid_motions(points: NDArray) -> NDArray:
     """Return the displacements (3n, 6) of points (n, 3) per small rigid motion, translations first."""
-    motions = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], -1)
-    return motions.reshape(3 * len(points), 6)
+    return rigid_motions(points).reshape(3 * len(points), 6)
 
 
 def _block_diagonal(blocks: NDArray) -> NDArray:

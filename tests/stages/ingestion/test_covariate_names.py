@@ -132,7 +132,7 @@ def test_what_follows_a_covariate_is_reported_and_predicted_by_its_own_name(tmp_
 
 def test_the_program_s_own_names_are_kept_apart() -> None:
     """Every name that a cause may follow without its being a column of the campaign."""
-    of_steps = (steps_of_loads.ORDER, steps_of_loads.IN_RUN)
+    of_steps = (inputs.ORDER, steps_of_loads.IN_RUN)
     of_drives = (CAME_FROM + "elevation_deg", *place_columns("platform"))
     for name in (*inputs.PER_ACTUATOR, inputs.ORDER, *of_steps, *of_drives):
         assert stand_in(name) != name

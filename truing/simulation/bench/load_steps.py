@@ -14,7 +14,7 @@ from truing.simulation.air import edlen_index, vapour_pressure_pa
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 LINEAR = 3  # of the channels; the others are angles
 LOADS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
-TIME, ORDER, IN_RUN = "time_s", "order", "time_in_run_s"
+IN_RUN = "time_in_run_s"
 MATERIAL, AIR, PRESSURE, HUMIDITY = (
     "material_temperature_c",
     "air_temperature_c",

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from truing.simulation.bench.forward_pass import ReadingPassage, passed
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
-from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, ORDER, TIME, LoadSteps
+from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, LoadSteps
 from truing.simulation.bench.six_upur.uncertain_sensor import Response
 from truing.simulation.cause import OBSERVED, Cause, Scene, Step
 from truing.simulation.effects_model import EffectsModel, Prediction, Split, laid_out
+from truing.simulation.inputs import ORDER, TIME
 from truing.simulation.targets import Targets
 
 _AXES = 6

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.umeyama import umeyama
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions, skew
 from truing.simulation.cause import Cause, Effect, Step
 from truing.simulation.effects_model import COMMON
 from truing.simulation.mechanisms.model import PointModel
@@ -182,7 +182,7 @@ def _twists(model: PointModel, points: NDArray, p: NDArray, motions: NDArray) ->
 
 def _twist(arms: NDArray, motions: NDArray) -> NDArray:
     """Return the twist (B, 6, P) that fits motions (B, n, 3, P) of points at arms (B, n, 3) best."""
-    rows = np.concatenate([np.broadcast_to(np.eye(3), (*arms.shape, 3)), -skew(arms)], -1)
+    rows = rigid_motions(arms)
     normal = np.einsum("bnij,bnik->bjk", rows, rows)
     return np.linalg.solve(normal, np.einsum("bnij,bnip->bjp", rows, motions))
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions, skew
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
 from truing.simulation.mechanisms.unknowns import FREE_LENGTH_M, Unknowns
@@ -144,7 +144,7 @@ def _frames(prior: CampaignPrior, found: ExtendedModel, model: Unknowns) -> tupl
 
 
 def _rigid_information(places: NDArray) -> NDArray:
-    rows = np.concatenate([np.broadcast_to(np.eye(3), (len(places), 3, 3)), -skew(places)], -1)
+    rows = rigid_motions(places)
     return np.asarray(np.einsum("nij,nik->jk", rows, rows))
 
 
@@ -153,8 +153,8 @@ def _moved_by_frames(prior: CampaignPrior, model: Unknowns) -> NDArray:
     legs, across = model.nominal, model.across
     turned = -skew(legs.u)
     blocks = {
-        "a": (0, np.concatenate([np.broadcast_to(np.eye(3), (legs.count, 3, 3)), -skew(legs.a)], -1)),
-        "b": (6, np.concatenate([np.broadcast_to(np.eye(3), (legs.count, 3, 3)), -skew(legs.b)], -1)),
+        "a": (0, rigid_motions(legs.a)),
+        "b": (6, rigid_motions(legs.b)),
         "u": (0, np.einsum("lim,lij->lmj", across, np.concatenate([np.zeros_like(turned), turned], -1))),
     }
     found = []

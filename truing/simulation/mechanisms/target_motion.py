@@ -12,10 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3, skew
+from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.forward_pass import Passage, settled
-from truing.simulation.mechanisms.legs.kinematics import attachment_change, attachments, leg_vectors, unit
+from truing.simulation.mechanisms.legs.kinematics import (
+    attachment_change,
+    attachments,
+    leg_vectors,
+    shortest_turn,
+    unit,
+)
 from truing.simulation.mechanisms.state import State
 from truing.simulation.targets import LEG, PLATFORM, Targets
 
@@ -37,15 +43,9 @@ def leg_frames(state: State, upright: NDArray, roll: NDArray, seats: NDArray | N
     """
     z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
     twist = roll + 0.5 * np.einsum("bli,bi->bl", z, log_so3(state.R))
-    rotation = exp_so3(twist[..., None] * z) @ _shortest(upright, z)
+    rotation = exp_so3(twist[..., None] * z) @ shortest_turn(upright, z)
     lower = state.legs.closure.lower(state.legs, state.rho)
     return LegFrames(lower, rotation if seats is None else rotation @ seats, z)
-
-
-def _shortest(start: NDArray, z: NDArray) -> NDArray:
-    """Return the rotations (..., 3, 3) that carry unit vectors start to z the shortest way."""
-    cross = skew(np.cross(np.broadcast_to(start, z.shape), z))
-    return np.eye(3) + cross + cross @ cross / (1 + np.sum(start * z, -1))[..., None, None]
 
 
 def turns(state: State, targets: Targets, frames: LegFrames) -> NDArray:

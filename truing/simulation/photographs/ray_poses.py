@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.inputs import ORDER, TEMPERATURE
+
 CAMERA, BAR, AIR, WINDOW = "camera", "bar", "air", "window"
-TIME, ORDER, TEMPERATURE = "time_s", "order", "temperature_c"
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
-from truing.simulation.bench.causes.channels import OfChannel
-from truing.simulation.bench.causes.reading_causes import FEWEST, MM, is_linear, seen_channels, seen_of, steps_of
+from truing.simulation.bench.causes.channels import OfChannel, linear_or_all
+from truing.simulation.bench.causes.reading_causes import FEWEST, MM, seen_channels, seen_of, steps_of
 from truing.simulation.bench.load_steps import CHANNELS, LINEAR, ReadingState
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene
 
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 0.03, 0.01
 _XYZ = "xyz"
-_ALL_SHARE = 0.5
 # Motion across a beam shows its angle where that moves the readings by so many sigmas in all.
 _SHOWS = 1.0
 _LARGEST = 3.0  # an angle that is so many times as large loses the square of that: of the loss it is plausible itself
@@ -134,12 +133,7 @@ class AbbeOffset(OfChannel):
 
     def candidates(self, scene: Scene) -> Sequence[Cause]:
         """Return every linear channel, and all of them with one arm."""
-        linear = [channel for channel in seen_channels(scene) if is_linear(channel)]
-        return [AbbeOffset(channel) for channel in ([""] if len(linear) > 1 else []) + linear]
-
-    def prior(self, scene: Scene) -> float:
-        """Return the weight of a channel, and of all with one arm."""
-        return 1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))
+        return [AbbeOffset(channel) for channel in linear_or_all(scene)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the arm across the channel's axis; of all channels all of it."""

@@ -22,8 +22,9 @@ from truing.simulation.bench.causes.reading_causes import (
     unit_of,
     whose,
 )
-from truing.simulation.bench.load_steps import AIR, MATERIAL, PRESSURE, TIME, LoadSteps, ReadingState
+from truing.simulation.bench.load_steps import AIR, MATERIAL, PRESSURE, LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.inputs import TIME
 
 # Plausible in an hour, in a channel's own unit; per kelvin of displacements (a frame of 0.3 m of steel), rotations and
 # signals.
@@ -59,6 +60,10 @@ class OfChannel(ReadingCause):
             return False
         mine, theirs = self.channel, other.channel
         return mine == theirs or (not mine and is_linear(theirs)) or (not theirs and is_linear(mine))
+
+    def prior(self, scene: Scene) -> float:
+        """Return the weight of a channel, and of all linear ones alike."""
+        return 1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))
 
     def at_own(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return values (B, P) as changes of the readings (B, K, P) of its channels."""
@@ -173,9 +178,7 @@ class ThermalDrift(OfChannel):
 
     def prior(self, scene: Scene) -> float:
         """Return the weight of a channel and of one temperature."""
-        return (1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))) * (
-            _TWO_SHARE if len(self.columns) > 1 else 1.0
-        )
+        return super().prior(scene) * (_TWO_SHARE if len(self.columns) > 1 else 1.0)
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the temperatures."""
@@ -205,12 +208,7 @@ class DeadPath(OfChannel):
         """Return every linear channel, and all of them alike, where the index of the air is known to vary."""
         if not steps_of(scene).air_varies:
             return ()
-        linear = [channel for channel in seen_channels(scene) if is_linear(channel)]
-        return [DeadPath(channel) for channel in ([""] if len(linear) > 1 else []) + linear]
-
-    def prior(self, scene: Scene) -> float:
-        """Return the weight of a channel, and of all alike."""
-        return 1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))
+        return [DeadPath(channel) for channel in linear_or_all(scene)]
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the air's temperature and pressure."""
@@ -223,6 +221,12 @@ class DeadPath(OfChannel):
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d readings / d path: by how much the index has changed since the run's first step."""
         return self.at_own(state, state.steps.index_since_first[:, None])
+
+
+def linear_or_all(scene: Scene) -> list[str]:
+    """Return every linear channel that was read; before them the empty name of all, where there are several."""
+    linear = [channel for channel in seen_channels(scene) if is_linear(channel)]
+    return ([""] if len(linear) > 1 else []) + linear
 
 
 def _rate(channel: str, steps: LoadSteps) -> float:

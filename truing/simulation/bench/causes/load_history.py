@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.load_path import OfLoad
 from truing.simulation.bench.causes.reading_causes import seen_axes, steps_of
-from truing.simulation.bench.load_steps import TIME, LoadSteps, ReadingState
+from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.inputs import TIME
 
 _PLAUSIBLE = 0.02
 _SHORTEST_S = 10.0

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions
 from truing.simulation.bodies.causes.terms import (
     CAME_FROM,
     TIMES,
@@ -73,8 +73,7 @@ class OfBody(Cause):
     @cached_property
     def _rigid(self) -> NDArray:
         """Return how the targets (3k, 6) follow a shift and a rotation of the body."""
-        motions = np.concatenate([np.broadcast_to(np.eye(3), (len(self._arms), 3, 3)), -skew(self._arms)], -1)
-        return motions.reshape(-1, 6)
+        return rigid_motions(self._arms).reshape(-1, 6)
 
     @cached_property
     def _shape_only(self) -> NDArray:

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_large, wholes
-from truing.simulation.bodies.causes.terms import ORDER, TIME, runs_with_time
+from truing.simulation.bodies.causes.terms import runs_with_time
 from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene
 from truing.simulation.change import Change
+from truing.simulation.inputs import ORDER, TIME
 from truing.simulation.mechanisms.causes.targets import FEWEST
 from truing.simulation.mechanisms.state import State
+from truing.simulation.settling import settling
 
 # Time constants that are tried, over the length of the campaign.
 _TAUS = (0.03, 0.1, 0.3, 1.0)
@@ -148,11 +150,7 @@ class BodyDrift(OfBody):
         if not self.tau:
             return (np.maximum(x, 0.0) if self.late else x), np.zeros_like(x)
         bounded = sorted((*_LOG_RATIOS, log_ratio), key=np.real)[1]
-        rate = self.span / self.tau * np.exp(-bounded)
-        whole = -np.expm1(-rate)
-        value = -np.expm1(-rate * x) / whole
-        by_rate = (x * np.exp(-rate * x) - value * np.exp(-rate)) / whole
-        return value, -rate * by_rate
+        return settling(x, self.span / self.tau * np.exp(-bounded))
 
 
 def _forms(own: BodyDrift, scene: Scene) -> list[BodyDrift]:

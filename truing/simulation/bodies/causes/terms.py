@@ -9,8 +9,8 @@ import numpy as np
 
 from schemas.covariates import own_name
 from truing.simulation.cause import Scene
+from truing.simulation.inputs import ORDER, TEMPERATURE, TIME
 
-TEMPERATURE, TIME, ORDER = "temperature_c", "time_s", "order"
 CAME_FROM = "approach "  # before a drive's name: the direction of its last movement
 TIMES = "*"
 _MOST_TOGETHER = 6

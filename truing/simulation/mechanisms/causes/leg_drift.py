@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.change import Change
+from truing.simulation.inputs import TIME
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.state import State
+from truing.simulation.settling import settling
 
-TIME = "time_s"
 _PLAUSIBLE_M = 7e-6
 # Time constants that are tried, in spans of the campaign: neighbours differ by little.
 _SETTLING = (1.0, 0.5, 0.25, 0.125, 0.0625)
@@ -104,6 +105,4 @@ class LegDrift(PerLeg):
         if self.tau_s == 0:
             return passed, np.zeros_like(passed)
         rate = self.duration_s / self.tau_s * np.exp(-values[-1] if self.free else 0.0)
-        whole, part = -np.expm1(-rate), -np.expm1(-rate * passed)
-        by_rate = (passed * np.exp(-rate * passed) - part / whole * np.exp(-rate)) / whole
-        return part / whole, -rate * by_rate
+        return settling(passed, rate)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Cause, ChannelCandidates, Kind, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.change import Change
+from truing.simulation.inputs import ORDER
 from truing.simulation.mechanisms.state import State
 
-ORDER = "order"
 # A target is called moved where it was seen this often before and after.
 FEWEST = 3
 # Onsets that are tried: in a long campaign, one in some poses.

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import exp_so3
+from truing.estimation.rotation import exp_so3, skew
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.geometry import Legs
 
@@ -203,3 +203,9 @@ def unit(v: NDArray) -> NDArray:
 def _dot(v: NDArray, w: NDArray) -> NDArray:
     """Return products (...) of vectors (..., 3) without conjugation, faster than their sum."""
     return np.einsum("...i,...i->...", v, w)
+
+
+def shortest_turn(start: NDArray, z: NDArray) -> NDArray:
+    """Return the rotations (..., 3, 3) that carry unit vectors start to z the shortest way."""
+    cross = skew(np.cross(start, z))
+    return np.eye(3) + cross + cross @ cross / (1 + np.sum(start * z, -1))[..., None, None]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.geometry import Legs
-from truing.simulation.mechanisms.legs.kinematics import attachments, unit, upper_joints
+from truing.simulation.mechanisms.legs.kinematics import attachments, shortest_turn, unit, upper_joints
 from truing.simulation.mechanisms.parameters import Parameter
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel, shift_change
 from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
@@ -146,7 +146,7 @@ def seated(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, measured: LegPoses)
     lower = legs.closure.lower(legs, rho)[:, measured.leg]
     z = unit(upper_joints(legs, p, R)[:, measured.leg] - lower)
     first = np.argmax(measured.seen, 0), np.arange(len(measured.leg))
-    turned = np.where(measured.seen[..., None, None], measured.R, _shortest(z[first], z) @ measured.R[first])
+    turned = np.where(measured.seen[..., None, None], measured.R, shortest_turn(z[first], z) @ measured.R[first])
     back = np.swapaxes(turned, -1, -2)
     weight = measured.seen / measured.seen.sum(0)
     c = np.einsum("bk,bki->ki", weight, _turned(back, lower - np.where(measured.seen[..., None], measured.t, 0.0)))
@@ -157,12 +157,6 @@ def seated(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, measured: LegPoses)
 
 def _turned(R: NDArray, v: NDArray) -> NDArray:
     return (R @ v[..., None])[..., 0]
-
-
-def _shortest(start: NDArray, z: NDArray) -> NDArray:
-    """Return the rotations (..., 3, 3) that carry unit vectors start to nearby z the shortest way."""
-    cross = skew(np.cross(start, z))
-    return np.eye(3) + cross + cross @ cross / (1.0 + np.sum(start * z, -1))[..., None, None]
 
 
 @dataclass(frozen=True)

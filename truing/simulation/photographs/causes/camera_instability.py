@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene
+from truing.simulation.inputs import TEMPERATURE, TIME
 from truing.simulation.photographs.causes.ray_causes import FEWEST, RayCause, at_numbers, rays_of
-from truing.simulation.photographs.ray_poses import CAMERA, TEMPERATURE, TIME, RayPoses
+from truing.simulation.photographs.ray_poses import CAMERA, RayPoses
+from truing.simulation.settling import settling
 
 JUMP, DRIFT, SETTLES, WARMTH, SCATTER = "jump", "drift", "settles", "temperature", "scatter"
 PRINCIPAL_DISTANCE, PRINCIPAL_POINT = ("c",), ("x0", "y0")
@@ -156,9 +158,7 @@ class CameraInstability(RayCause):
         if self.form == DRIFT:
             return passed, np.zeros_like(passed)
         rate = self.duration_s / self.tau_s * np.exp(-values[-1] if self.free else 0.0)
-        whole, part = -np.expm1(-rate), -np.expm1(-rate * passed)
-        by_rate = (passed * np.exp(-rate * passed) - part / whole * np.exp(-rate)) / whole
-        return part / whole, -rate * by_rate
+        return settling(passed, rate)
 
     def _apart(self, rays: RayPoses, places: list[int]) -> NDArray:
         """Return the slopes where every pose has a change of its own; other poses know none."""

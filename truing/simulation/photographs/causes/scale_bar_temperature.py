@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, Scene, Step
 from truing.simulation.change import Change
+from truing.simulation.inputs import TEMPERATURE
 from truing.simulation.mechanisms.state import State
 from truing.simulation.photographs.causes.ray_causes import RayCause, at_numbers, rays_of
-from truing.simulation.photographs.ray_poses import BAR, TEMPERATURE, RayPoses
+from truing.simulation.photographs.ray_poses import BAR, RayPoses
 
 # Steel grows by 12e-6 of its length per kelvin, carbon fibre by next to nothing.
 _PLAUSIBLE = 1e-5

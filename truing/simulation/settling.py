@@ -1,0 +1,17 @@
+"""The course of what settles: fast at first, ever more slowly, with one time constant."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def settling(passed: NDArray, rate: NDArray | complex) -> tuple[NDArray, NDArray]:
+    """Return the course (1 - exp(-rate x)) / (1 - exp(-rate)), (B,), and its slope by the log of its time constant.
+
+    passed: x (B,), 0 at the start and 1 at the end; rate: the time between these over the time constant.
+    """
+    whole = -np.expm1(-rate)
+    value = -np.expm1(-rate * passed) / whole
+    by_rate = (passed * np.exp(-rate * passed) - value * np.exp(-rate)) / whole
+    return value, -rate * by_rate
