@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from schemas.faults import CampaignFaults, Fault
 from stages.common.point_arrays import number_column
-from stages.configurations.choice import bounded, choose, verification
 from stages.configurations.chosen import Design, DesignWish, Judged
-from stages.configurations.problem import DesignProblem, design_problem, limits_of
+from stages.configurations.problem import design_problem, limits_of
+from truing.calibration.configuration_search import bounded, choose, verification
+from truing.calibration.design_problem import DesignProblem
 from truing.estimation.design.pose_order import PoseOrder, order_poses
 from truing.estimation.design.pose_selection import information_of
 
@@ -57,7 +58,10 @@ def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design
     x = choose(problem, candidates, wish.method, wish.poses, given, rng)
     whole = Judged(measured, information_of(problem.rows_at(x), given), 0 if kept is None else kept.outside)
     existing = _existing(problem, tables.existing)
-    check = verification(problem, x, wish.verification, rng)
+    try:
+        check = verification(problem, x, wish.verification, rng)
+    except ValueError as error:
+        raise CampaignFaults([Fault("--verification", str(error), value=str(wish.verification))]) from None
     placed = problem.regressors.at(np.concatenate([x, check]))
     order = _ordered(problem, placed, wish, kept_rho, rng)
     rest = problem.regressors.machine.legs.rho0 if _starts_at_rest(problem, tables.extend) else None

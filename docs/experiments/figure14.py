@@ -20,8 +20,9 @@ from docs.experiments.chart import Panel, Series, write_chart
 from docs.experiments.marked_tables import renew
 from docs.experiments.telescope_report_data import published
 from schemas.campaign import read_campaign
-from stages.configurations.choice import Bounded, bounded, choose
-from stages.configurations.problem import DesignProblem, design_problem, limits_of
+from stages.configurations.problem import design_problem, limits_of
+from truing.calibration.configuration_search import Bounded, bounded, choose
+from truing.calibration.design_problem import DesignProblem
 from truing.estimation.design.design_bound import efficiency, sum_log_det
 from truing.estimation.design.pose_order import order_poses
 from truing.estimation.design.pose_selection import exchange, information_of

@@ -1,4 +1,4 @@
-"""Which calibration suits the campaign, and the figures by which it is chosen."""
+"""Errors and figures of calibrations as table rows, and which one suits the campaign."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from stages.calibration.extended import extended_figures
 from stages.common.rows import Rows
-from truing.calibration.accuracy import PoseErrors
+from truing.calibration.accuracy import ARCSEC, PoseErrors
 from truing.calibration.choice import Figure, Judged, error_figures, fit_figures
 from truing.calibration.extended import ESTIMATOR, MODEL, Extended
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD
+from truing.calibration.measured import Measured
 from truing.estimation.held_out import Choice
 from truing.simulation.mechanisms.structures.catalogue import departure, structures
 from truing.simulation.mechanisms.structures.structure import Machine
@@ -70,3 +71,24 @@ def departure_rows(machine: Machine, readings: NDArray) -> Rows:
 def _add(rows: Rows, model: str, deformation: str, estimator: str, figures: Sequence[Figure]) -> None:
     for name, value, unit in figures:
         rows.add(model=model, deformation=deformation, estimator=estimator, figure=name, value=value, unit=unit)
+
+
+def accuracy_rows(artifact: str, told: Sequence[tuple[tuple[str, str], PoseErrors]], measured: Measured) -> Rows:
+    """Return the errors of all models, (model, deformation) each, as rows of accuracy.parquet or its like."""
+    rows = Rows(artifact)
+    parts = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
+    units = np.array([1e-6] * 3 + [ARCSEC] * 3)
+    for (model, deformation), found in told:
+        kept = np.isfinite(found.error).all(-1)
+        rows.add(
+            model=model,
+            deformation=deformation,
+            pose=[pose for pose, good in zip(measured.poses, kept, strict=True) if good],
+            role=measured.roles[kept],
+            position_error_um=found.position[kept] * 1e6,
+            orientation_error_arcsec=found.orientation[kept] / ARCSEC,
+            **{name: found.error[kept, i] / units[i] for i, name in enumerate(parts)},
+            position_noise_um=found.expected(0)[kept] * 1e6,
+            orientation_noise_arcsec=found.expected(3)[kept] / ARCSEC,
+        )
+    return rows

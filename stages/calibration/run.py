@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.accuracy import accuracy_rows
-from stages.calibration.choice import choice_rows, departure_rows, extended_choice_rows, nominal_rows
+from stages.calibration.choice import accuracy_rows, choice_rows, departure_rows, extended_choice_rows, nominal_rows
 from stages.calibration.extended import extended_correlations, extended_parameters
 from stages.calibration.knowledge import absorption_rows, observability_rows
 from stages.common.rows import Rows

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.configurations.choice import Bounded
-from stages.configurations.problem import DesignProblem
+from truing.calibration.configuration_search import Bounded
+from truing.calibration.design_problem import DesignProblem
 from truing.estimation.design.design_bound import efficiency, sum_log_det
 from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -12,15 +12,14 @@ from numpy.typing import NDArray
 from schemas.faults import CampaignFaults, Fault
 from stages.common.nominal_mechanism import FILE, plain_machine
 from stages.common.point_arrays import number_column, survey_points
+from truing.calibration.design_problem import DesignProblem, Limits, identifiable_parameters
 from truing.estimation.design.feasible_region import FeasibleRegion
-from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
-from truing.simulation.mechanisms.pose_regressors import Placed, PoseRegressors, pose_regressors
+from truing.simulation.mechanisms.pose_regressors import PoseRegressors, pose_regressors
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
-from truing.simulation.mechanisms.structures.structure import poses_at
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -32,79 +31,6 @@ _POSE = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _TO_SI = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)
 # What stands for a tolerance that campaign.toml does not give: it only sets the scale in which rank is judged.
 _FREE = {"mm": 1e-3, "1": 1e-2}
-# Parameters are told apart where no combination of their unit columns is shorter than this. Rank, not noise, is asked
-# for, as in the report: its seven reach 1e-3 and more on the telescope, a_z or b_z beside them 4e-5 at most.
-_TOLD_APART = 2e-4
-_SAME = 1e-7  # m and rad
-_BETWEEN = 50  # points, in case that all corners are forbidden
-# The report's seven (section 6.3.1); others only enter where these leave room.
-_REPORTED = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "u_z", "l")
-
-
-@dataclass(frozen=True)
-class DesignProblem:
-    """What configurations are judged by; rows are in tolerances of the parameters and noise of the residual.
-
-    names (q,) with unit and SI; tolerance (q,) SI; noise (L,) m: one sigma of a leg's residual; noise_from, in words;
-    held: parameters of a leg that are not told apart from those, or were not asked for.
-    """
-
-    regressors: PoseRegressors
-    region: FeasibleRegion
-    names: tuple[Parameter, ...]
-    tolerance: NDArray
-    noise: NDArray
-    noise_from: str
-    held: tuple[str, ...] = ()
-
-    @property
-    def legs(self) -> int:
-        """Return the number of legs."""
-        return len(self.noise)
-
-    @property
-    def size(self) -> int:
-        """Return the number of parameters of all legs."""
-        return self.legs * len(self.names)
-
-    def rows(self, placed: Placed) -> NDArray:
-        """Return rows (B, L, q) of the scaled observability Jacobian."""
-        return self.regressors.rows(placed) * self.tolerance / self.noise[:, None]
-
-    def rows_at(self, x: NDArray) -> NDArray:
-        """Return the rows at coordinates x (B, 6)."""
-        return self.rows(self.regressors.at(x))
-
-    def rows_and_changes(self, x: NDArray) -> tuple[NDArray, NDArray]:
-        """Return the rows and their derivative (B, L, q, 6)."""
-        rows, changes = self.regressors.rows_and_changes(x)
-        scale = self.tolerance / self.noise[:, None]
-        return rows * scale, changes * scale[..., None]
-
-    def reached(self, x: NDArray) -> NDArray:
-        """Return which coordinates (B, 6) lie within the limits, and readings lead to past no singular pose."""
-        regressors, placed = self.regressors, self.regressors.at(x)
-        found = poses_at(regressors.structure, regressors.machine, placed.rho)
-        away = np.abs(np.concatenate([found.p - placed.p, (found.R - placed.R).reshape(-1, 9)], -1)).max(-1)
-        return np.asarray(found.converged & (away < _SAME) & self.region.within(x))
-
-    def placed_at(self, rho: NDArray) -> Placed:
-        """Return configurations by readings rho (B, L), m; raises ValueError where they reach no pose."""
-        regressors = self.regressors
-        reached = poses_at(regressors.structure, regressors.machine, rho)
-        if not reached.converged.all():
-            raise ValueError("readings that the mechanism can reach")
-        return Placed(reached.p, reached.R, rho)
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Half ranges of pose (6,) and readings (L,), SI, infinite where there is none; forbidden boxes (F, 6 + L)."""
-
-    pose: NDArray
-    readings: NDArray
-    lower: NDArray
-    upper: NDArray
 
 
 def design_problem(
@@ -130,7 +56,7 @@ def design_problem(
     tolerance = np.array([_tolerance(section.tolerance, entry) for entry in names])
     noise, noise_from = _residual_noise(settings, regressors, survey)
     problem = DesignProblem(regressors, region, names, tolerance, noise, noise_from)
-    kept = _named(names, parameters) if parameters else _identifiable(problem)
+    kept = _named(names, parameters) if parameters else identifiable_parameters(problem)
     chosen = ParameterSet(
         tuple(entry for k in kept for entry in whole.entries[k * problem.legs : (k + 1) * problem.legs])
     )
@@ -204,26 +130,6 @@ def _named(names: tuple[Parameter, ...], wanted: Sequence[str]) -> list[int]:
             Fault("--parameters", f"parameters of a leg: {', '.join(known)}", value=name) for name in strange
         )
     return [k for k, name in enumerate(known) if name in wanted]
-
-
-def _identifiable(problem: DesignProblem) -> list[int]:
-    """Return a maximal set that configurations at the corners and between tell apart, every leg having the same."""
-    between = problem.region.draw(_BETWEEN, np.random.default_rng(0))
-    rows = problem.rows_at(np.concatenate([problem.region.corners(), between]))
-    rows = rows / np.linalg.norm(rows, axis=0)
-    size = len(problem.names)
-    blocks = np.zeros((problem.legs, size, problem.legs, size))
-    for leg in range(problem.legs):
-        triangle = np.linalg.qr(rows[:, leg], mode="r")
-        blocks[leg, : len(triangle), leg] = triangle
-    jacobian = blocks.reshape(problem.legs * size, -1)
-    labels = [f"{entry.name}{leg + 1}" for leg in range(problem.legs) for entry in problem.names]
-    first = [0.0 if entry.name in _REPORTED else 1.0 for entry in problem.names] * problem.legs
-    groups = list(range(size)) * problem.legs
-    found = choose_identifiable(
-        jacobian, np.ones(len(labels)), labels, groups=groups, preference=first, unidentifiable=1.0 / _TOLD_APART
-    )
-    return [int(k) for k in np.flatnonzero(found.chosen[:size])]
 
 
 def _residual_noise(settings: Campaign, regressors: PoseRegressors, survey: pa.Table | None) -> tuple[NDArray, str]:

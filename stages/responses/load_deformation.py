@@ -24,8 +24,8 @@ from truing.estimation.interferometry.compliance import (
     compare,
     left_out_runs,
 )
-from truing.estimation.interferometry.load_run import BranchGap, branch_gap
-from truing.estimation.interferometry.loaded import Loaded, fitted_compliance, with_spread
+from truing.estimation.interferometry.load_run import BranchGap, gap_of_readings, widest_gap
+from truing.estimation.interferometry.loaded import Loaded, fitted_compliance, from_own_zero, r_squared, with_spread
 from truing.estimation.interferometry.recorded_steps import ARCSECOND, CHANNELS, LOADS, READING_SI
 from truing.estimation.response import ResponseFit, fit_response, residual_sets
 from truing.estimation.response_structure import (
@@ -146,11 +146,11 @@ def _error_rows(
             by_others = left_out_runs(load[own], loaded.reading[own], loaded.variance[own], run[own], name)
             sets["cv_"] = by_others if np.isfinite(by_others).all(0).any() else np.full_like(by_others, np.nan)
         entries = _entries(name, found, simulated)
-        sets["verification_"] = _from_own_zero(loaded.reading[held] - load[held] @ entries.T, run[held])
+        sets["verification_"] = from_own_zero(loaded.reading[held] - load[held] @ entries.T, run[held])
         for part, unit, scale in _PARTS:
             error_rows(rows, name, fit, sets, unit, scale, CHANNELS, part=part)
         for k, channel in enumerate(CHANNELS):
-            share = _r_squared(fits["none"], fit, k)
+            share = r_squared(fits["none"], fit, k)
             if np.isfinite(share):
                 rows.add(model=name, figure="r_squared", value=share, unit="1", subject=channel)
     gain = gain_p_value(fits["linear"], fits["matrix"])
@@ -186,23 +186,6 @@ def _entries(name: str, found: Mapping[str, Compliance], simulated: SimulatedCom
     return found[name].entries if name in found else np.zeros((6, 6))
 
 
-def _from_own_zero(residual: Array, run: NDArray[np.int64]) -> Array:
-    """Residuals (N, 6) less the mean of their own run, which no model can predict."""
-    left = np.array(residual)
-    for one in np.unique(run):
-        rows = run == one
-        count = np.maximum(np.isfinite(left[rows]).sum(0), 1)
-        left[rows] -= np.nansum(left[rows], axis=0) / count
-    return left
-
-
-def _r_squared(nothing: ResponseFit, fit: ResponseFit, k: int) -> float:
-    """Share of the variation of one component, about its zero per run, that the loads explain."""
-    before, after = nothing.residuals[:, k], fit.residuals[:, k]
-    total = float(np.nansum(before**2))
-    return float(1.0 - np.nansum(after**2) / total) if total > 0.0 else float("nan")
-
-
 def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
     rows = tables["reading_residuals"].select(["rejected", "decision"]).to_pylist()
     by_person = sum(row["decision"] == "excluded" for row in rows)
@@ -221,7 +204,7 @@ def _figure(loaded: Loaded, found: Mapping[str, Compliance], against: Mapping[st
         form="none",
         group=loaded.steps.run[loaded.fitted],
     )
-    shares = {name: _r_squared(nothing, found["matrix"].fit, k) for k, name in enumerate(CHANNELS)}
+    shares = {name: r_squared(nothing, found["matrix"].fit, k) for k, name in enumerate(CHANNELS)}
     words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if np.isfinite(share))
     said = f"compliance matrix explains {words}"
     if "matrix" not in against:
@@ -244,25 +227,15 @@ def branch_gap_rows(rows: Rows, load: Array, run: NDArray[np.int64], reading: Ar
     for a, axis in enumerate(LOADS):
         alone = np.flatnonzero(loaded[:, a] & (loaded.sum(1) == 1))
         for k, channel in enumerate(CHANNELS):
-            gaps = [_branch_gap_of(load[run == r, a], reading[run == r, k], sigma[run == r, k]) for r in alone]
+            gaps = [gap_of_readings(load[run == r, a], reading[run == r, k], sigma[run == r, k]) for r in alone]
             if met := [gap for gap in gaps if len(gap.load)]:
                 _add_branch_gap(rows, f"{channel} under {axis}", k, met)
 
 
-def _branch_gap_of(load: Array, reading: Array, sigma: Array) -> BranchGap:
-    seen = np.isfinite(reading)
-    return branch_gap(load, reading, float(np.sqrt(np.mean(sigma[seen] ** 2))) if seen.any() else 1.0)
-
-
 def _add_branch_gap(rows: Rows, subject: str, k: int, met: list[BranchGap]) -> None:
-    from scipy.special import chdtrc
-
-    load, gap, sigma = (np.concatenate([getattr(one, name) for one in met]) for name in ("load", "gap", "sigma"))
-    _, at = np.unique(load, return_inverse=True)
-    mean = np.bincount(at, gap / sigma**2) / np.bincount(at, sigma**-2.0)
-    widest = float(mean[np.argmax(np.abs(mean))] / READING_SI[k])
+    gap, chance = widest_gap(met)
+    widest = gap / float(READING_SI[k])
     unit = "um" if k < 3 else "arcsec"
-    chance = float(chdtrc(len(gap), np.sum((gap / sigma) ** 2)))
     rows.add(model=_MEASURED, figure="branch_gap", value=widest, unit=unit, subject=subject)
     rows.add(model=_MEASURED, figure="branch_gap_p_value", value=chance, unit="1", subject=subject)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from stages.calibration.accuracy import accuracy_rows
+from stages.calibration.choice import accuracy_rows
 from stages.calibration.extended import extended_correlations, extended_figures, extended_of, extended_parameters
 from stages.common.calibration_data import gather
 from tests.blind.generator.effects import ActuatorGain as Hidden

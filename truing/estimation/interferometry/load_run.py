@@ -6,11 +6,15 @@ is what an effect's parameters mean.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    pass
 
 Array = NDArray[np.float64]
 Term = Literal["zero", "drift", "response", "asymmetry", "cubic", "hysteresis", "material", "air"]
@@ -163,3 +167,19 @@ def branch_gap(load: ArrayLike, reading: ArrayLike, sigma: float) -> BranchGap:
     met = (counts[0] > 0.0) & (counts[1] > 0.0) & (levels != 0.0)
     spread = sigma * np.sqrt(1.0 / np.maximum(counts[0], 1.0) + 1.0 / np.maximum(counts[1], 1.0))
     return BranchGap(levels[met], (np.sign(levels) * (means[0] - means[1]))[met], spread[met])
+
+
+def gap_of_readings(load: Array, reading: Array, sigma: Array) -> BranchGap:
+    """Return the gap of readings (B,), NaN where there is none, with sigma (B,), in one run under loads (B,)."""
+    seen = np.isfinite(reading)
+    return branch_gap(load, reading, float(np.sqrt(np.mean(sigma[seen] ** 2))) if seen.any() else 1.0)
+
+
+def widest_gap(met: Sequence[BranchGap]) -> tuple[float, float]:
+    """Return the widest mean gap over runs that met the same loads, and the probability of such gaps by chance."""
+    from scipy.special import chdtrc
+
+    load, gap, sigma = (np.concatenate([getattr(one, name) for one in met]) for name in ("load", "gap", "sigma"))
+    _, at = np.unique(load, return_inverse=True)
+    mean = np.bincount(at, gap / sigma**2) / np.bincount(at, sigma**-2.0)
+    return float(mean[np.argmax(np.abs(mean))]), float(chdtrc(len(gap), np.sum((gap / sigma) ** 2)))

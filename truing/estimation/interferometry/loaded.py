@@ -13,6 +13,7 @@ from truing.estimation.interferometry.compliance import (
     fit_compliance,
 )
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
+from truing.estimation.response import ResponseFit
 
 if TYPE_CHECKING:
     pass
@@ -73,3 +74,20 @@ def with_spread(found: Compliance, spread: Array) -> Compliance:
     own = np.where(found.known & np.isfinite(found.sigma) & found.fit.free[:, :6], spread, 0.0)
     covariance = found.covariance + np.diag(own.ravel() ** 2)
     return replace(found, sigma=np.hypot(found.sigma, own), covariance=covariance)
+
+
+def from_own_zero(residual: Array, run: NDArray[np.int64]) -> Array:
+    """Return residuals (N, 6) less the mean of their own run, which no model can predict."""
+    left = np.array(residual)
+    for one in np.unique(run):
+        rows = run == one
+        count = np.maximum(np.isfinite(left[rows]).sum(0), 1)
+        left[rows] -= np.nansum(left[rows], axis=0) / count
+    return left
+
+
+def r_squared(nothing: ResponseFit, fit: ResponseFit, k: int) -> float:
+    """Return the share of the variation of one component, about its zero per run, that the loads explain."""
+    before, after = nothing.residuals[:, k], fit.residuals[:, k]
+    total = float(np.nansum(before**2))
+    return float(1.0 - np.nansum(after**2) / total) if total > 0.0 else float("nan")

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import CampaignFaults, Fault
-from stages.configurations.problem import DesignProblem
+from truing.calibration.design_problem import DesignProblem
 from truing.estimation.design.continuous_selection import largest_sensitivity, optimise_directly
 from truing.estimation.design.design_bound import DesignBound, bound_design, sum_log_det
 from truing.estimation.design.pose_selection import exchange, information_of, ioops, one_by_one, rounded_design
@@ -117,7 +116,10 @@ def _by_exchange(
 
 
 def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.Generator) -> NDArray:
-    """Return poses (count, 6) within the hull of the chosen (N, 6), far from them and from each other."""
+    """Return poses (count, 6) within the hull of the chosen (N, 6), far from them and from each other.
+
+    Raises ValueError where forbidden regions leave no room for so many.
+    """
     if not count:
         return np.empty((0, 6))
     picked = rng.integers(len(x), size=(100 * count, min(_HULL, len(x))))
@@ -125,7 +127,7 @@ def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.
     inside = problem.region.pulled_in(np.einsum("nk,nki->ni", shares, x[picked]))
     inside = inside[problem.region.allowed(inside) & problem.reached(inside)]
     if len(inside) < count:
-        raise CampaignFaults([Fault("--verification", "room within the hull of the chosen poses", value=str(count))])
+        raise ValueError("room within the hull of the chosen poses")
     near = np.full(len(inside), np.inf)
     for one in x:  # pose by pose: all distances at once would not fit in memory
         near = np.minimum(near, np.linalg.norm(inside - one, axis=-1))
