@@ -354,6 +354,8 @@ def _other_zero(motion: Motion, asked: Array) -> Slip | None:
     legs = motion.legs
     left = asked - motion.readings
     offset = np.median(left, axis=0)
+    if not np.isfinite(offset).all():
+        return None
     if not np.sqrt(np.nanmean((left - offset) ** 2)) <= _NOTED * np.sqrt(np.nanmean((asked - asked.mean(axis=0)) ** 2)):
         return None
     scale = next(descriptions(motion)).scales(motion.tolerance)
