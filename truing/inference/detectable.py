@@ -115,7 +115,7 @@ def _of_candidates(search: Search, level: float, candidates: Iterable[Candidate]
     rules: dict[tuple[str, int], Rule] = {}
     for candidate in candidates:
         own, sort = candidate.signature, (candidate.kind, candidate.signature.rank)
-        if not candidate.cause.catalogued or _is_of_several(candidate.cause.subject):
+        if not candidate.cause.catalogued or candidate.cause.concerns_several:
             continue
         if sort not in rules:
             rules[sort] = _rule(search, *sort, level)
@@ -149,11 +149,6 @@ def _rule(search: Search, kind: str, rank: int, level: float) -> Rule:
         return Rule(0, 1.0, level)
     group = search.null.group_of(kind, rank)
     return Rule(rank, search.noise.freedom(group.input_share), search.null.threshold(group, level))
-
-
-def _is_of_several(subject: str) -> bool:
-    """Return whether a subject names several things: ``leg1 leg4``, and not ``leg3`` or ``run 4 channel dz``."""
-    return subject.startswith("targets ") or (subject.startswith("leg") and len(subject.split()) > 1)
 
 
 def _sort(cause: Any) -> tuple[Any, ...]:

@@ -212,14 +212,14 @@ class Fitter:
         axes = axes @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
         order = fitted.scene.covariates.get("order")
         wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, order, fitted.model.zero_groups)
-        wrong = self.calibration.judged(wrong)
+        wrong = self.calibration.removable(wrong)
         self.calibration = self.calibration.without(wrong)
         found = _screened(wrong, rows.reshape(*seen.shape, -1), held_out=False)
         if self.held_out is not None and fitted.held_out is not None:
             unseen = gross_errors(
                 fitted.held_out.whitened, self.held_out.measured.seen, zero_groups=fitted.held_out.model.zero_groups
             )
-            unseen = self.held_out.judged(unseen)
+            unseen = self.held_out.removable(unseen)
             self.held_out = self.held_out.without(unseen)
             found += _screened(unseen, fitted.held_out.whitened, held_out=True)
         self.screened += found

@@ -37,7 +37,7 @@ class Model(Protocol):
 
 
 class CausalModel(Protocol):
-    """A model of observations that can take up causes; see `truing.simulation.cause.Cause` for what these bring."""
+    """A model of observations that can take up causes; each brings parameters and a design per pathway."""
 
     @property
     def layout(self) -> dict[str, slice]:
@@ -57,7 +57,7 @@ class CausalModel(Protocol):
 
     @property
     def part_count(self) -> int:
-        """Return the number of parts L."""
+        """Return the number of like parts L, each of which has parameters of its own in some causes."""
 
     @property
     def zero_groups(self) -> NDArray | None:
@@ -94,7 +94,7 @@ class CausalModel(Protocol):
         """Return the model with another share of what splits in common."""
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Any:
-        """Return observations and derivatives, as `point_fit.Model` does."""
+        """Return observations and derivatives, as `Model` does."""
 
     def embedded(self, shared: NDArray, model: Any) -> NDArray:
         """Return shared unknowns of this model as those of another."""

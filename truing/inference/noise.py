@@ -43,7 +43,7 @@ _SAME = 0.02  # rad: nothing to fit anew for
 class NoiseComponents:
     """Degrees of freedom behind the noise of observations and of inputs, declared knowledge included, and their totals.
 
-    ``points_total`` and ``readings_total`` are the sums of squares found, in units of the noise used for whitening,
+    ``observed_total`` and ``inputs_total`` are the sums of squares found, in units of the noise used for whitening,
     declared knowledge included; they equal the degrees of freedom where that noise is right.
     """
 

@@ -85,7 +85,7 @@ class Epochs:
     frames: Frames
     kept: NDArray | None = None
 
-    def judged(self, wrong: NDArray) -> NDArray:
+    def removable(self, wrong: NDArray) -> NDArray:
         """Return which observations (B, K) are to be taken out, of those that look grossly wrong."""
         return wrong if self.kept is None else wrong & ~self.kept
 

@@ -53,7 +53,7 @@ def least_gross(size: int) -> float:
 
 
 def _by_run(rest: NDArray, seen: NDArray, axes: NDArray | None, order: NDArray | None, zero_groups: NDArray) -> NDArray:
-    """Return the gross errors (B, K) where every run's inputs of a channel stand for a channel."""
+    """Return the gross errors (B, K) where every run's values of a channel count as a channel of their own."""
     step, channel = np.nonzero(seen & (zero_groups >= 0))
     in_time = np.lexsort((step if order is None else order[step], zero_groups[step, channel]))
     step, channel = step[in_time], channel[in_time]

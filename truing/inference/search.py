@@ -1,6 +1,6 @@
 """The search over all candidates of all kinds on one residual, and how often it finds as much where there is nothing.
 
-Each kind of cause is judged by its own best candidate; the statistic is the smallest p-value over kinds, each
+Each kind of cause is assessed by its own best candidate; the statistic is the smallest p-value over kinds, each
 multiplied by what its choice among candidates costs and divided by its share of the budget. Its null distribution
 comes from simulated residuals and from sign-flipped ones, both pushed through the same search.
 """
@@ -92,7 +92,7 @@ class Search:
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
-        """Return the groups: those of candidates, then one for every set of profiles."""
+        """Return the groups: those of candidates, then one for every family of channels."""
         found: dict[tuple[str, int], list[float]] = {}
         for candidate in self._seen:
             own = candidate.signature
@@ -141,7 +141,7 @@ class Search:
         return np.column_stack(columns) if columns else np.zeros((len(along), 0))
 
     def _of_families(self, parts: NDArray) -> list[NDArray]:
-        """Return the largest square (D,) of every set of profiles, from parts (D, B, C) along the pathway of
+        """Return the largest square (D,) of every family of channels, from parts (D, B, C) along the pathway of
         observations."""
         found: list[NDArray] = []
         last, along = None, parts
@@ -172,7 +172,7 @@ class Search:
 
     @cached_property
     def null(self) -> NullDistribution:
-        """Return what judges the candidates: the same search on drawn and on flipped residuals."""
+        """Return the null distribution: the same search on drawn and on flipped residuals."""
         drawn, flipped = [], []
         height = len(self.pathways.whitened.rest)
         block = max(_BLOCK // height, 1)
@@ -347,7 +347,7 @@ def _proposed(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Any]) -> 
 
 
 def opened(fitted: FittedModel, proposed: Sequence[Any]) -> list[Any]:
-    """Return the causes that the model of a stand has a place for."""
+    """Return the causes that a fitted model has a place for."""
     return [cause for cause in proposed if not any(own.excludes(cause) for own in fitted.causes)]
 
 

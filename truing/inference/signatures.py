@@ -114,7 +114,7 @@ def pathways_of(
     """Return a fit's pathways from their motions (B, K, d, C_i) of the observations; the observations themselves come
     last.
 
-    ``reading_rows`` tells which of an epoch's local unknowns are inputs.
+    ``input_rows`` tells which of an epoch's local unknowns are inputs.
     """
     wide = [whitened_columns(measured, frames, motion) for motion in motions.values()]
     each = measured.whitener @ frames.R[:, None]

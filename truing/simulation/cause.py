@@ -171,6 +171,11 @@ class Cause:
         return ""
 
     @property
+    def concerns_several(self) -> bool:
+        """Whether it concerns several legs or targets, named one by one, and not a single one or the whole."""
+        return self.subject.startswith("targets ") or (self.subject.startswith("leg") and " " in self.subject.strip())
+
+    @property
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
         told = " ".join(f"{name}={value}" for name, value in self.settings().items())
