@@ -81,8 +81,29 @@ def _has(guesses: Sequence[Guess], *columns: str) -> bool:
 
 
 def _drives(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
-    if "configurations" in tables and not _has(guesses, "rho"):
+    if "configurations" in tables and not _has(guesses, "rho") and not _axis_columns(guesses):
         yield _off('drives = ["elevation_deg"]', "columns of configurations that deformation may follow")
+
+
+def _axis_columns(guesses: Sequence[Guess]) -> list[str]:
+    """The columns of a single axis by their names: a command, and the encoders beside it; none where there is none."""
+    names = [name for guess in guesses if guess.table == "configurations" for name in guess.columns]
+    for unit in ("deg", "mm"):
+        if f"command_{unit}" in names:
+            return [c for what in ("command", "motor", "load", "measured") if (c := f"{what}_{unit}") in names]
+    return []
+
+
+def _axis(columns: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """[mechanism] of a single axis with these columns."""
+    yield "[mechanism]", "needed to diagnose the axis"
+    yield 'type = "axis"', ""
+    yield f'kind = "{"rotary" if columns[0].endswith("_deg") else "linear"}"', "rotary or linear"
+    for column in columns:
+        what = column.partition("_")[0]
+        if what != "measured":
+            yield f'{what} = "{column}"', "" if what != "command" else "where the axis was sent"
+    yield 'loop = "motor"', "the encoder that the controller holds to the command: motor or load"
 
 
 def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tuple[str, str]]:
@@ -106,6 +127,9 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
         yield "rotation_rad = 1e-5", f"{_NEEDED} a rotation about an axis, {given.replace('places', 'attitudes')}"
     if tables & {"images", "image_points"}:
         yield "image_px = 0.05", "one standard deviation of an image coordinate, where a file gives none"
+    for column in _axis_columns(guesses):
+        what = "how far the axis stands from its command; absent: 0" if column.startswith("command") else ""
+        yield f"{column} = 0.001", what or f"{_NEEDED} that encoder"
     if _has(guesses, "rho"):
         yield "actuator_mm = 0.001", "one standard deviation of an actuator's reading; absent: exact"
     done: set[str] = set()
@@ -127,6 +151,8 @@ def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
     if _has(guesses, "rho"):
         yield ""
         yield from (_off(line, remark) for line, remark in _LEGS)
+    elif columns := _axis_columns(guesses):
+        yield from ("", *(_off(line, remark) for line, remark in _axis(columns)))
     elif tables & {"points", "poses", "scans", "images", "image_points"}:
         yield from ("", _off("[bodies]", ""))
         yield _off('reference = "base"', "the body that the others are seen from; absent: the frame of the measurement")

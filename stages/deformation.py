@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
+from stages.common.why_not import NO_BODIES
 from stages.declaration import Outcome, Progress, Stage
 from truing.report.numbers import count as counted
 
@@ -70,6 +71,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return _with_positioning(found, tables, settings)
     if why:
         return _of_nothing(why, settings)
+    if settings.mechanism.type in NO_BODIES:
+        return not_evaluated(NO_BODIES[settings.mechanism.type])
     if settings.mechanism.is_legged:
         return _of_legs(tables, settings)
     return _of_targets(tables, settings)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from schemas.artifacts import ARTIFACTS
+from stages.common.why_not import NO_BODIES
 from stages.declaration import Outcome, Progress, Stage
 from truing.report.numbers import count as counted
 
@@ -48,9 +49,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return _of_loads(tables, settings)
     from stages.common.belonging import withheld
 
+    without = NO_BODIES.get(settings.mechanism.type, "no object points")
     names = ("observations", "scans", "measured_poses")
     observations, scans, measured = (tables.get(name, ARTIFACTS[name].empty()) for name in names)
-    why = "" if observations.num_rows or scans.num_rows or measured.num_rows else "no object points"
+    why = "" if observations.num_rows or scans.num_rows or measured.num_rows else without
     if why := why or withheld(tables, of_poses=True):
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
         return Outcome.not_evaluated(empty, why)

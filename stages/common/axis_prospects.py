@@ -9,26 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.axis_columns import columns_of, command_sigma
-from stages.common.why_not import HELD_OUT
+from stages.common.why_not import HELD_OUT, NO_BODIES, NO_CALIBRATION
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from schemas.campaign import Campaign
 
-NO_BODIES = "an axis has rows of readings, and no bodies with targets"
-NO_CALIBRATION = "mechanism axis: factors, lost motion and zeros are told by the diagnosis"
 _FEWEST_ROWS = 6
 
 
 def prospects(settings: Campaign, tables: Mapping[str, pa.Table]) -> Iterator[tuple[str, str, str]]:
     """Yield of each stage its name, why it evaluates nothing (else empty), and what it evaluates."""
-    yield "pose", NO_BODIES, ""
-    yield "deformation", NO_BODIES, ""
+    kind = settings.mechanism.type
+    yield "pose", NO_BODIES[kind], ""
+    yield "deformation", NO_BODIES[kind], ""
     why = why_no_diagnosis(tables, settings)
     without = "" if why else "; ".join(could_not_show(tables, settings))
     yield "diagnose", why, f"cannot show {without}" if without else ""
-    yield "calibrate", NO_CALIBRATION, ""
+    yield "calibrate", NO_CALIBRATION[kind], ""
 
 
 def why_no_diagnosis(tables: Mapping[str, pa.Table], settings: Campaign) -> str:

@@ -76,7 +76,7 @@ def _section(rod: RodSection | None) -> Section | None:
 def plain_machine(settings: Campaign) -> Machine:
     """Return the nominal mechanism, its platform rigid; raises CampaignFaults where none has six legs or more."""
     section = settings.mechanism
-    if section.type in ("none", "6-upur"):
+    if not section.is_legged:
         expected = "a mechanism whose configurations can be chosen: legs and actuators, photogrammetry"
         raise CampaignFaults([Fault(FILE, expected, column="mechanism.type", value=section.type)])
     legs = nominal_legs(cast("LeggedMechanism", section))

@@ -13,6 +13,9 @@ LEAST_POSES = 3
 LEAST_TARGETS = 3
 HELD_OUT = "verification"
 _LEAST_LEGS = 6  # fewer leave the platform free
+# Why mechanisms without bodies have neither poses nor deformation, and what tells their numbers instead; by type.
+NO_BODIES = {"axis": "an axis has rows of readings, and no bodies with targets"}
+NO_CALIBRATION = {"axis": "factors, lost motion and zeros of an axis are told by the diagnosis"}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
 NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and poses or scans have none"
 NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"
@@ -63,6 +66,8 @@ def why_too_few_determined(fitted: int) -> str:
 
 def why_no_calibration(mechanism: Any, tables: Mapping[str, pa.Table]) -> str:
     """Why no machine can be calibrated; empty where one can be."""
+    if mechanism.type in NO_CALIBRATION:
+        return NO_CALIBRATION[mechanism.type]
     if not mechanism.is_legged:
         return f"mechanism {mechanism.type}: no legs whose readings say where the platform is"
     return "" if "configurations" in tables else "needs the actuators' readings (configurations)"

@@ -90,7 +90,7 @@ def hidden() -> list[Judged]:
 
 
 def test_where_nothing_is_hidden_no_more_is_found_than_declared(clean: list[Judged]) -> None:
-    alarms = [one for one in clean if one.found or one.decided.noisy or one.decided.following]
+    alarms = [one for one in clean if one.found or one.decided.noisy or one.decided.noise_dependences]
     assert len(clean) - len(alarms) >= fewest_of(len(clean), 1.0 - DECLARED)
 
 

@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.command_line import app
+from schemas.campaign import read_campaign
 from schemas.faults import CampaignFaults
 from schemas.settings_text import parsed_toml
 from stages.common.axis_columns import AxisColumns
@@ -210,3 +211,23 @@ def test_direction_of_approach_is_that_of_the_last_movement_larger_than_the_leas
 def test_a_model_of_an_axis_says_what_it_is(run: Path) -> None:
     about = parsed_toml((run / "model.toml").read_text(encoding="utf-8"))["model"]
     assert (about["mechanism"], about["kind"], about["loop"]) == ("axis", "rotary", "motor")
+
+
+def test_other_commands_take_an_axis_or_say_why_not(run: Path, tmp_path: Path) -> None:
+    code, said = _truing("export", str(run), "--out", str(tmp_path / "exported"))
+    assert code == 0, said
+    assert parsed_toml((tmp_path / "exported" / "controller.toml").read_text(encoding="utf-8"))["effects"]
+    code, said = _truing("design", str(run.parent / "campaign"), "--poses", "3")
+    assert (code, "column mechanism.type: found 'axis'" in said) == (2, True)
+    code, said = _truing("power", str(run.parent / "campaign"))
+    assert (code, "column mechanism.type: found 'axis'" in said) == (2, True)
+
+
+def test_a_starter_knows_an_axis_by_its_columns(tmp_path: Path) -> None:
+    folder = write(_campaign(), tmp_path / "c")
+    (folder / "campaign.toml").unlink()
+    assert _truing("init", str(folder))[0] == 0
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    switched_on = "\n".join(line.removeprefix("# ") for line in text.splitlines() if "=" in line or "[" in line)
+    made = read_campaign(parsed_toml(switched_on))
+    assert (made.mechanism.type, made.noise.measured_deg) == ("axis", 0.001)

@@ -66,7 +66,11 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
     encoders = list(dict.fromkeys(errors["encoder"]))
     unit, command = sign(str(errors["unit"].iloc[0])), sign(str(errors["command_unit"].iloc[0]))
     figure = make_subplots(
-        rows=len(encoders), cols=1, shared_xaxes=True, subplot_titles=[_NAMES[name] for name in encoders]
+        rows=len(encoders),
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=0.3 / len(encoders),
+        subplot_titles=[_NAMES[name] for name in encoders],
     )
     for place, name in enumerate(encoders, 1):
         for way, colour, symbol, words in _WAYS:

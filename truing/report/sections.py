@@ -37,11 +37,12 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): where each body's targets sit.
     ``provenance``: the metadata of each artifact.
     """
+    of_axis = axis(tables)
     bench = is_bench(tables) or any(name in tables for name in _OF_BENCHES)
     drawn = [
         diagnosis(tables) or _absent("diagnosis", "Diagnosis", tables),
-        axis(tables),
-        measured(tables),
+        of_axis,
+        None if of_axis else measured(tables),
         quality(tables) or _absent("qa", "Quality", tables),
         photographs(tables),
         *(_placed(tables) if bench else [poses(tables) or _absent("poses", "Poses", tables)]),

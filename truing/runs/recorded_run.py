@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.report.page import Head, Section
+    from truing.simulation.axis.extended_axis import ExtendedAxis
     from truing.simulation.bench.extended_sensor import ExtendedSensor
     from truing.simulation.mechanisms.extended_model import ExtendedModel
 
@@ -82,11 +83,12 @@ class Run(Mapping[str, "pd.DataFrame"]):
         return {f"{name}-{k}": figure for name, figures in drawn for k, (figure, _) in enumerate(figures)}
 
     @cached_property
-    def model(self) -> ExtendedModel | ExtendedSensor | None:
+    def model(self) -> ExtendedModel | ExtendedSensor | ExtendedAxis | None:
         """The extended model that `predict_poses` or `predict_readings` takes; None where the run has left none."""
         path = self.folder / ARTIFACTS["model"].file
         if not path.is_file():
             return None
+        from truing.simulation.axis.extended_axis import is_axis, read_axis
         from truing.simulation.bench.model_text import is_sensor, read_sensor
         from truing.simulation.mechanisms.model_text import read_model
 
@@ -94,6 +96,8 @@ class Run(Mapping[str, "pd.DataFrame"]):
         document = parsed_toml(text)
         if "model" not in document:
             return None  # the stage was not evaluated, and says so in the file
+        if is_axis(document):
+            return read_axis(text)
         return read_sensor(text) if is_sensor(document) else read_model(text)
 
     @cached_property

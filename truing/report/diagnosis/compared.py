@@ -48,8 +48,21 @@ READINGS = Compared(
     "is the sensor what it was built to be?",
     "Lengths and stiffnesses are what they were built to be.",
 )
+AXIS = Compared(
+    "row",
+    "fitted rows",
+    "held-out rows",
+    "held-out errors",
+    "Held-out rows are predicted by a fit that has not seen them.",
+    "No commands were computed: what each finding asks for is said in words.",
+    "encoders",
+    "are the encoders what they were built to be?",
+    "The encoders are what they were built to be.",
+)
 
 
 def compared(tables: Tables) -> Compared:
     """The words for a campaign's kind."""
+    if "axis_errors" in tables:
+        return AXIS
     return READINGS if is_bench(tables) else POINTS

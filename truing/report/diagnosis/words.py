@@ -203,7 +203,7 @@ def counted(rows: list[Judged], tables: Tables) -> str:
         return f"{judged_words}, none found: the simulation agrees with the data to within its noise{noise}."
     other = f", {rivals} as good and not to be told from it" if rivals else ""
     into = "modelled in what follows"
-    if is_bench(tables) or "pulls" in tables:
+    if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "accepted into the extended model (model.toml)"
     return (
         f"{judged_words}: {found} found and {into}{other}, {out} rejected. "

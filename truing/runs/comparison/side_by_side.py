@@ -14,6 +14,7 @@ from schemas.artifacts import ARTIFACTS
 from truing.runs.comparison.mechanisms import mechanism_numbers, mechanism_step
 from truing.runs.comparison.sensors import matrix_numbers, matrix_step, sensor_numbers, sensor_step
 from truing.runs.comparison.step import NAMES, Step, not_judged
+from truing.simulation.axis.extended_axis import ExtendedAxis
 from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.mechanisms.extended_model import ExtendedModel
 
@@ -123,6 +124,8 @@ def _of_models(before: Run, now: Run) -> Step:
         return mechanism_step(first, second)
     if isinstance(first, ExtendedSensor) and isinstance(second, ExtendedSensor):
         return sensor_step(first, second, _simulated(now))
+    if isinstance(first, ExtendedAxis) and isinstance(second, ExtendedAxis):
+        return not_judged("models of single axes are not held against each other yet")
     return not_judged("they are of other machines")
 
 

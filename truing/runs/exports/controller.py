@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
 _LENGTHS, _XYZ = ("a_mm", "b_mm"), "xyz"
+_OF_MECHANISM = ("reference_temperature_c", "kind", "loop")
 _LOADS, _CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz"), ("dx", "dy", "dz", "rx", "ry", "rz")
 
 
@@ -37,10 +38,12 @@ def controller(run: Run) -> Iterator[tuple[str, bytes]]:
 def _text(document: dict[str, Any]) -> Iterator[str]:
     """The mechanism as a campaign.toml has it, with the identified numbers, and what the effects add."""
     about = document["model"]
-    yield f"# {about.get('campaign', '')}: identified by truing; a [mechanism] that simulates this machine"
+    is_whole = "legs" in document or "compliance" in document
+    simulates = "a [mechanism] that simulates this machine" if is_whole else "what its model holds"
+    yield f"# {about.get('campaign', '')}: identified by truing; {simulates}"
     yield "[mechanism]"
     yield f"type = {toml_value(about['mechanism'])}"
-    yield f"reference_temperature_c = {toml_value(about['reference_temperature_c'])}"
+    yield from (f"{key} = {toml_value(about[key])}" for key in _OF_MECHANISM if key in about)
     if "legs" in document:
         yield from ("legs = [", *(f"  {toml_value(leg['identified'])}," for leg in document["legs"]), "]")
     if "compliance" in document:

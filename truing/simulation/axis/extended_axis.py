@@ -86,6 +86,12 @@ def write_axis(extended: ExtendedAxis) -> str:
     return model_text(extended, numbers, tables, (), names=own.encoders, units="SI", legs=0)
 
 
+def is_axis(document: dict[str, Any]) -> bool:
+    """Return whether a parsed model.toml is that of an axis."""
+    about = document.get("model", {})
+    return isinstance(about, dict) and about.get("mechanism") == MECHANISM
+
+
 def read_axis(text: str) -> ExtendedAxis:
     """Return the model that a text of `write_axis` describes; raises ValueError where it does not describe one."""
     return read_document(text, _from_document)
