@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import table
 from tests.estimation.interferometry.bench import ALL_PAIRS, LEVELS, OWN_PAIRS, Log, made_log
-from tests.simulation.six_upur.sensors import sensor_of
+from tests.simulation.bench.six_upur.sensors import sensor_of
 from truing.estimation.interferometry import log_quality as quality
 from truing.estimation.interferometry.compliance import Compliance, axis_curve, compare, fit_compliance
 from truing.estimation.interferometry.fringes import find_slips

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.simulation.telescope import readings, telescope
+from tests.simulation.mechanisms.telescope import readings, telescope
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms.legs.kinematics import inverse
 from truing.simulation.mechanisms.state import State

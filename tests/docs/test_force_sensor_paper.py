@@ -14,7 +14,7 @@ from docs.experiments import force_sensor_statics as statics
 from docs.experiments import force_sensor_tolerances as tolerances
 from docs.experiments.force_sensor_sets import ARCSEC, LENS_M, SETS, UNITS, published, sigmas, three_fold
 from tests.docs.shown import shown
-from tests.simulation.six_upur.sensors import REFERENCE, joints_of, sensor_of
+from tests.simulation.bench.six_upur.sensors import REFERENCE, joints_of, sensor_of
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.bench.six_upur.assembly import closed_loop_map
 from truing.simulation.bench.six_upur.influence import force_bound, influence_matrix, merit

@@ -27,7 +27,7 @@ from tests.blind.generator.named_effect import Parameter
 from tests.blind.generator.schedule import random_moves
 from tests.conftest import PROJECT
 from tests.docs.shown import shown
-from tests.simulation.telescope import readings, telescope
+from tests.simulation.mechanisms.telescope import readings, telescope
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.simulation.mechanisms.state import State

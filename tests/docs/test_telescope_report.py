@@ -23,7 +23,7 @@ from docs.experiments.telescope_report_remainder import CAUSES, TOGETHER, Ignora
 from docs.experiments.telescope_report_side import choice, starts
 from docs.experiments.telescope_report_tables import reference_reading
 from tests.docs.shown import shown
-from tests.simulation.telescope import K as REFERENCE_K
+from tests.simulation.mechanisms.telescope import K as REFERENCE_K
 from tests.tolerance import assert_close
 from truing.estimation.design.absorption import absorb
 from truing.simulation.mechanisms.parameters import report_set

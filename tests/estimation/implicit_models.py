@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.simulation.telescope import readings, telescope
+from tests.simulation.mechanisms.telescope import readings, telescope
 from truing.estimation.errors_in_variables.fit import Prior
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.simulation.telescope import K, telescope
+from tests.simulation.mechanisms.telescope import K, telescope
 from truing.simulation.mechanisms.legs.kinematics import forward
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "telescope_reference.json").read_text(encoding="utf-8"))

@@ -91,7 +91,7 @@ def test_forbidden_regions_are_kept_out_of(tmp_path: Path) -> None:
 
 
 def test_the_workspace_limits_poses_too(tmp_path: Path) -> None:
-    from tests.simulation.telescope import telescope
+    from tests.simulation.mechanisms.telescope import telescope
     from truing.estimation.rotation import log_so3
     from truing.simulation.mechanisms.legs.kinematics import forward
 

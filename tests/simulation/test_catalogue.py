@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint, EntryPoints
 import numpy as np
 import pytest
 
-from tests.simulation.telescope import readings, sample_model, telescope
+from tests.simulation.mechanisms.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_close
 from truing.simulation import catalogue as causes
 from truing.simulation import installed

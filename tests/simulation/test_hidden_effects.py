@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.simulation.telescope import sample_model
+from tests.simulation.mechanisms.telescope import sample_model
 from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.catalogue import catalogue
 from truing.simulation.cause import Scene

@@ -8,7 +8,7 @@ import pytest
 
 from schemas.faults import CampaignFaults
 from stages.predict import predict
-from tests.simulation.made_models import OFFERED, made_model
+from tests.simulation.mechanisms.made_models import OFFERED, made_model
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import acts_on_poses
 from truing.simulation.mechanisms.model_text import write_model

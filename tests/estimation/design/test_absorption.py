@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.estimation.telescope_rows import DRHO_MM, LEGS, REFERENCE, poses
-from tests.simulation.telescope import K, telescope
+from tests.simulation.mechanisms.telescope import K, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.design.absorption import absorb, absorb_in_full
 from truing.estimation.least_squares.solver import SolverStatus

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.estimation.telescope_rows import COLUMNS, DRHO_MM, LEGS, REFERENCE, directions, gaps, leg_rows, poses, rows
-from tests.simulation.telescope import KAPPA, telescope
+from tests.simulation.mechanisms.telescope import KAPPA, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.design.observability import indices, observe
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem

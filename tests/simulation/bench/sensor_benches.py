@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.simulation.six_upur.sensors import TOLERANCES_UM, sensor_of
+from tests.simulation.bench.six_upur.sensors import TOLERANCES_UM, sensor_of
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, zeros_of
 from truing.simulation.bench.load_steps import AIR, CHANNELS, HUMIDITY, MATERIAL, PRESSURE
 from truing.simulation.bench.model import ReadingModel

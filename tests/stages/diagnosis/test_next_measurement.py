@@ -15,7 +15,7 @@ from stages.diagnosis.claims import claim_of
 from stages.diagnosis.next_candidates import Possible, possible
 from stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements
 from tests.conftest import PROJECT
-from tests.simulation.telescope import readings, sample_model, telescope
+from tests.simulation.mechanisms.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_between
 from truing.estimation.design.rival_design import Fitted
 from truing.estimation.rotation import exp_so3
