@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from schemas.artifacts import ARTIFACTS
 from truing.inference.detectable import POWER, Sight, sight, sights
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.inference.search import Search
+    from truing.simulation.cause import Cause
 
 
 def detectable_table(search: Search, level: float, legs: int) -> pa.Table:
@@ -41,7 +42,7 @@ def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: 
 
 def _row(own: Sight, legs: int) -> dict[str, Any]:
     smallest = own.smallest()
-    size = told_size(own.cause, 1.0 if smallest is None else smallest, legs)
+    size = told_size(cast("Cause", own.cause), 1.0 if smallest is None else smallest, legs)
     return {
         "cause": own.kind,
         "subject": own.cause.subject,

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.inference.model import Cause
 from truing.inference.search import Candidate, ChannelFamily, Search
 
 POWER = 0.8
@@ -55,7 +55,7 @@ class Sight:
     """How well a campaign sees one sort of effect: ``per_scale`` (D,) are the signal-to-noise ratios of patterns of its
     parameters, in no particular direction, whose root mean square is one plausible scale."""
 
-    cause: Any  # a typical one of its sort
+    cause: Cause  # a typical one of its sort
     kind: str
     rule: Rule
     per_scale: NDArray
@@ -98,13 +98,13 @@ def sights(search: Search, level: float) -> list[Sight]:
 
     Of candidates of one sort that differ in shape (onset, pitch, time constant) the one that is seen middling well.
     """
-    sorts: dict[tuple[Any, ...], list[Sight]] = {}
+    sorts: dict[tuple[object, ...], list[Sight]] = {}
     for sight in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
         sorts.setdefault((sight.kind, *_sort(sight.cause)), []).append(sight)
     return [_middling(own) for own in sorts.values()]
 
 
-def sight(search: Search, cause: Any, level: float) -> Sight | None:
+def sight(search: Search, cause: Cause, level: float) -> Sight | None:
     """Return how well a search sees one of its candidates; None where it has no such candidate."""
     key = cause.key
     own = (candidate for candidate in search.candidates if candidate.key == key)
@@ -151,7 +151,7 @@ def _rule(search: Search, kind: str, rank: int, level: float) -> Rule:
     return Rule(rank, search.noise.freedom(group.input_share), search.null.threshold(group, level))
 
 
-def _sort(cause: Any) -> tuple[Any, ...]:
+def _sort(cause: Cause) -> tuple[object, ...]:
     """Return what effects of one sort have in common: their subject, and their parameters' names and units."""
     return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(6)))
 

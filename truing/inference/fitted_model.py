@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truing.inference.fit import Fit, fit_model
 from truing.inference.linear_problem import Contribution, rows_by_source
-from truing.inference.model import CausalModel
+from truing.inference.model import CausalModel, Cause
 from truing.inference.noise import (
     NoiseComponents,
     NoiseDependence,
@@ -68,7 +68,7 @@ class FittedModel:
         return replace(self.model.scene, seen=self.measured.seen)
 
     @cached_property
-    def design_matrix(self) -> Callable[[Any], Mapping[str, NDArray]]:
+    def design_matrix(self) -> Callable[[Cause], Mapping[str, NDArray]]:
         """Return what tells how a candidate acts at this fit."""
         return self.model.design_matrix(self.fit.shared, self.fit.local)  # type: ignore[no-any-return]
 
@@ -98,12 +98,12 @@ class FittedModel:
         motions = self.model.pathways(self.fit.shared, self.fit.local)
         return pathways_of(self.fit.whitened, self.measured, self.fit.frames, motions, self.input_rows)
 
-    def values(self, cause: Any) -> tuple[NDArray, NDArray]:
+    def values(self, cause: Cause) -> tuple[NDArray, NDArray]:
         """Return the values (P,) and covariance (P, P), SI, of an accepted cause's parameters."""
         place, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
         return self.fit.shared[place] * sigma, self.covariance()[place, place] * np.outer(sigma, sigma)
 
-    def contributions(self, cause: Any) -> tuple[Contribution, ...]:
+    def contributions(self, cause: Cause) -> tuple[Contribution, ...]:
         """Return what each source gives to the covariance of an accepted cause's parameters, SI: all of it together."""
         whitened, place = self.fit.whitened, self.model.layout[cause.key]
         rows = rows_by_source(whitened, self.model.layout, {own.key for own in self.causes}, self.input_rows)
@@ -138,20 +138,20 @@ class Fitter:
         seed: int,
         progress: Callable[[str], None] = lambda what: None,
     ) -> None:
-        self.model: Any = model
+        self.model = model
         self.calibration, self.held_out = calibration, held_out
         self._declared, self.declared = model, calibration.measured.covariance
         self._ratios = 1.0, 1.0
         self._seed, self._progress = seed, progress
         self.screened: list[ScreenedValue] = []  # observations taken out as gross errors
 
-    def prepared(self, causes: tuple[Any, ...] = (), start: FittedModel | None = None) -> FittedModel:
+    def prepared(self, causes: tuple[Cause, ...] = (), start: FittedModel | None = None) -> FittedModel:
         """Return the fit with some causes once gross errors are out and the noise is known; with what it predicts
         wrongly of epochs that were left out."""
         fitted = self.settled(causes, start)
         return fitted if fitted.held_out is not None else replace(fitted, held_out=self._left_out_in_turn(fitted))
 
-    def settled(self, causes: tuple[Any, ...] = (), start: FittedModel | None = None) -> FittedModel:
+    def settled(self, causes: tuple[Cause, ...] = (), start: FittedModel | None = None) -> FittedModel:
         """Return the fit with some causes once gross errors are out and the noise is known."""
         fitted = self.fitted(causes, start)
         for _ in range(_PREPARATIONS):
@@ -161,7 +161,7 @@ class Fitter:
             fitted = self.fitted(causes, fitted)
         return fitted
 
-    def fitted(self, causes: tuple[Any, ...], start: FittedModel | None = None) -> FittedModel:
+    def fitted(self, causes: tuple[Cause, ...], start: FittedModel | None = None) -> FittedModel:
         """Return the model with some causes, fitted from an earlier fit."""
         self._progress("fitting " + (", ".join(cause.id for cause in causes) or "the plain simulation"))
         model = self.model.with_causes(causes)

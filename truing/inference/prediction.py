@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.inference.fit import Fit, linearise
 from truing.inference.linear_problem import Whitened
-from truing.inference.model import Model
+from truing.inference.model import Cause, Model
 from truing.inference.observations import Frames, Observations
 
 # Newton on frames and rolls: after two rounds from an epoch's own fit, nothing is left to gain.
@@ -58,7 +58,7 @@ class PredictionError:
         return self.model.pathways(self.shared, self.local)  # type: ignore[no-any-return]
 
     @cached_property
-    def design_matrix(self) -> Callable[[Any], Mapping[str, NDArray]]:
+    def design_matrix(self) -> Callable[[Cause], Mapping[str, NDArray]]:
         """Return what tells a cause's change of each pathway at the prediction."""
         return self.model.design_matrix(self.shared, self.local)  # type: ignore[no-any-return]
 

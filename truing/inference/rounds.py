@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.evidence import alike_log_evidence, log_evidence, log_possible, probabilities
 from truing.inference.fitted_model import FittedModel
+from truing.inference.model import Cause
 from truing.inference.search import (
     FURTHER_SHARE,
     Candidate,
@@ -41,7 +41,7 @@ STRETCH = 3.0
 _ALIKE = 0.7
 
 
-def is_form_of_a_subject(cause: Any) -> bool:
+def is_form_of_a_subject(cause: Cause) -> bool:
     """Return whether a cause is a form that nobody declared, of something in particular: what concerns all is about
     nothing in particular, and no name's rival for its subject."""
     return not cause.catalogued and bool(cause.subject)
@@ -257,7 +257,7 @@ def _apart(first: Candidate, second: Candidate) -> bool:
     return not np.isin(first.signature.index, second.signature.index).any()
 
 
-def score_round(fitted: FittedModel, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Round:
+def score_round(fitted: FittedModel, kinds: Sequence[Cause], draws: int, rng: np.random.Generator) -> Round:
     """Return what a fitted model leaves for all candidates that the kinds of cause propose."""
     return scored(fitted, search_of(fitted, kinds, draws, rng))
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
-from truing.inference.model import OBSERVED
+from truing.inference.model import OBSERVED, Cause, ChannelCandidates
 from truing.inference.noise import NoiseComponents
 from truing.inference.signatures import (
     ChannelSignatures,
@@ -49,7 +48,7 @@ FURTHER_SHARE = 0.5
 class Candidate:
     """One candidate: its cause, the kind it belongs to, its signature, and its probability beforehand in its kind."""
 
-    cause: Any
+    cause: Cause
     kind: str
     signature: Signature
     prior: float
@@ -68,7 +67,7 @@ class Candidate:
 class ChannelFamily:
     """Candidates over single channels: the kind they belong to, and their signatures."""
 
-    cause: Any  # which makes the candidate of a channel and a shape
+    cause: ChannelCandidates  # which makes the candidate of a channel and a shape
     kind: str
     signatures: ChannelSignatures
 
@@ -321,7 +320,7 @@ def _share(minima: NDArray, statistic: float) -> float:
     return max(min(drawn, extrapolated), LEAST_P)
 
 
-def search_of(fitted: FittedModel, kinds: Sequence[Any], draws: int, rng: np.random.Generator) -> Search:
+def search_of(fitted: FittedModel, kinds: Sequence[Cause], draws: int, rng: np.random.Generator) -> Search:
     """Return the search over all candidates that the kinds of cause propose, on what a fitted model leaves."""
     pathways = fitted.pathways()
     candidates, families = _proposed(fitted, pathways, kinds), _families(fitted, pathways, kinds)
@@ -332,7 +331,7 @@ def search_of(fitted: FittedModel, kinds: Sequence[Any], draws: int, rng: np.ran
     return Search(pathways, fitted.noise, candidates, families, shares, draws, rng)
 
 
-def _proposed(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Any]) -> list[Candidate]:
+def _proposed(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Cause]) -> list[Candidate]:
     found = []
     for kind in kinds:
         further = opened(
@@ -346,16 +345,16 @@ def _proposed(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Any]) -> 
     return found
 
 
-def opened(fitted: FittedModel, proposed: Sequence[Any]) -> list[Any]:
+def opened(fitted: FittedModel, proposed: Sequence[Cause]) -> list[Cause]:
     """Return the causes that a fitted model has a place for."""
     return [cause for cause in proposed if not any(own.excludes(cause) for own in fitted.causes)]
 
 
-def candidate_of(fitted: FittedModel, pathways: Pathways, cause: Any, kind: str, prior: float) -> Candidate:
+def candidate_of(fitted: FittedModel, pathways: Pathways, cause: Cause, kind: str, prior: float) -> Candidate:
     return Candidate(cause, kind, signature(pathways, fitted.design_matrix(cause)), prior)
 
 
-def _families(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Any]) -> list[ChannelFamily]:
+def _families(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Cause]) -> list[ChannelFamily]:
     found = []
     rotations, scene = fitted.model.rotations(fitted.fit.shared, fitted.fit.local), fitted.scene
     rotated: dict[tuple[tuple[int, ...], bytes], RotatedChannels] = {}  # mostly the same for all

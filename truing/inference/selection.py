@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
-from truing.inference.model import CausalModel
+from truing.inference.model import CausalModel, Cause
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
@@ -80,7 +79,7 @@ class _Accepted:
 
     chosen: Choice
     round: Round
-    cause: Any  # in the form that was fitted
+    cause: Cause  # in the form that was fitted
     after: FittedModel
 
     @property
@@ -120,12 +119,12 @@ class Acceptance:
         held_out: Epochs | None,
         settings: Settings,
         progress: Callable[[str], None] = lambda what: None,
-        given: Sequence[Any] = (),
+        given: Sequence[Cause] = (),
     ) -> None:
         self._fitter = Fitter(model, calibration, held_out, settings.seed, progress)
         self._settings, self._progress, self._given = settings, progress, tuple(given)
 
-    def run(self, kinds: Sequence[Any]) -> Diagnosis:
+    def run(self, kinds: Sequence[Cause]) -> Diagnosis:
         """Return what is decided on all kinds of cause of a catalogue."""
         noise_dependences: list[NoiseDependence] = []
         searched = self._searched(kinds)
@@ -167,7 +166,7 @@ class Acceptance:
                 final = self._fitter.settled(final.causes, final)
         return found
 
-    def _searched(self, kinds: Sequence[Any]) -> _Searched:
+    def _searched(self, kinds: Sequence[Cause]) -> _Searched:
         plain = self._fitter.prepared(self._given)
         rounds = [self._round(plain, kinds, 0)]
         found, worse = self._forward(rounds, kinds)
@@ -189,11 +188,11 @@ class Acceptance:
                 verdicts.append(verdict)
         return verdicts
 
-    def _round(self, fitted: FittedModel, kinds: Sequence[Any], number: int) -> Round:
+    def _round(self, fitted: FittedModel, kinds: Sequence[Cause], number: int) -> Round:
         self._progress(f"scoring the candidates of {len(kinds)} kinds of cause")
         return score_round(fitted, kinds, self._settings.draws, np.random.default_rng([self._settings.seed, number]))
 
-    def _forward(self, rounds: list[Round], kinds: Sequence[Any]) -> tuple[list[_Accepted], list[Verdict]]:
+    def _forward(self, rounds: list[Round], kinds: Sequence[Cause]) -> tuple[list[_Accepted], list[Verdict]]:
         """Return the causes accepted one after the other, and those that predict worse; adds their rounds."""
         found: list[_Accepted] = []
         worse: list[Verdict] = []
@@ -216,7 +215,7 @@ class Acceptance:
             rounds.append(next_round)
         return found, worse
 
-    def _fitted(self, chosen: Choice, current: Round) -> tuple[Choice, Any, FittedModel]:
+    def _fitted(self, chosen: Choice, current: Round) -> tuple[Choice, Cause, FittedModel]:
         """Return what was chosen in the form that is fitted, and the model with it; without those of its parts that do
         nothing then."""
         while True:
@@ -230,7 +229,7 @@ class Acceptance:
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=())
 
-    def _covered(self, cause: Any, after: FittedModel) -> NDArray:
+    def _covered(self, cause: Cause, after: FittedModel) -> NDArray:
         """Return at which held-out epochs (B,) a cause claims to hold."""
         held = self._fitter.held_out
         if held is None:
@@ -256,7 +255,7 @@ class Acceptance:
                 final = self._fitter.prepared((*self._given, *(other.cause for other in kept)), final)
         return kept, dropped, final
 
-    def _is_needed(self, step: _Accepted, final: FittedModel, others: Sequence[Any]) -> bool:
+    def _is_needed(self, step: _Accepted, final: FittedModel, others: Sequence[Cause]) -> bool:
         """Return whether an accepted cause is still real in the final model, at the search's threshold: by Wald's test,
         or by what a fit of the others without it leaves, since a shape that the data hardly tell widens amplitudes."""
         values, covariance = final.values(step.cause)
@@ -422,7 +421,7 @@ def _other_subjects(current: Round, chosen: Candidate) -> tuple[tuple[str, float
     return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])
 
 
-def both_sides(fitter: Fitter, final: FittedModel, cause: Any, size: int) -> NDArray:
+def both_sides(fitter: Fitter, final: FittedModel, cause: Cause, size: int) -> NDArray:
     """Return factors (P, P) on the covariance of a cause in the final model, all of whose parameters but the first
     ``size`` are its shape: those that make sigmas of shapes what the wider side's rise of the sum of squares says."""
     values, covariance = final.values(cause)
@@ -436,7 +435,7 @@ def both_sides(fitter: Fitter, final: FittedModel, cause: Any, size: int) -> NDA
     return np.outer(wider, wider)
 
 
-def _rise(fitter: Fitter, final: FittedModel, cause: Any, held: Any) -> float:
+def _rise(fitter: Fitter, final: FittedModel, cause: Cause, held: Cause) -> float:
     """Return by how much the sum of squares rises, in those of the noise, where a cause's shape is held."""
     causes = tuple(held if other is cause else other for other in final.causes)
     without = fitter.fitted(causes, final)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +57,7 @@ class Pathways:
         explained = ((rows @ basis) @ shared).reshape(len(rows), epochs, -1)
         return np.subtract(part.transpose(1, 0, 2), explained, out=explained)
 
-    def _of_precision(self, kind: Any) -> tuple[NDArray, NDArray, NDArray]:
+    def _of_precision(self, kind: np.dtype[np.generic]) -> tuple[NDArray, NDArray, NDArray]:
         """Return columns, what is shared of them and its basis: draws need half the digits, and half the time."""
         exact = self.columns, self._shared_wide, self.whitened.basis
         return exact if kind == np.float64 else self._rough

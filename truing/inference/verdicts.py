@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.fitted_model import FittedModel
-from truing.inference.model import OBSERVED
+from truing.inference.model import OBSERVED, Cause
 from truing.inference.observations import Epochs, Observations, whitened_columns
 from truing.inference.prediction import NoiseFloor, PredictionError, prediction_error
 from truing.inference.rounds import Round
@@ -99,7 +99,7 @@ def _held_out(
     return (None if after is None else fitted.held_out), after
 
 
-def fitted(verdict: Verdict, cause: Any, before: FittedModel, after: FittedModel, final: FittedModel) -> Verdict:
+def fitted(verdict: Verdict, cause: Cause, before: FittedModel, after: FittedModel, final: FittedModel) -> Verdict:
     """Return the verdict on a cause that was accepted: as fitted where it was, with its values in the final model."""
     values, covariance = final.values(cause)
     return replace(
@@ -114,7 +114,7 @@ def fitted(verdict: Verdict, cause: Any, before: FittedModel, after: FittedModel
     )
 
 
-def certain(cause: Any, plain: FittedModel, held_out: Epochs | None) -> Verdict:
+def certain(cause: Cause, plain: FittedModel, held_out: Epochs | None) -> Verdict:
     """Return the verdict on a cause that was certain before any search, and is in the plain model."""
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
@@ -145,14 +145,14 @@ def certain(cause: Any, plain: FittedModel, held_out: Epochs | None) -> Verdict:
     )
 
 
-def after_first_step(fitted: FittedModel, cause: object, own: Signature, values: NDArray) -> PredictionError:
+def after_first_step(fitted: FittedModel, cause: Cause, own: Signature, values: NDArray) -> PredictionError:
     """Return the error on calibration epochs once a candidate's parameters (P,), in plausible scales, are taken in."""
     step = _shared_step(fitted, own, values)
     return _moved(fitted.error, fitted.measured, cause, values, step)
 
 
 def held_out_after_first_step(
-    fitted: FittedModel, cause: object, own: Signature, values: NDArray, held_out: Epochs | None
+    fitted: FittedModel, cause: Cause, own: Signature, values: NDArray, held_out: Epochs | None
 ) -> PredictionError | None:
     """Return the same on held-out epochs, None where there are none."""
     if held_out is None or fitted.held_out is None:
@@ -166,14 +166,14 @@ def _shared_step(fitted: FittedModel, own: Signature, values: NDArray) -> NDArra
 
 
 def _moved(
-    error: PredictionError, measured: Observations, cause: object, values: NDArray, step: NDArray
+    error: PredictionError, measured: Observations, cause: Cause, values: NDArray, step: NDArray
 ) -> PredictionError:
     motion = _motion(error, cause) @ values
     columns = whitened_columns(measured, error.frames, motion[..., None])[..., 0]
     return error.less(columns + error.by_shared @ step)
 
 
-def _motion(error: PredictionError, cause: object) -> NDArray:
+def _motion(error: PredictionError, cause: Cause) -> NDArray:
     """Return how the observations (B, K, d, P) follow a candidate's parameters, per plausible scale."""
     designs, epochs, size = error.design_matrix(cause), len(error.local), error.measured.size
     parts = [error.pathways[name] @ design[:, None] for name, design in designs.items() if name != OBSERVED]
