@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
     from schemas.mechanism import LeggedMechanism
     from schemas.sections import Acceptance
-    from stages.quality.bodies import BodyView
     from stages.quality.check import Check
     from truing.belonging.relation import Tested
+    from truing.quality.bodies import BodyView
 
 DECLARATION = Stage(
     name="qa",

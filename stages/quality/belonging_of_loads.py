@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from schemas.campaign import Campaign
     from schemas.sensor_mechanism import SensorMechanism
-    from stages.quality.loading_view import LoadingView
+    from truing.quality.loading import LoadingView
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from truing.belonging.relation import Slip, SlipKind, State, Tested
 from truing.belonging.slip_search import merged
 
 if TYPE_CHECKING:
-    from stages.quality.loading_view import LoadingView
+    from truing.quality.loading import LoadingView
 
 
 def rows_of_parts(found: Sequence[Part], run: NDArray[np.int64], columns: Container[int]) -> NDArray[np.bool_]:

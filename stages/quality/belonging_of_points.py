@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from schemas.columns import COLUMNS
 from stages.common.point_arrays import number_column, pose_points, positions
-from stages.quality.bodies import BodyView, Surroundings
 from truing.belonging.leg_hypotheses import Motion
 from truing.belonging.points_in_poses import AsAnother, BodyPoints
 from truing.belonging.points_of_bodies import poses_with_slips, relate_copies, relate_survey, together
 from truing.belonging.readings_of_poses import READINGS, Names, relate_readings
 from truing.belonging.relation import State, Tested
 from truing.estimation.covariance import relative
+from truing.quality.bodies import BodyView, Surroundings
 from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M
 
 if TYPE_CHECKING:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from stages.common.point_arrays import number_column
 from stages.common.repeats import repeated_poses
-from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import Check
 from stages.quality.limits import CampaignLimits
 from stages.quality.of_names import due
@@ -32,6 +31,7 @@ from stages.quality.of_targets import (
 )
 from stages.quality.of_time import base_drift, temperature_span, time_gaps, time_unit
 from stages.quality.temperature_units import temperature_columns, temperature_units
+from truing.quality.bodies import BodyView, Surroundings
 
 if TYPE_CHECKING:
     import pyarrow as pa

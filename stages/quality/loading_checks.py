@@ -10,26 +10,16 @@ from typing import TYPE_CHECKING
 
 from stages.quality.check import Check, without
 from stages.quality.limits import CampaignLimits
-from stages.quality.loading_view import LoadingView
 from stages.quality.of_decisions import overruled
 from stages.quality.of_labels import exchanged_channels
-from stages.quality.of_readings import (
-    answers,
-    drift,
-    gross_errors,
-    jumps,
-    noise,
-    repeatability,
-    signal_answers,
-    signs,
-    turned_round,
-    units,
-)
+from stages.quality.of_readings import drift, gross_errors, jumps, noise, repeatability, signs, units
 from stages.quality.of_signals import signal_checks
 from stages.quality.of_steps import load_range, pauses, readings_there, runs_whole, steps_there
 from stages.quality.of_surroundings import surroundings_checks
 from stages.quality.of_time import time_unit
 from stages.quality.of_zeros import run_zeros, zero_return
+from truing.quality.answers import answers, signal_answers, turned_round
+from truing.quality.loading import LoadingView
 
 if TYPE_CHECKING:
     from schemas.campaign import Campaign

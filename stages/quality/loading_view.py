@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +10,7 @@ from numpy.typing import NDArray
 
 from stages.common.declared_optics import channel_rows
 from stages.common.reading_arrays import load_steps
-from truing.belonging.counted_times import merely_counts
-from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
-from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
+from truing.quality.loading import ExpectedReadings, LoadingView
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -22,139 +18,6 @@ if TYPE_CHECKING:
     from schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
-TEMPERATURES = ("air_temperature_c", "material_temperature_c")
-UNITS = ("um",) * 3 + ("arcsec",) * 3
-_MAIN = 0.3  # of a channel's largest expected answer: where its sign is beyond doubt
-_CLEAR = 10.0  # sigmas that an expected answer spans where its size can be told
-_FEWEST = 6  # readings of a channel that anything can be said of
-
-
-@dataclass(frozen=True)
-class ChannelView:
-    """One channel: rows (N,) of the load steps that it was read in, its runs (R,) by number, run (N,) counting in them,
-    the declared noise (SI, NaN where none is), and what is left of its readings once what follows loads and time is
-    taken out."""
-
-    place: int
-    rows: Index
-    runs: Index
-    run: Index
-    declared: float
-    fit: ChannelFit
-
-    @property
-    def name(self) -> str:
-        """dx .. rz."""
-        return CHANNELS[self.place]
-
-    @property
-    def unit(self) -> str:
-        """The unit that its readings have in files."""
-        return UNITS[self.place]
-
-    @property
-    def noise_ratio(self) -> float:
-        """Scatter over declared noise, 1 where it is less or cannot be told."""
-        return float(np.sqrt(max(self.fit.chi_square / self.fit.dof, 1.0))) if self.fit.dof > 0 else 1.0
-
-    @cached_property
-    def sigma(self) -> float:
-        """The typical noise of its readings, SI."""
-        return float(np.median(self.fit.sigma))
-
-    @cached_property
-    def of_runs(self) -> tuple[Index, ...]:
-        """Which of its readings are those of each run: steps stand in the order of runs."""
-        return tuple(np.split(np.arange(len(self.run)), np.flatnonzero(np.diff(self.run)) + 1))
-
-    @property
-    def in_files(self) -> float:
-        """What makes SI the unit in files."""
-        return float(1.0 / READING_SI[self.place])
-
-
-@dataclass(frozen=True)
-class ExpectedReadings:
-    """Readings (B, 6), SI, as they are expected, NaN where nothing is; and what such loads could move at most."""
-
-    value: Array
-    at_most: Array | None = None
-
-    @cached_property
-    def _span(self) -> Array:
-        known = np.isfinite(self.value)
-        return np.maximum(
-            np.max(self.value, axis=0, where=known, initial=-np.inf)
-            - np.min(self.value, axis=0, where=known, initial=np.inf),
-            0.0,
-        )
-
-    def is_clear(self, place: int, rows: Index, sigma: float) -> bool:
-        """Whether a channel's answer at some rows is a main one, and clear of the noise sigma."""
-        answer = self.value[rows, place]
-        if not np.ptp(answer) > max(_MAIN * self._span[place], _CLEAR * sigma):
-            return False
-        # what a load hardly moves may well turn round as the sensor is built
-        return self.at_most is None or bool(np.abs(answer).max() > _MAIN * self.at_most[rows, place].max())
-
-
-@dataclass(frozen=True)
-class LoadingView:
-    """The load steps of a campaign, and readings as they are simulated (None where nothing is).
-
-    What loads could move at most is known by the energy that they store.
-    """
-
-    steps: RecordedSteps
-    simulated: ExpectedReadings | None
-    load_sigma: Array
-
-    @cached_property
-    def channels(self) -> tuple[ChannelView, ...]:
-        """Every channel that was read, in the order dx .. rz."""
-        known = [name for name in TEMPERATURES if name in self.steps.covariates]
-        around = np.column_stack(
-            [self.steps.covariates[name] for name in known] or [np.zeros((len(self.steps.run), 0))]
-        )
-        seen = np.isfinite(self.steps.reading)
-        return tuple(self._channel(k, seen[:, k], around) for k in range(6) if seen[:, k].sum() >= _FEWEST)
-
-    def _channel(self, k: int, seen: Mask, around: Array) -> ChannelView:
-        steps = self.steps.chosen(seen)
-        runs, run = np.unique(steps.run, return_inverse=True)
-        groups = response_columns(steps.load, run, steps.time_s, around[seen])
-        reading, sigma = steps.reading[:, k], steps.sigma[:, k]
-        fit = fit_channel(reading, sigma, groups, run, steps.time_s, steps.load, self.load_sigma)
-        known = np.isfinite(sigma)
-        declared = float(np.median(sigma[known])) if known.any() else float("nan")
-        return ChannelView(k, np.flatnonzero(seen), runs, run, declared, fit)
-
-    def run_name(self, run: int) -> str:
-        """How the campaign calls a run."""
-        return f"run {self.steps.runs[run]}"
-
-    @cached_property
-    def is_counted(self) -> bool:
-        """Whether times merely count the steps of every run."""
-        return merely_counts(self.steps.time_s, self.steps.step, self.steps.run)
-
-    @cached_property
-    def axis(self) -> Index:
-        """(R,) the axis that each run loads most, in shares of the campaign's largest; -1 where none is loaded."""
-        share = np.abs(self.steps.load) / np.maximum(np.abs(self.steps.load).max(axis=0, initial=0.0), 1e-300)
-        most = np.zeros((len(self.steps.runs), 6))
-        np.maximum.at(most, self.steps.run, share)
-        return np.where(most.any(axis=1), most.argmax(axis=1), -1)
-
-    @cached_property
-    def loaded_alone(self) -> Mask:
-        """(R,) whether a run loads a single axis."""
-        loaded = np.zeros((len(self.steps.runs), 6), dtype=bool)
-        np.logical_or.at(loaded, self.steps.run, self.steps.load != 0.0)
-        return loaded.sum(axis=1) == 1
 
 
 def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingView:

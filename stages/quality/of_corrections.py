@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from stages.quality.check import Check
 from stages.quality.limits import CampaignLimits
-from stages.quality.loading_view import LoadingView
+from truing.quality.loading import LoadingView
 
 if TYPE_CHECKING:
     import pyarrow as pa

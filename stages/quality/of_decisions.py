@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from stages.common.overruled import decided
 from stages.common.words import listed
 from stages.quality.check import FAIL, PASS, WARN, Check
-from stages.quality.loading_view import LoadingView
+from truing.quality.loading import LoadingView
 
 if TYPE_CHECKING:
     import pyarrow as pa

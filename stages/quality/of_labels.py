@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.quality.check import FAIL, PASS, Check, without
-from stages.quality.loading_view import ChannelView, ExpectedReadings, LoadingView
-from stages.quality.of_readings import FEWEST, slope_of
 from truing.estimation.interferometry.recorded_steps import CHANNELS
+from truing.quality.answers import FEWEST, slope_of
+from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
 
 Index = NDArray[np.int64]
 

@@ -13,9 +13,9 @@ from schemas.artifacts import ARTIFACTS
 from schemas.near_names import meant_by
 from stages.common.point_arrays import pose_points
 from stages.common.words import listed
-from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import PASS, WARN, Check, without
 from truing.estimation.rigid_poses.points import PosePoints
+from truing.quality.bodies import BodyView, Surroundings
 
 if TYPE_CHECKING:
     import pyarrow as pa

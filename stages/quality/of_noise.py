@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
 from stages.quality.unit_slips import unit_slip
 from truing.estimation.quality import (
@@ -16,6 +15,7 @@ from truing.estimation.quality import (
     unexplained_scatter,
 )
 from truing.estimation.rigid_poses.frame import redundancy
+from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count as counted
 
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable

@@ -12,98 +12,20 @@ from scipy.special import ndtri
 from stages.common.words import listed
 from stages.quality.check import COUNTED, FAIL, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
-from stages.quality.loading_view import ChannelView, LoadingView
 from stages.quality.unit_slips import unit_slip
-from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure, units_mistaken
+from truing.estimation.interferometry.log_quality import units_mistaken
 from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
+from truing.quality.answers import Answers, beyond_simulation, same_sign, turned_round, typical_size
+from truing.quality.loading import ChannelView, LoadingView
 from truing.report.numbers import count as counted
 from truing.report.numbers import handy
-
-Array = NDArray[np.float64]
 
 _TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
 _NOTED = 1.1
 _REPEATS_NOTED = 1.5
 _UNEQUAL = 1e-3
-FEWEST = 4  # readings of a run that a slope is told by
-_EXACT = 1e-6
-_BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # a stiffness off by that factor is another sensor's
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
-
-
-@dataclass(frozen=True)
-class Answers:
-    """Per run and channel (G,): readings over what they should follow, its sigma by their own scatter, and its kind.
-
-    With a simulation readings follow it, and a kind is a channel; without one they follow the load of runs under one
-    axis, and a kind is an axis and a channel. Those of one kind should be alike.
-    """
-
-    channel: tuple[str, ...]
-    run: NDArray[np.int64]
-    slope: Array
-    sigma: Array
-    kind: NDArray[np.int64]
-    simulated: bool
-
-
-_Answer = tuple[str, int, float, float, int]
-
-
-def _gathered(found: list[_Answer], *, simulated: bool) -> Answers:
-    return Answers(
-        tuple(one[0] for one in found),
-        np.array([one[1] for one in found], np.int64),
-        np.array([one[2] for one in found], float),
-        np.array([one[3] for one in found], float),
-        np.array([one[4] for one in found], np.int64),
-        simulated,
-    )
-
-
-def answers(view: LoadingView) -> Answers:
-    """The answers of all runs and channels that are clear enough to be compared."""
-    found = []
-    for channel in view.channels:
-        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
-            rows = channel.rows[own]
-            drive, kind = _drive(view, channel, run, rows)
-            if drive is not None and len(rows) >= FEWEST:
-                found.append((channel.name, run, *slope_of(drive, view.steps.reading[rows, channel.place]), kind))
-    return _gathered(found, simulated=view.simulated is not None)
-
-
-def signal_answers(view: LoadingView) -> Answers:
-    """The answers of signals to the loads of runs under one axis; a kind is an axis and a signal."""
-    steps, found = view.steps, []
-    for run in np.flatnonzero(view.loaded_alone).tolist():
-        axis = int(view.axis[run])
-        for at, name in enumerate(steps.signals):
-            rows = np.flatnonzero((steps.run == run) & np.isfinite(steps.signal[:, at]))
-            if len(rows) >= FEWEST:
-                kind = len(steps.signals) * axis + at
-                found.append((name, run, *slope_of(steps.load[rows, axis], steps.signal[rows, at]), kind))
-    return _gathered(found, simulated=False)
-
-
-def _drive(view: LoadingView, channel: ChannelView, run: int, rows: NDArray[np.int64]) -> tuple[Array | None, int]:
-    if view.simulated is None:
-        axis = int(view.axis[run])
-        return (view.steps.load[rows, axis] if view.loaded_alone[run] else None), 6 * axis + channel.place
-    clear = view.simulated.is_clear(channel.place, rows, channel.sigma)
-    return (view.simulated.value[rows, channel.place] if clear else None), channel.place
-
-
-def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
-    """Slope and its standard deviation by the scatter about a zero and a straight line."""
-    x, y = drive - drive.mean(), reading - reading.mean()
-    square = float(x @ x)
-    if square == 0.0:
-        return np.nan, np.inf
-    value = float(x @ y) / square
-    left = y - value * x
-    return value, float(np.sqrt(left @ left / max(len(x) - 2, 1) / square))
 
 
 def units(view: LoadingView, found: Answers) -> Iterator[Check]:
@@ -111,13 +33,13 @@ def units(view: LoadingView, found: Answers) -> Iterator[Check]:
     if not found.channel:
         yield without("units", "units", "", _NOTHING_TO_COMPARE)
         return
-    expected = np.ones(len(found.slope)) if found.simulated else _typical(found.slope, found.kind)
+    expected = np.ones(len(found.slope)) if found.simulated else typical_size(found.slope, found.kind)
     wrong = units_mistaken(found.slope, found.sigma, expected)
     for where, factor in zip(wrong.where, wrong.size, strict=True):
         subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
         said = f"{subject} reads {factor:.4g} times what is expected; is its unit, or that of the load, right?"
         yield Check("units", subject, float(factor), 1.0, "1", FAIL, said)
-    beyond = _beyond_simulation(found, wrong.where)
+    beyond = beyond_simulation(found, wrong.where)
     for where in beyond:
         subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
         said = f"{subject} reads {found.slope[where]:.3g} times what is simulated, and no unit explains that; "
@@ -126,35 +48,6 @@ def units(view: LoadingView, found: Answers) -> Iterator[Check]:
     if not len(wrong) and not beyond:
         said = f"The readings of {len(found.slope)} runs and channels are of a likely size."
         yield Check("units", "", 1.0, 1.0, "1", PASS, said)
-
-
-def _beyond_simulation(found: Answers, told: NDArray[np.int64]) -> list[int]:
-    """Answers that are another size than the simulated by more than any sensor departs from it."""
-    if not found.simulated:
-        return []
-    size = np.abs(found.slope)
-    clear = found.sigma < _BEYOND_SIGMA * size
-    apart = clear & ((size > _BEYOND) | (size < 1.0 / _BEYOND))
-    return [int(at) for at in np.flatnonzero(apart) if at not in told]
-
-
-def _typical(value: Array, kind: NDArray[np.int64]) -> Array:
-    """The median size (G,) of the others of the same kind; NaN where there are fewer than two."""
-    out = np.full(len(value), np.nan)
-    for at in range(len(value)):
-        others = np.flatnonzero((kind == kind[at]) & (np.arange(len(value)) != at))
-        if len(others) > 1:
-            out[at] = np.median(np.abs(value[others]))
-    return out
-
-
-def turned_round(found: Answers, share: float) -> list[int]:
-    """Which of the answers have the sign opposite to the simulated, or to that of most of their kind."""
-    slope, sigma, kind, count = found.slope, found.sigma, found.kind, len(found.slope)
-    if found.simulated:  # each by itself against it: all of them may have been turned round
-        slope, sigma = np.append(slope, np.ones(count)), np.append(sigma, np.full(count, _EXACT))
-        kind = np.tile(np.arange(count), 2)
-    return [int(at) for at in signs_flipped(slope, sigma, kind, share).where if at < count]
 
 
 def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[Check]:
@@ -167,7 +60,7 @@ def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[
         names = " ".join(found.channel[at] for at in flipped if found.run[at] == number)
         said = f"{view.run_name(number)}: {names} with the opposite sign; of the load, or of the channel?"
         yield Check("signs", f"{view.run_name(number)} {names}", -1.0, 0.0, "1", FAIL, said)
-    alike, count = int(np.count_nonzero(_same_sign(found, share))), len(found.slope)
+    alike, count = int(np.count_nonzero(same_sign(found, share))), len(found.slope)
     if not flipped and not alike:
         why = "no run answers clearly that another one under the same axis, or a simulation, could be compared with"
         yield without("signs", "signs", of, why)
@@ -178,15 +71,6 @@ def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[
         if alike < count:
             said += " The others answer too little, or have no like run to be compared with."
         yield Check("signs", of, 1.0, 0.0, "1", PASS, said)
-
-
-def _same_sign(found: Answers, share: float) -> NDArray[np.bool_]:
-    """Which answers (G,) clearly have the sign of the simulated, or of another of their kind."""
-    sure = signs_sure(found.slope, found.sigma, share)
-    if found.simulated:
-        return sure & (found.slope > 0.0)
-    groups = np.unique(np.stack([found.kind, found.slope > 0.0]), axis=1, return_inverse=True)[1].ravel()
-    return sure & (np.bincount(groups, sure)[groups] > 1)
 
 
 def noise(channel: ChannelView, share: float) -> Check:

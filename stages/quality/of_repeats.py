@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.repeats import DECLARED
-from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
 from truing.estimation.pure_error import at_one_reading, equal_scatter
 from truing.estimation.quality import Scatter
+from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count as counted
 
 Array = NDArray[np.float64]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from stages.common.words import listed
 from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.quality.loading_view import LoadingView
 from stages.quality.unit_slips import FAR, unit_slip
 from truing.estimation.design.combinations import inseparable
 from truing.estimation.design.observability import Observability, observe
@@ -19,6 +18,7 @@ from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.exchanged_loads import RowExchange, least_seen, search_exchanges
 from truing.estimation.sensor.load_table import LoadTable, load_table
+from truing.quality.loading import LoadingView
 from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from stages.common.reading_arrays import LOAD_COLUMNS
 from stages.common.words import listed
 from stages.quality.check import COUNTED, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
-from stages.quality.loading_view import LoadingView
 from truing.estimation.interferometry.log_quality import runs_cut_short, steps_missing
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
+from truing.quality.loading import LoadingView
 from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:

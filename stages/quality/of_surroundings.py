@@ -11,7 +11,6 @@ import numpy as np
 from stages.common.words import listed
 from stages.quality.check import FAIL, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
-from stages.quality.loading_view import TEMPERATURES, LoadingView
 from stages.quality.temperature_units import temperature_columns, temperature_units
 from truing.estimation.interferometry.log_quality import (
     pressures_out_of_reach,
@@ -20,6 +19,7 @@ from truing.estimation.interferometry.log_quality import (
     worth_of_air,
 )
 from truing.estimation.interferometry.pressure_units import likely_pressure_unit
+from truing.quality.loading import TEMPERATURES, LoadingView
 from truing.simulation.air import ciddor_index, vapour_pressure_pa
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.common.words import listed
-from stages.quality.bodies import BodyView, Surroundings
 from stages.quality.check import FAIL, PASS, WARN, Check, without
 from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import (
@@ -18,6 +17,7 @@ from truing.estimation.quality import (
     isolated,
     successive_sigma,
 )
+from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count
 
 Array = NDArray[np.float64]

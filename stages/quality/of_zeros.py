@@ -10,8 +10,8 @@ from scipy.special import ndtri
 
 from stages.common.words import listed
 from stages.quality.check import PASS, WARN, Check, without
-from stages.quality.loading_view import ChannelView, LoadingView
 from truing.estimation.interferometry.run_starts import zeros_of_runs
+from truing.quality.loading import ChannelView, LoadingView
 from truing.report.numbers import count as counted
 
 

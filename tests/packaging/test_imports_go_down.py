@@ -16,6 +16,7 @@ FORBIDDEN = {
     "truing/estimation": ("truing.calibration", "truing.simulation", "truing.formats", "truing.report", "truing.runs"),
     "truing/inference": ("truing.calibration", "truing.simulation", "truing.formats", "truing.report", "truing.runs"),
     "truing/simulation": ("truing.calibration", "truing.formats", "truing.report", "truing.runs"),
+    "truing/quality": ("truing.simulation", "truing.formats", "truing.report", "truing.runs"),
     "truing/calibration": ("truing.formats", "truing.report", "truing.runs"),
     "truing/formats": (
         "truing.calibration",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,6 @@ from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.simulation.mechanisms.parameters import Parameter
 from truing.simulation.mechanisms.pose_regressors import Placed, PoseRegressors
 from truing.simulation.mechanisms.structures.structure import poses_at
-
-if TYPE_CHECKING:
-    pass
 
 _SAME = 1e-7  # m and rad
 # Parameters are told apart where no combination of their unit columns is shorter than this. Rank, not noise, is asked

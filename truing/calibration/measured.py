@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.measured_numbers import NetworkErrors
 from truing.simulation.mechanisms.structures.structure import Machine
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    pass
 
 COVERAGE = 0.95  # probability of the interval of an expanded uncertainty
 # Why a cause is in no budget, where estimates are off by it, and their uncertainty does not cover that.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,6 @@ from truing.estimation.interferometry.compliance import (
 )
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.response import ResponseFit
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 

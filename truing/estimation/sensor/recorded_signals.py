@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
 from truing.estimation.sensor.load_table import LoadTable, load_table
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 _UNLIKELY = 1e-3  # of zeros that differ so much from run to run by noise alone

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,6 @@ from truing.simulation.bench.six_upur.compliance_change import (
 )
 from truing.simulation.bench.six_upur.geometry import JointCentres
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 

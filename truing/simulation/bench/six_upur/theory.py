@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,6 @@ from truing.simulation.bench.six_upur.compliance_change import influence_change,
 from truing.simulation.bench.six_upur.influence import characteristic_length, influence_matrix, influence_with_error
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
 from truing.simulation.bench.six_upur.tolerances import first_order_covariances
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""What quality checks look at: bodies over all poses, and readings under load, as arrays."""
