@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,7 +48,11 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     held &= seen.any(1)
     largest = float(np.abs(np.where(seen, deviations, 0.0)).max())
     sigma = np.array([encoder_sigma(settings, name) for name in columns.encoders], float)
-    model = AxisModel(columns.axis(off), rows.chosen(fitted), _WIDE * max(largest, float(sigma.max())), off)
+    middle = np.nanmedian(np.where(seen, deviations, np.nan), axis=0)
+    spread = float(np.abs(np.where(seen, deviations - middle, 0.0)).max())
+    model = AxisModel(
+        replace(columns.axis(off), spread=spread), rows.chosen(fitted), _WIDE * max(largest, float(sigma.max())), off
+    )
 
     def poses(own: Mask) -> Epochs:
         covariance = np.broadcast_to(sigma**2, seen[own].shape)[..., None, None]

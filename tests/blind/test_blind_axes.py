@@ -110,6 +110,15 @@ def test_nothing_is_found_beside_what_was_hidden_more_often_than_declared(hidden
     assert len(alone) >= fewest_of(len(hidden), 1.0 - DECLARED)
 
 
+@pytest.mark.parametrize("cause", CAUSES)
+def test_errors_far_larger_than_any_ordinary_one_are_named_too(cause: str) -> None:
+    for number in range(2):
+        rng = np.random.default_rng([SEED, 23, number])
+        layout, error = draw_one(cause, 2000.0, rng)
+        one = _judged(record(layout, (error,), rng))
+        assert [own.cause.id for own in one.found] == [cause]
+
+
 def test_sizes_agree_with_the_truth_within_their_standard_deviations(hidden: list[Judged]) -> None:
     pulls = [
         one.pull(error)

@@ -41,6 +41,7 @@ class AxisCause(Cause):
     """A cause that adds to what encoders of an axis read, to first order: effects do not multiply one another."""
 
     kind_of_axis: str = ROTARY
+    plausible: float = 0.0  # in SI, where readings lie so far off that the ordinary size is too small
 
     acts_on: ClassVar[str] = AXES
     reads = frozenset()
@@ -52,7 +53,7 @@ class AxisCause(Cause):
 
     def _length(self, name: str) -> Parameter:
         unit, si = _UNITS[self.kind_of_axis]
-        return Parameter(name, unit, _PLAUSIBLE[self.kind_of_axis], si)
+        return Parameter(name, unit, max(_PLAUSIBLE[self.kind_of_axis], self.plausible), si)
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,13 @@ class ScaleError(AxisCause):
         own: AxisScene = scene
         if not np.ptp(own.rows.command) > 0.0:
             return ()
-        return [replace(self, element=name, kind_of_axis=own.axis.kind) for name in _shown(own.axis)]
+        size = own.axis.spread / float(np.ptp(own.rows.command))
+        own_kind = replace(self, kind_of_axis=own.axis.kind, plausible=size)
+        return [replace(own_kind, element=name) for name in _shown(own.axis)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the factor less one."""
-        return (Parameter("scale", "1", _PLAUSIBLE_SCALE),)
+        return (Parameter("scale", "1", max(_PLAUSIBLE_SCALE, self.plausible)),)
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
         """Return the commands, where the factor is read."""
@@ -96,7 +99,7 @@ class LostMotion(AxisCause):
         """Return the cause where an encoder would show it and rows were approached from both sides."""
         own: AxisScene = scene
         both = np.ptp(own.rows.direction) > 0.0 and bool(_shown(own.axis, (TRANSMISSION,)))
-        return (replace(self, kind_of_axis=own.axis.kind),) if both else ()
+        return (replace(self, kind_of_axis=own.axis.kind, plausible=own.axis.spread),) if both else ()
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the gap, which is never less than zero."""
@@ -158,12 +161,13 @@ class ZeroShift(AxisCause):
             row = int(onsets[onset])
             return self._of(own, elements[element], row, float(own.rows.time_s[row]), "")
 
-        scale = _PLAUSIBLE[own.axis.kind]
+        scale = max(_PLAUSIBLE[own.axis.kind], own.axis.spread)
         return [ChannelCandidates(late[..., None].astype(float), each, usable, scale, member, patterns)]
 
     def _of(self, scene: AxisScene, element: str, row: int, start: float, event: str) -> ZeroShift:
         pose = scene.rows.poses[row]
-        return replace(self, element=element, from_pose=pose, from_s=start, event=event, kind_of_axis=scene.axis.kind)
+        own = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)
+        return replace(own, element=element, from_pose=pose, from_s=start, event=event)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the shift."""

@@ -25,13 +25,15 @@ class Axis:
     """An axis: rotary or linear, the encoders (K) that were recorded, the one that the controller holds to the command.
 
     The loop may be closed on an encoder that was not recorded. Movements up to ``least_move`` (rad, m) turn no
-    direction of approach.
+    direction of approach; ``spread`` (rad, m) is how far readings lie from their middle: errors of that size are
+    plausible.
     """
 
     kind: str
     encoders: tuple[str, ...]
     loop: str = MOTOR
     least_move: float = 0.0
+    spread: float = 0.0
 
     def response(self, element: str) -> NDArray:
         """Return by how much each encoder (K,) reads more where an element adds one unit, the loop being closed.
