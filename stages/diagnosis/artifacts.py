@@ -88,7 +88,7 @@ def _next_loads(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign)
 def _remark(gathered: Gathered, final: FittedModel) -> str:
     """What limits all statements."""
     said = []
-    if gathered.framing < 3:
+    if gathered.framing is not None and gathered.framing < 3:
         said.append(
             "Fewer than three platform targets sit away from the attachments, so shifts are known modulo a plane "
             "(z and two tilts)."

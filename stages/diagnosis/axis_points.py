@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_FRAMING = 3  # readings lack no frame
 # The zero of an encoder is anywhere: so many times as far as its readings lie from the commands.
 _WIDE = 1e3
 _SCATTER = "Send the axis to one command ten times over from the same side: the scatter is the true noise."
@@ -65,7 +64,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         poses(fitted),
         poses(held) if held.any() else None,
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
-        _FRAMING,
+        None,
         shown=_shown(columns),
         leaves=axis_artifacts,
     )

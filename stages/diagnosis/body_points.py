@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 # So many poses are never too many.
 _ALWAYS = 60
 _KNOWN_SHARE = 0.9
-_FRAMING = 3  # a body with fewer targets is left out
 # A drive has moved where it did so by more than this share of its range.
 _MOVED = 1e-3
 # Numbers that all candidates of a search may hold; beyond it, poses are left out evenly. A body's targets have about so
@@ -66,7 +65,7 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
         _poses(found, model.conditions, lead, fitted),
         _poses(found, model.conditions, lead, held) if held.any() else None,
         "; ".join([*words, *thinned]),
-        _FRAMING,
+        None,
         tuple(cause for body in found for cause in body.certain),
     )
 

@@ -45,7 +45,7 @@ class Gathered:
     calibration: Epochs
     held_out: Epochs | None
     left_out: str
-    framing: int  # platform targets that sit on no attachment
+    framing: int | None  # platform targets that sit on no attachment; None where there is no mechanism
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
     shown: Channels | None = None  # the channels of readings, which have units of their own; None where all are points
     leaves: Leaves | None = None  # what its instrument leaves, where `artifacts_of` does not know that

@@ -93,7 +93,7 @@ def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gat
         _poses(whole, channels, ~held),
         _poses(whole, channels, held) if held.any() else None,
         "",
-        _FEWEST_POSES,
+        None,
     )
     return gathered, whole
 

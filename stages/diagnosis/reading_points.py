@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _FEWEST_STEPS = 6
-_FRAMING = 3  # readings lack no frame
 _MILLIVOLT = 1e-3
 _MOST_LACKING = 0.1  # of a column, that neighbours in time tell
 # How far a gain that nobody declared may lie from the first guess at it.
@@ -71,7 +70,7 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
         replace(_poses(steps, points, seen, sigma, fitted), kept=kept[fitted]),
         replace(_poses(steps, points, seen, sigma, held), kept=kept[held]) if held.any() else None,
         "; ".join(words),
-        _FRAMING,
+        None,
         exchanged,
         shown=Channels(
             units,
