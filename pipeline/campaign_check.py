@@ -172,10 +172,9 @@ def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
 
 def _is_read_otherwise(campaign: CampaignFolder, mended: CampaignFolder) -> bool:
     """Whether a campaign without its faulty keys is of another kind of mechanism, which has other files."""
-    from stages.ingest import OF_TYPES
-
+    of_types = getattr(stage_module("ingest"), "OF_TYPES", {})
     own, left = (document.get("mechanism") for document in (campaign.document, mended.document))
-    return isinstance(own, dict) and own.get("type") in OF_TYPES and not left
+    return isinstance(own, dict) and own.get("type") in of_types and not left
 
 
 def _remove(document: Mapping[str, Any], dotted: str) -> bool:

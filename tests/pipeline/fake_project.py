@@ -284,7 +284,8 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
     files |= {"stages/__init__.py": "", "truing/__init__.py": '__version__ = "0"\n', "truing/formats/__init__.py": ""}
     files |= {
         "stages/prospects.py": _PROSPECTS,
-        "stages/belonging.py": "def failed_relations(tables):\n    return ()\n",
+        "stages/common/__init__.py": "",
+        "stages/common/belonging.py": "def failed_relations(tables):\n    return ()\n",
         "stages/attention.py": "def attention(settings, found):\n    return ()\n",
         "stages/ingestion/__init__.py": "",
         "stages/ingestion/loading_tables.py": "TABLES = ()\n",

@@ -12,8 +12,9 @@ from tests.real import cable_facts
 from tests.real.cable_robot import CABLES, CableProblem, Run, geometry
 from tests.real.pulley_cable import PulleyCable
 from tests.tolerance import assert_between, assert_close
-from truing.simulation import installed, mechanisms
+from truing.simulation import installed
 from truing.simulation.change import Change
+from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.legs.geometry import Legs
 from truing.simulation.mechanisms.legs.kinematics import closure_rows, solve_rows
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
@@ -99,7 +100,7 @@ def test_an_installed_package_brings_the_closure(monkeypatch):
     point = SimpleNamespace(load=lambda: PulleyCable)
     monkeypatch.setattr(installed, "entry_points", lambda group: [point] if group == "truing.closures" else [])
     legs = cables()
-    found = mechanisms.mechanism("pulley-cable", legs.a, legs.b, legs.u, legs.l, legs.rho0)
+    found = mechanism("pulley-cable", legs.a, legs.b, legs.u, legs.l, legs.rho0)
     assert isinstance(found.closure, PulleyCable)
 
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from schemas.artifacts import ARTIFACTS
 from schemas.column import Column
 from schemas.columns import COLUMNS, find_column
 from schemas.covariates import OF_LOADS, is_marked
@@ -107,8 +108,10 @@ class Shape:
 
     def is_set_apart(self, name: str) -> bool:
         """Whether a covariate bears a name that the run gives a column of its own: it stands under another."""
+        made = ARTIFACTS.get(self.name)
         is_added = "run" in self.required and name in OF_LOADS
-        return (is_added or is_marked(name)) and self.is_covariate(name)
+        is_of_others = made is not None and name in made.optional  # what tables of another mechanism hold
+        return (is_added or is_of_others or is_marked(name)) and self.is_covariate(name)
 
     def _has(self, known: Column, name: str) -> bool:
         return name in (*self.required, *self.optional) or self._is_member(known)

@@ -28,6 +28,7 @@ OWN = (
     *causes.OWN_CAUSES_OF_READINGS,
     *causes.OWN_CAUSES_OF_RAYS,
     *causes.OWN_CAUSES_OF_PHOTOGRAPHED_POINTS,
+    *causes.OWN_CAUSES_OF_AXES,
 )
 SCENES = {"points": sample_scene(), "readings": bench().model().scene}
 FORMS = ("jump", "drift", "settles", "temperature", "scatter")
