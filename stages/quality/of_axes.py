@@ -63,25 +63,28 @@ def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignL
 
 def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, reading: Array) -> Check:
     """Whether an encoder moves as far as the command: the ratio of their movements from row to row, in the middle."""
-    name = "axis-units"
     both = np.isfinite(command) & np.isfinite(reading)
     moves, found = np.diff(command[both]), np.diff(reading[both])
     moved = np.abs(moves) > 1e-3 * np.ptp(command[both]) if both.any() else np.zeros(0, bool)
     if moved.sum() < _FEWEST:
-        return without("too few movements", name, encoder, f"the command moves {int(moved.sum())} times")
+        return without("too few movements", "axis-units", encoder, f"the command moves {int(moved.sum())} times")
     ratio = float(np.median(found[moved] / moves[moved]))
     slip = next((words for at, words in _SLIPS[columns.unit].items() if abs(abs(ratio) / at - 1.0) < _OF_SLIP), "")
     sign = " with its sign turned" if ratio < 0.0 else ""
     said = f"{column} moves {ratio:.6g} times as far as {columns.command}"
     if slip or (sign and abs(abs(ratio) - 1.0) < _ODD):
         meant = f"in {slip}{sign}" if slip else f"{columns.unit}{sign}"
-        return Check(name, encoder, ratio, 1.0, "1", FAIL, f"{said}: did you mean {meant}? Mend its unit or its sign.")
+        return Check(
+            "axis-units", encoder, ratio, 1.0, "1", FAIL, f"{said}: did you mean {meant}? Mend its unit or its sign."
+        )
     if sign or not 1.0 / _WRONG <= ratio <= _WRONG:
         cure = f"Mend its unit, counts_per_{columns.unit} or the column that [mechanism] names."
-        return Check(name, encoder, ratio, 1.0, "1", FAIL, f"{said}, which no axis does. {cure}")
+        return Check("axis-units", encoder, ratio, 1.0, "1", FAIL, f"{said}, which no axis does. {cure}")
     if abs(ratio - 1.0) > _ODD:
-        return Check(name, encoder, ratio, 1.0, "1", WARN, f"{said}: is its unit or counts_per_{columns.unit} right?")
-    return Check(name, encoder, ratio, 1.0, "1", PASS, f"{said}.")
+        return Check(
+            "axis-units", encoder, ratio, 1.0, "1", WARN, f"{said}: is its unit or counts_per_{columns.unit} right?"
+        )
+    return Check("axis-units", encoder, ratio, 1.0, "1", PASS, f"{said}.")
 
 
 def _standing(
