@@ -9,11 +9,12 @@ from pydantic import Field, model_validator
 from schemas.mechanism import MechanismSection
 from schemas.section import Name, Positive
 
-KEYS_OF_AXES = (
-    *(f"mechanism.{name}" for name in ("kind", "command", "motor", "load", "loop", "counts_per_deg", "counts_per_mm")),
-    *(f"noise.{name}_{unit}" for name in ("command", "motor", "load", "measured") for unit in ("deg", "mm")),
+# What stages that read the rows of an axis declare: columns, how far it stands from its command, noise of encoders.
+COLUMNS_OF_AXES = tuple(
+    f"mechanism.{name}" for name in ("kind", "command", "motor", "load", "loop", "counts_per_deg", "counts_per_mm")
 )
-"""What a stage that reads the rows of an axis declares."""
+NOISE_OF_COMMANDS = ("noise.command_deg", "noise.command_mm")
+NOISE_OF_ENCODERS = tuple(f"noise.{name}_{unit}" for name in ("motor", "load", "measured") for unit in ("deg", "mm"))
 
 _UNIT = {"rotary": "deg", "linear": "mm"}
 _COUNTS = "_counts"

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from schemas.artifacts import ARTIFACTS
-from schemas.axis_mechanism import KEYS_OF_AXES
+from schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS, NOISE_OF_ENCODERS
 from stages.common.registered import registered
 from stages.common.words import gross_errors
 from stages.declaration import Outcome, Progress, Stage
@@ -68,7 +68,9 @@ DECLARATION = Stage(
         "mechanism.actuator_pitch_mm",
         "mechanism.height_mm",
         "mechanism.elements",
-        *KEYS_OF_AXES,
+        *COLUMNS_OF_AXES,
+        *NOISE_OF_COMMANDS,
+        *NOISE_OF_ENCODERS,
         "loading",
         "interferometer",
         "signals",

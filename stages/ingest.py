@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from schemas.artifacts import ARTIFACTS
-from schemas.axis_mechanism import KEYS_OF_AXES
+from schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_ENCODERS
 from schemas.faults import Fault
 from schemas.near_names import meant
 from stages.common.registered import registered
@@ -57,7 +57,8 @@ DECLARATION = Stage(
         "mechanism.model",
         "mechanism.height_mm",
         "mechanism.elements",
-        *KEYS_OF_AXES,
+        *COLUMNS_OF_AXES,
+        *NOISE_OF_ENCODERS,
         "loading",
         "interferometer",
         "signals.sensitivity_mv_per_n",

@@ -8,7 +8,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, cast
 
 from schemas.artifacts import ARTIFACTS
-from schemas.axis_mechanism import KEYS_OF_AXES
+from schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS
 from stages.common.registered import registered
 from stages.declaration import Outcome, Progress, Stage
 
@@ -54,7 +54,8 @@ DECLARATION = Stage(
         *(
             "mechanism.tolerance",
             "mechanism.elements",
-            *KEYS_OF_AXES,
+            *COLUMNS_OF_AXES,
+            *NOISE_OF_COMMANDS,
             "loading",
             "interferometer",
             "signals.range_mv",

@@ -28,6 +28,7 @@ from pipeline.settings_view import SettingsView
 from pipeline.stage_order import ORDER, makers, stage_module
 from pipeline.voice import Voice
 from schemas.artifacts import ARTIFACTS
+from tests.blind.generator.axis import AxisLayout, record, write
 from tests.blind.generator.schedule import random_moves
 from tests.broken.good import axis
 from tests.cut_telescope import cut_telescope
@@ -136,6 +137,15 @@ def pictures_campaign(folder: Path) -> None:
     Image.fromarray(np.full((120, 160), 128, np.uint8)).save(folder / "images" / "1" / "a.png")
 
 
+def driven_campaign(folder: Path, kind: str) -> None:
+    """An axis sent to and fro, with two encoders and an instrument beside it."""
+    sweep = np.linspace(-80.0, 80.0, 10)
+    noise = {"command": 1e-3, "motor": 3e-4, "load": 1e-3, "measured": 1e-3}
+    channels, command = ("motor", "load", "measured"), np.concatenate([sweep, sweep[::-1]] * 2)
+    layout = AxisLayout(kind, "motor", channels, command, noise, 26, np.arange(40) % 5 == 3)
+    write(record(layout, (), np.random.default_rng(5)), folder)
+
+
 @pytest.fixture(scope="module")
 def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, CampaignRun], dict[str, set[str]]]:
     """Runs of the sample campaign and small ones of other kinds, and which sections each stage read in them."""
@@ -147,6 +157,8 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     pictures_campaign(folder / "pictures")
     poses_campaign(folder / "poses")
     axis(folder / "axis")
+    driven_campaign(folder / "turntable", "rotary")
+    driven_campaign(folder / "slide", "linear")
     write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml(more=BEAMS))
     views: dict[str, list[SettingsView]] = {}
 
@@ -167,7 +179,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         runs = {}
         parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
         parts += [("rays", "pose"), ("pictures", "images"), ("poses", "calibrate"), ("axis", "deformation")]
-        parts += [("sensor", "qa"), ("sensor", "uncertainty")]
+        parts += [("sensor", "qa"), ("sensor", "uncertainty"), ("turntable", "diagnose"), ("slide", "diagnose")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
             code = run_campaign(open_campaign(folder / name), out, Wish(Selection(only=only)), Voice(quiet=True))
