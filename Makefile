@@ -13,7 +13,7 @@ VENV ?= .venv
 export CAMPAIGN
 
 python := $(VENV)/bin/python
-digest = $(shell { pwd; cat pyproject.toml requirements/$(1).txt; } | cksum | tr ' ' -)
+digest = $(shell { pwd; cat pyproject.toml setup.py requirements/$(1).txt; } | cksum | tr ' ' -)
 runtime := $(VENV)/ready-runtime-$(call digest,runtime)
 dev := $(VENV)/ready-dev-$(call digest,dev)
 
@@ -32,6 +32,8 @@ test: $(dev)
 
 check: $(dev)
 	$(python) -m ruff check .
+	@rm -rf build/types && mkdir -p build/types/truing
+	@ln -s $(abspath $(wildcard truing/*) schemas stages pipeline) build/types/truing/
 	$(python) -m mypy
 	$(python) -m pytest -qq --collect-only
 	$(python) -m pytest -q tests/packaging

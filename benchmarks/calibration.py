@@ -17,17 +17,17 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from benchmarks.timing import interleaved, pin, run_pinned
-from pipeline.run_campaign import Wish
-from pipeline.run_campaigns import run_campaigns
-from pipeline.selection import Selection
-from schemas.campaign import Campaign, read_campaign
-from stages import calibrate as stage
-from stages.common.calibration_data import gather
 from truing.calibration.fits import Calibration, implicit, maximum_likelihood
 from truing.calibration.measured import Gathered
 from truing.calibration.question import cases
 from truing.calibration.screening import screened
+from truing.pipeline.run_campaign import Wish
+from truing.pipeline.run_campaigns import run_campaigns
+from truing.pipeline.selection import Selection
+from truing.schemas.campaign import Campaign, read_campaign
 from truing.simulation.mechanisms.structures.catalogue import structures
+from truing.stages import calibrate as stage
+from truing.stages.common.calibration_data import gather
 
 CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
 

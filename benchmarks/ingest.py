@@ -35,10 +35,10 @@ print(wall, cpu, peak, pq.read_metadata(sys.argv[2]).num_rows)
 _PROGRAMS = {
     "truing ingest": """
 from pathlib import Path
-from pipeline.artifacts import Stamp, write_artifacts
-from pipeline.settings_view import SettingsView
-from schemas.campaign import read_campaign
-from stages.ingest import DECLARATION, run
+from truing.pipeline.artifacts import Stamp, write_artifacts
+from truing.pipeline.settings_view import SettingsView
+from truing.schemas.campaign import read_campaign
+from truing.stages.ingest import DECLARATION, run
 from truing.formats.source import CampaignFiles
 import tomllib
 folder, out = Path(sys.argv[1]), Path(sys.argv[2])

@@ -29,8 +29,8 @@ class Telescope:
     """The problem as both sides see it."""
 
     def __init__(self) -> None:
-        from schemas.campaign import read_campaign
-        from stages.configurations.problem import design_problem, limits_of
+        from truing.schemas.campaign import read_campaign
+        from truing.stages.configurations.problem import design_problem, limits_of
 
         settings = read_campaign(tomllib.loads(SAMPLE.read_text(encoding="utf-8")))
         limits = limits_of(settings, pose_too=False, avoid=None, avoid_file="")

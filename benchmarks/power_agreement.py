@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.power_command import diagnosed
-from stages.diagnose import gathered_of
-from stages.power import expected_sights
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
 from tests.blind.hidden_twice import CAUSES, Ground
+from truing.pipeline.power_command import diagnosed
 from truing.simulation.catalogue import catalogue
 from truing.simulation.detection_trials import Answer, Question, Trial, questions
+from truing.stages.diagnose import gathered_of
+from truing.stages.power import expected_sights
 
 RESULTS = Path("runs") / "power-agreement.jsonl"
 FACTORS = (0.6, 0.85, 1.2)  # of the size that theory expects to be found four times out of five

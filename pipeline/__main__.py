@@ -17,6 +17,6 @@ def _leave_current_folder() -> None:
 
 _leave_current_folder()
 
-from pipeline.entry import main  # noqa: E402
+from truing.pipeline.entry import main  # noqa: E402
 
 main()

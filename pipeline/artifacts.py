@@ -14,16 +14,16 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from pipeline.whole_file import discard_parts, reveal, settle, write_part
-from schemas.artifact import Artifact
-from schemas.artifacts import ARTIFACTS
-from schemas.settings_text import regular_size
-from schemas.whole_table import whole_table
+from truing.pipeline.whole_file import discard_parts, reveal, settle, write_part
+from truing.schemas.artifact import Artifact
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.settings_text import regular_size
+from truing.schemas.whole_table import whole_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.column import Column
+    from truing.schemas.column import Column
 
 ROWS_PER_GROUP = 1 << 18
 _KEY = "truing."

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pipeline.in_memory import call_stage
+from truing.pipeline.in_memory import call_stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from pipeline.campaign_folder import CampaignFolder
-    from schemas.campaign import Campaign
+    from truing.pipeline.campaign_folder import CampaignFolder
+    from truing.schemas.campaign import Campaign
 
 
 def bench_tables(campaign: CampaignFolder, settings: Campaign) -> tuple[dict[str, pa.Table], bool]:
     """Load steps with what was read, and True; or as they are planned, with zeros, and False. Raises CampaignFaults."""
-    from stages.ingestion.planned_loads import planned_loads
     from truing.formats.source import CampaignFiles
+    from truing.stages.ingestion.planned_loads import planned_loads
 
     source = CampaignFiles(campaign.folder, settings)
     planned = planned_loads(source, settings)

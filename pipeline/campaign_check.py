@@ -9,14 +9,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
-from pipeline.campaign_run import CampaignRun, detached_run
-from pipeline.init_guesses import unconfirmed
-from pipeline.problems import ExitCode
-from pipeline.settings_view import SettingsView
-from pipeline.stage_order import RAW_READERS, is_optional, stage_module
-from pipeline.voice import Voice
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
+from truing.pipeline.campaign_run import CampaignRun, detached_run
+from truing.pipeline.init_guesses import unconfirmed
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.stage_order import RAW_READERS, is_optional, stage_module
+from truing.pipeline.voice import Voice
+from truing.schemas.faults import CampaignFaults, Fault
 
 _MOST_ROWS = 300_000  # of object points that a look beforehand compares with their readings; `run` compares all
 _UNITS = ("temperature-unit", "time-unit")  # checks of single columns, that a mapping cures
@@ -36,10 +36,10 @@ class Checked:
 
 def check_campaign(campaign: CampaignFolder) -> Checked:
     """Read and check everything, write nothing. Raises CampaignFaults with every fault."""
-    from stages.attention import attention
-    from stages.ingestion.loading_tables import TABLES
-    from stages.prospects import Found, has_repeats, nothing_evaluated, prospects
     from truing.formats.source import OF_IMAGES, CampaignFiles
+    from truing.stages.attention import attention
+    from truing.stages.ingestion.loading_tables import TABLES
+    from truing.stages.prospects import Found, has_repeats, nothing_evaluated, prospects
 
     faults = settings_faults(campaign)
     if faults:
@@ -111,8 +111,8 @@ class _Raw:
 
 def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
     """What the raw files hold; ``measure``: photographs are opened too. Raises CampaignFaults with every fault."""
-    from pipeline.artifacts import drain
     from truing.formats.source import CampaignFiles
+    from truing.pipeline.artifacts import drain
 
     raw = _Raw()
     faults: list[Fault] = []
@@ -133,7 +133,7 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
         except CampaignFaults as error:
             faults += error.faults
     if "image_points" in raw.tables and "survey" in raw.tables:
-        from stages.image_tables.surveyed_names import unknown_to_survey
+        from truing.stages.image_tables.surveyed_names import unknown_to_survey
 
         faults += unknown_to_survey(raw.tables["image_points"], raw.tables["survey"], raw.tables.get("scale_bars"))
     if faults:
@@ -209,8 +209,8 @@ def report_check(place: Path) -> ExitCode:
 
 def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What the quality checks say of parts of a campaign that do not belong together, and of those in doubt."""
-    from pipeline.in_memory import stage_line
-    from stages.common.belonging import failed_relations
+    from truing.pipeline.in_memory import stage_line
+    from truing.stages.common.belonging import failed_relations
 
     made = stage_line(place).call("ingest", "qa").tables
     tables = {name: table for name, table in made.items() if not isinstance(table, str)}
@@ -227,6 +227,6 @@ def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def _is_far(ratio: float | None) -> bool:
     """Whether a scatter is so far from the declared noise that only another unit explains it."""
-    from stages.quality.unit_slips import FAR
+    from truing.stages.quality.unit_slips import FAR
 
     return ratio is not None and not 1.0 / FAR <= ratio <= FAR

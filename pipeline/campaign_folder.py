@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from schemas.faults import CampaignFaults, Fault
-from schemas.settings_text import LARGEST, TooDeep, TooLarge, parsed_toml, read_settings_text
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.settings_text import LARGEST, TooDeep, TooLarge, parsed_toml, read_settings_text
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 FILE = "campaign.toml"
 _UNSAFE = re.compile(r'[/\\:*?"<>|\x00-\x1f]')
@@ -54,7 +54,7 @@ class CampaignFolder:
 
     def validated(self) -> Campaign:
         """The campaign's settings; raises CampaignFaults with every fault of campaign.toml."""
-        from schemas.campaign import read_campaign
+        from truing.schemas.campaign import read_campaign
 
         return read_campaign(dict(self.document), str(self.file))
 
@@ -107,7 +107,7 @@ def _toml_fault(file: Path, error: tomllib.TOMLDecodeError) -> Fault:
 
 def identity_faults(campaign: CampaignFolder) -> list[Fault]:
     """What is wrong with the two keys that a run cannot begin without: the name and the kind."""
-    from pipeline.stage_order import ORDER
+    from truing.pipeline.stage_order import ORDER
 
     section = campaign.document.get("campaign")
     section = section if isinstance(section, Mapping) else {}

@@ -9,28 +9,28 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-import pipeline
-from pipeline.campaign_folder import CampaignFolder, relative_name
-from pipeline.freshness import Evidence, Standing, State
-from pipeline.ledger import Entry, Ledger, MadeFrom, digest_of, read_ledger
-from pipeline.problems import EnvironmentProblem
-from pipeline.remembered import RememberedDigests
-from pipeline.run_folder import PRIVATE
-from pipeline.settings_view import SettingsView
-from pipeline.source_digest import SourceTree
-from pipeline.stage_order import IN_PIECES, ORDER, RAW_READERS, bare, is_optional, makers, order_of, stage_module
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults, Fault
-from stages.declaration import Outcome, Stage
+import truing
+from truing.pipeline.campaign_folder import CampaignFolder, relative_name
+from truing.pipeline.freshness import Evidence, Standing, State
+from truing.pipeline.ledger import Entry, Ledger, MadeFrom, digest_of, read_ledger
+from truing.pipeline.problems import EnvironmentProblem
+from truing.pipeline.remembered import RememberedDigests
+from truing.pipeline.run_folder import PRIVATE
+from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.source_digest import SourceTree
+from truing.pipeline.stage_order import IN_PIECES, ORDER, RAW_READERS, bare, is_optional, makers, order_of, stage_module
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.stages.declaration import Outcome, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.artifact import Artifact
-    from schemas.campaign import Campaign
-    from stages.declaration import Progress
+    from truing.schemas.artifact import Artifact
+    from truing.schemas.campaign import Campaign
+    from truing.stages.declaration import Progress
 
-PROJECT = Path(pipeline.__file__).parent.parent
+PROJECT = Path(truing.__file__).parent.parent
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
@@ -116,7 +116,7 @@ class CampaignRun:
 
     def validate(self) -> None:
         """Validate campaign.toml unless this very content was found valid before; raises CampaignFaults."""
-        validator = self.evidence.source.digests("schemas.campaign")
+        validator = self.evidence.source.digests("truing.schemas.campaign")
         digest = digest_of([dict(self.campaign.document), validator])
         if digest != self.ledger.valid_campaign:
             _ = self.settings  # raises where it is not valid
@@ -147,8 +147,8 @@ class CampaignRun:
         self, work: Callable[[Piece], Result], pieces: Sequence[Piece], progress: Callable[[int], None]
     ) -> Iterator[Result]:
         """The result of every piece, in their order, by as many processes as there are for this campaign."""
-        from pipeline.executor import results
-        from pipeline.workforce import Workforce
+        from truing.pipeline.executor import results
+        from truing.pipeline.workforce import Workforce
 
         return results(work, pieces, Workforce(self.workers), _lost, progress)
 
@@ -158,7 +158,7 @@ class CampaignRun:
 
     def _read(self, artifact: Artifact) -> pa.Table | str:
         """An artifact that a stage before has left; raises EnvironmentProblem where somebody has damaged it since."""
-        from pipeline.artifacts import Unreadable, read_artifact
+        from truing.pipeline.artifacts import Unreadable, read_artifact
 
         path = self.folder / artifact.file
         try:
@@ -169,8 +169,8 @@ class CampaignRun:
             raise EnvironmentProblem(f"{path} is no longer as it was written ({error})") from None
 
     def _store(self, stage: Stage, now: MadeFrom, outcome: Outcome) -> None:
-        from pipeline.artifacts import Stamp, write_artifacts
         from truing import __version__
+        from truing.pipeline.artifacts import Stamp, write_artifacts
 
         left, failed = tuple(outcome.artifacts), tuple(outcome.failed_checks)
         said = outcome.figure if type(outcome.figure) is str else ""  # ingest counts while its rows stream past

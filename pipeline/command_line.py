@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.options import (
+from truing.pipeline.options import (
     Anew,
     Campaigns,
     Gate,
@@ -23,7 +23,7 @@ from pipeline.options import (
     pair,
     workforce,
 )
-from pipeline.problems import ExitCode
+from truing.pipeline.problems import ExitCode
 
 # Without rich's formatting of help: it would cost a third of a second before the first word.
 app = typer.Typer(
@@ -82,9 +82,9 @@ def run(
 
     Example: truing run sample_data/telescope --from pose
     """
-    from pipeline.run_campaign import Wish
-    from pipeline.run_campaigns import run_campaigns
-    from pipeline.selection import Selection
+    from truing.pipeline.run_campaign import Wish
+    from truing.pipeline.run_campaigns import run_campaigns
+    from truing.pipeline.selection import Selection
 
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
@@ -102,7 +102,7 @@ def stages(
 
     Example: truing stages sample_data/telescope
     """
-    from pipeline.show_stages import show_all_stages, show_standings
+    from truing.pipeline.show_stages import show_all_stages, show_standings
 
     _end(show_all_stages if campaign is None else lambda: show_standings(campaign, out, distrust=check))
 
@@ -113,7 +113,7 @@ def check(campaigns: Campaigns) -> None:
 
     Example: truing check my-campaign
     """
-    from pipeline.campaign_check import report_check
+    from truing.pipeline.campaign_check import report_check
 
     _end(*(lambda place=place: report_check(place) for place in campaigns))
 
@@ -129,7 +129,7 @@ def init(
 
     Example: truing init my-campaign
     """
-    from pipeline.init_campaign import init_campaign
+    from truing.pipeline.init_campaign import init_campaign
 
     _end(lambda: init_campaign(folder, every_key=every_key))
 
@@ -146,7 +146,7 @@ def predict(
 
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """
-    from pipeline.predict_command import predict_file
+    from truing.pipeline.predict_command import predict_file
 
     _end(lambda: predict_file(model, inputs, out))
 
@@ -202,8 +202,8 @@ def design(
     """
 
     def choose() -> ExitCode:
-        from pipeline.design_command import DesignFiles, design_campaign
-        from stages.configurations.chosen import DesignWish
+        from truing.pipeline.design_command import DesignFiles, design_campaign
+        from truing.stages.configurations.chosen import DesignWish
 
         names = tuple(name.strip() for name in parameters.split(",") if name.strip())
         shown = tuple(name.strip() for name in causes.split(",") if name.strip())
@@ -243,7 +243,7 @@ def power(
     """
 
     def tell() -> ExitCode:
-        from pipeline.power_command import PowerWish, power_campaign
+        from truing.pipeline.power_command import PowerWish, power_campaign
 
         names = tuple(name.strip() for name in causes.split(",") if name.strip())
         return power_campaign(campaign, PowerWish(names, draws, gross, seed), workforce(workers, scheduler), out)
@@ -302,8 +302,8 @@ def plan(
     """
 
     def choose() -> ExitCode:
-        from pipeline.plan_command import PlanFiles, plan_campaign
-        from stages.photograph_plan import PlanWish
+        from truing.pipeline.plan_command import PlanFiles, plan_campaign
+        from truing.stages.photograph_plan import PlanWish
 
         near, far = pair("--distance", distance) if distance else (None, None)
         bounds = pair("--elevation", elevation)
@@ -333,7 +333,7 @@ def export(
 
     Example: truing export runs/telescope --to xlsx,controller
     """
-    from pipeline.export_command import export_run
+    from truing.pipeline.export_command import export_run
 
     forms = tuple(form.strip() for form in to.split(",") if form.strip())
     _end(lambda: export_run(run, forms, out, campaign))
@@ -353,13 +353,13 @@ def compare(
 
     Example: truing compare runs/2026-spring runs/2026-autumn --out runs/comparison
     """
-    from pipeline.compare_command import compare_runs
+    from truing.pipeline.compare_command import compare_runs
 
     _end(lambda: compare_runs(runs, out))
 
 
 def _end(*actions: Callable[[], ExitCode]) -> None:
-    from pipeline.endings import end_all
-    from pipeline.voice import Voice
+    from truing.pipeline.endings import end_all
+    from truing.pipeline.voice import Voice
 
     raise typer.Exit(end_all(list(actions), Voice(quiet=False)))

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.problems import ExitCode, environment
-from pipeline.recorded import opened_run
-from pipeline.voice import Voice
-from pipeline.whole_file import write_whole
-from pipeline.written_places import check_folder
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.problems import ExitCode, environment
+from truing.pipeline.recorded import opened_run
+from truing.pipeline.voice import Voice
+from truing.pipeline.whole_file import write_whole
+from truing.pipeline.written_places import check_folder
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     from truing.report.comparison.compared_runs import Comparison
@@ -28,11 +28,11 @@ _SHOWN = ("qa", "diagnosis", "model_choice", "requirements", "error_classes")
 
 def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
     """Leave the table and the page of a comparison, and say what has changed. Raises CampaignFaults."""
-    from schemas.artifacts import ARTIFACTS
     from truing.report.comparison.head import comparison_head
     from truing.report.comparison.sections import comparison_sections
     from truing.report.rendering.render import render_page
     from truing.runs.comparison.side_by_side import side_by_side
+    from truing.schemas.artifacts import ARTIFACTS
 
     _distinct(folders)
     place = folders[0].parent / FOLDER if out is None else out
@@ -60,10 +60,10 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
 
 
 def _leave_table(path: Path, found: SideBySide, runs: Sequence[Run]) -> None:
-    from pipeline.artifacts import Stamp, write_table
-    from schemas.artifacts import ARTIFACTS
     from truing import __version__
+    from truing.pipeline.artifacts import Stamp, write_table
     from truing.runs.comparison.side_by_side import compared_table
+    from truing.schemas.artifacts import ARTIFACTS
 
     digest = _digest([run.origin("qa")["digest"] for run in runs])
     campaigns = ", ".join(dict.fromkeys(run.campaign for run in runs))

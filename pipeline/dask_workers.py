@@ -9,10 +9,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from pipeline.interruption import children_without_interrupts
-from pipeline.problems import EnvironmentProblem
-from pipeline.workforce import LOCAL, TRIES, Piece, Result, Workforce
 from truing.child_processes import safe_children
+from truing.pipeline.interruption import children_without_interrupts
+from truing.pipeline.problems import EnvironmentProblem
+from truing.pipeline.workforce import LOCAL, TRIES, Piece, Result, Workforce
 
 if TYPE_CHECKING:
     from distributed import Client, Future

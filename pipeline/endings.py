@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.interruption import answered, exit_code_of, heard, interruptible
-from pipeline.problems import (
+from truing.pipeline.interruption import answered, exit_code_of, heard, interruptible
+from truing.pipeline.problems import (
     Defect,
     EnvironmentProblem,
     ExitCode,
@@ -16,9 +16,9 @@ from pipeline.problems import (
     environment_problem,
     gravest,
 )
-from pipeline.voice import Voice
-from schemas.faults import CampaignFaults
-from schemas.memory import shortage
+from truing.pipeline.voice import Voice
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.memory import shortage
 
 KEPT = "finished artifacts are intact; run again to resume"
 # Address space in MB: loading the libraries takes 1600, the sample campaign 2100 (two processors). With less, OpenBLAS

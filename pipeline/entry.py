@@ -9,8 +9,8 @@ import sys
 from contextlib import suppress
 from types import FrameType
 
-from pipeline.interruption import interruptible
-from pipeline.problems import ExitCode, Interrupted, environment_problem
+from truing.pipeline.interruption import interruptible
+from truing.pipeline.problems import ExitCode, Interrupted, environment_problem
 
 
 def main() -> None:
@@ -43,15 +43,15 @@ def _call() -> None:
     # Matrices are small here: threads within one product cost more than they give, and change its last bits.
     for library in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
         os.environ.setdefault(library, "1")  # read when numpy is first imported, which is later
-    from pipeline.command_line import app
+    from truing.pipeline.command_line import app
 
     app()
 
 
 def _end_interrupted(error: Interrupted) -> int:
     """Interrupted before any action began, as while libraries load."""
-    from pipeline.endings import end_interrupted
-    from pipeline.voice import Voice
+    from truing.pipeline.endings import end_interrupted
+    from truing.pipeline.voice import Voice
 
     return end_interrupted(error, Voice(quiet=False))
 

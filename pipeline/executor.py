@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 
-from pipeline.workforce import Piece, Result, Workforce
+from truing.pipeline.workforce import Piece, Result, Workforce
 
 
 def results(
@@ -41,12 +41,12 @@ def _completed(
 ) -> Generator[tuple[int, Result]]:
     """Yield number and result of every piece, in the order in which they are completed."""
     if workforce.scheduler is not None:
-        from pipeline.dask_workers import completed_on_cluster
+        from truing.pipeline.dask_workers import completed_on_cluster
 
         yield from completed_on_cluster(work, pieces, workforce, lost)
     elif workforce.is_alone:
         yield from ((number, work(piece)) for number, piece in enumerate(pieces))
     else:
-        from pipeline.process_workers import completed_by_processes
+        from truing.pipeline.process_workers import completed_by_processes
 
         yield from completed_by_processes(work, pieces, min(workforce.workers or 1, len(pieces)), lost)

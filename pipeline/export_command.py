@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.campaign_folder import open_campaign
-from pipeline.problems import ExitCode, environment
-from pipeline.recorded import broken_run, opened_run
-from pipeline.voice import Voice
-from pipeline.whole_file import write_whole
-from pipeline.written_places import check_folder
-from schemas.certificate import Certificate
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.problems import ExitCode, environment
+from truing.pipeline.recorded import broken_run, opened_run
+from truing.pipeline.voice import Voice
+from truing.pipeline.whole_file import write_whole
+from truing.pipeline.written_places import check_folder
+from truing.schemas.certificate import Certificate
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     from truing.runs.recorded_run import Run

@@ -9,18 +9,18 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.campaign_folder import CampaignFolder, relative_name
-from pipeline.ledger import Entry, Ledger, MadeFrom, canonical
-from pipeline.remembered import RememberedDigests
-from pipeline.source_digest import SourceTree
-from pipeline.stage_order import bare
+from truing.pipeline.campaign_folder import CampaignFolder, relative_name
+from truing.pipeline.ledger import Entry, Ledger, MadeFrom, canonical
+from truing.pipeline.remembered import RememberedDigests
+from truing.pipeline.source_digest import SourceTree
+from truing.pipeline.stage_order import bare
 
 if TYPE_CHECKING:
-    from schemas.artifact import Artifact
-    from stages.declaration import Stage
+    from truing.schemas.artifact import Artifact
+    from truing.stages.declaration import Stage
 
 # The settings reach a stage through the one, its tables through the other: both shape what it leaves.
-_COMMON_SOURCE = ("schemas.campaign", "schemas.artifacts")
+_COMMON_SOURCE = ("truing.schemas.campaign", "truing.schemas.artifacts")
 _SHOWN_REASONS = 3
 # What an artifact has to carry to speak for its stage where the ledger is gone.
 _SPOKEN = {"digest", "left", "failed_checks"}
@@ -62,7 +62,7 @@ class Evidence:
 
     def source_of(self, stage: str) -> dict[str, str]:
         """Digests of the source files that a stage consists of."""
-        return self.source.digests(f"stages.{stage}", *_COMMON_SOURCE)
+        return self.source.digests(f"truing.stages.{stage}", *_COMMON_SOURCE)
 
     def made_from(self, stage: Stage, raw: tuple[Path, ...]) -> MadeFrom:
         """What the stage would be made from if it ran now; ``raw`` are the files that it reads besides artifacts."""
@@ -100,7 +100,7 @@ class Evidence:
 
     def _embedded(self, stage: Stage) -> Entry | None:
         """The entry that a stage's artifacts speak for themselves, where the ledger is gone."""
-        from pipeline.artifacts import read_provenance
+        from truing.pipeline.artifacts import read_provenance
 
         for name in map(bare, stage.leaves):
             carried = read_provenance(self.run_folder, self.artifacts[name])
@@ -112,7 +112,7 @@ class Evidence:
         return None
 
     def _entry_from(self, carried: Mapping[str, str]) -> Entry:
-        from pipeline.artifacts import read_provenance
+        from truing.pipeline.artifacts import read_provenance
 
         digests = {}
         for name in json.loads(carried["left"]):

@@ -6,9 +6,9 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from schemas.faults import CampaignFaults, Fault
-from schemas.memory import raise_shortage
-from schemas.settings_text import regular_size
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.memory import raise_shortage
+from truing.schemas.settings_text import regular_size
 
 if TYPE_CHECKING:
     import pyarrow as pa

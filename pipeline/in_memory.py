@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.campaign_folder import open_campaign
-from pipeline.settings_view import SettingsView
-from pipeline.stage_order import RAW_READERS, bare, order_of, stage_module
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.stage_order import RAW_READERS, bare, order_of, stage_module
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.declaration import Outcome
     from truing.formats.source import CampaignFiles
+    from truing.schemas.campaign import Campaign
+    from truing.stages.declaration import Outcome
 
 
 @dataclass

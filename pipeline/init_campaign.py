@@ -12,18 +12,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.campaign_folder import FILE, is_safe_name
-from pipeline.file_names import bodies_and_targets, common_glob, scanned_body, told_apart, without_others
-from pipeline.init_guesses import guess_lines
-from pipeline.init_networks import network_tables
-from pipeline.init_photographs import is_picture, photograph_entries
-from pipeline.problems import ExitCode, environment
-from pipeline.run_folder import PRIVATE
-from pipeline.voice import Voice
-from schemas.faults import CampaignFaults, Fault
 from truing.formats.file_search import is_raw_file
 from truing.formats.source import OF_IMAGES
+from truing.pipeline.campaign_folder import FILE, is_safe_name
+from truing.pipeline.file_names import bodies_and_targets, common_glob, scanned_body, told_apart, without_others
+from truing.pipeline.init_guesses import guess_lines
+from truing.pipeline.init_networks import network_tables
+from truing.pipeline.init_photographs import is_picture, photograph_entries
+from truing.pipeline.problems import ExitCode, environment
+from truing.pipeline.run_folder import PRIVATE
+from truing.pipeline.voice import Voice
 from truing.report.numbers import count as counted
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
@@ -231,7 +231,7 @@ def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
 
 def starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
     """The campaign.toml with what this campaign needs, to complete."""
-    from pipeline.starter import starter_text
+    from truing.pipeline.starter import starter_text
 
     tables = Counter(guess.table for _, guess in guesses)
     read = [(group, guess) for group, guess in guesses if guess.table is not None]
@@ -289,7 +289,7 @@ def _kind(tables: Counter[str | None]) -> str:
 
 def _mapping_keys() -> Iterator[str]:
     """One line per key of [files.<table>], from the definition of what it may hold."""
-    from schemas.mapping import FileMapping
+    from truing.schemas.mapping import FileMapping
 
     for key, field in FileMapping.model_fields.items():
         default = field.get_default(call_default_factory=True)
@@ -299,7 +299,7 @@ def _mapping_keys() -> Iterator[str]:
 
 def _quality_limits(kind: str) -> Iterator[str]:
     """One line per check of a kind of campaign whose limits it may set, from the check's declaration."""
-    from schemas.quality_checks import settable
+    from truing.schemas.quality_checks import settable
 
     for name, limits in settable(kind).items():
         verdicts = (("warns", limits.warns), ("fails", limits.fails))

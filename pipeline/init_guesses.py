@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from schemas.columns import find_column
+from truing.schemas.columns import find_column
 
 if TYPE_CHECKING:
     from truing.formats.sniff import Guess

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline.whole_file import write_whole
-from schemas.settings_text import regular_size
+from truing.pipeline.whole_file import write_whole
+from truing.schemas.settings_text import regular_size
 
 
 def canonical(value: Any) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.problems import EnvironmentProblem, environment
+from truing.pipeline.problems import EnvironmentProblem, environment
 
 # Windows locks are mandatory: the locked byte lies beyond the note that others shall be able to read.
 _LOCKED_BYTE = 1 << 20

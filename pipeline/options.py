@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from pipeline.workforce import Workforce
+    from truing.pipeline.workforce import Workforce
 
 
 class QaGate(StrEnum):
@@ -67,7 +67,7 @@ def pair(option: str, text: str) -> tuple[float, float]:
 
 def workforce(workers: int | None, scheduler: str | None) -> Workforce:
     """Who does the work, from the options; raises typer.BadParameter."""
-    from pipeline.workforce import LOCAL, Workforce
+    from truing.pipeline.workforce import LOCAL, Workforce
 
     if scheduler not in (None, LOCAL) and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", scheduler or ""):
         raise typer.BadParameter(

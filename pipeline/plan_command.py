@@ -7,21 +7,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.artifacts import Unreadable, read_artifact
-from pipeline.campaign_folder import CampaignFolder, run_folder_of
-from pipeline.given_table import ENDINGS, read_given, table_bytes
-from pipeline.problems import ExitCode
-from pipeline.run_campaign import usable_campaign
-from pipeline.run_owner import folder_beside_run, note_owner
-from pipeline.voice import Voice
-from pipeline.written_places import check_file
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.artifacts import Unreadable, read_artifact
+from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
+from truing.pipeline.given_table import ENDINGS, read_given, table_bytes
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.run_campaign import usable_campaign
+from truing.pipeline.run_owner import folder_beside_run, note_owner
+from truing.pipeline.voice import Voice
+from truing.pipeline.written_places import check_file
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.photograph_plan import PhotographPlan, PlanWish, Targets
+    from truing.stages.photograph_plan import PhotographPlan, PlanWish, Targets
 
 _DEFAULT_FILE = "plan.csv"
 
@@ -39,9 +39,9 @@ class PlanFiles:
 
 def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
     """Choose stations, say how well the targets will be known, and leave tables and a page. Raises CampaignFaults."""
-    from stages.photograph_layout import planned_network
-    from stages.photograph_plan import plan_photographs
-    from stages.photograph_plan_tables import sentences, tables
+    from truing.stages.photograph_layout import planned_network
+    from truing.stages.photograph_plan import plan_photographs
+    from truing.stages.photograph_plan_tables import sentences, tables
 
     campaign, voice = usable_campaign(place), Voice(quiet=False)
     settings = campaign.validated()
@@ -108,11 +108,11 @@ def _check(kind: str, wish: PlanWish, files: PlanFiles) -> None:
 
 def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
     """The survey, and what is known of cameras, scale bars and codes; raises CampaignFaults."""
-    from stages.image_tables.cameras_beforehand import read_cameras
-    from stages.image_tables.known_beforehand import read_image_targets, read_scale_bars
-    from stages.ingestion.tables import read_survey
     from truing.formats.faultlog import FaultLog
     from truing.formats.source import CampaignFiles
+    from truing.stages.image_tables.cameras_beforehand import read_cameras
+    from truing.stages.image_tables.known_beforehand import read_image_targets, read_scale_bars
+    from truing.stages.ingestion.tables import read_survey
 
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
@@ -134,11 +134,11 @@ def _leave(
     name: str, plan: PhotographPlan, tables: Mapping[str, pa.Table], left_out: tuple[str, ...], file: Path
 ) -> list[Path]:
     """Write the tables and the page; the files, in order."""
-    from pipeline.problems import environment
-    from pipeline.whole_file import write_whole
-    from stages.photograph_plan_tables import sentences
+    from truing.pipeline.problems import environment
+    from truing.pipeline.whole_file import write_whole
     from truing.report.plan_page import plan_head, plan_sections
     from truing.report.rendering.render import render_page
+    from truing.stages.photograph_plan_tables import sentences
 
     with environment(f"{file.parent} cannot be made"):
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -201,11 +201,11 @@ def _adjusted(run: Path) -> KnownCameras | None:
 
 def _of_pictures(campaign: CampaignFolder) -> KnownCameras | None:
     """The cameras that the heads of a campaign's photographs tell of: format and principal distance."""
-    from stages.image_tables.cameras_beforehand import cameras_table
     from truing.estimation.bundle.camera import PARAMETERS
     from truing.formats.faultlog import FaultLog
     from truing.formats.photographs import list_photographs
     from truing.formats.source import CampaignFiles
+    from truing.stages.image_tables.cameras_beforehand import cameras_table
 
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)

@@ -9,29 +9,29 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.bench_tables import bench_tables
-from pipeline.campaign_folder import CampaignFolder, run_folder_of
-from pipeline.executor import results
-from pipeline.given_table import ENDINGS, table_bytes
-from pipeline.in_memory import call_stage
-from pipeline.power_of_photographs import HEADS, OfPhotographs, of_photographs
-from pipeline.power_of_rays import plan_of_rays, said_of_rays, wants_rays
-from pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
-from pipeline.run_campaign import usable_campaign
-from pipeline.run_owner import folder_beside_run, note_owner
-from pipeline.voice import Voice
-from pipeline.workforce import Workforce
-from pipeline.written_places import check_file
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.bench_tables import bench_tables
+from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
+from truing.pipeline.executor import results
+from truing.pipeline.given_table import ENDINGS, table_bytes
+from truing.pipeline.in_memory import call_stage
+from truing.pipeline.power_of_photographs import HEADS, OfPhotographs, of_photographs
+from truing.pipeline.power_of_rays import plan_of_rays, said_of_rays, wants_rays
+from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
+from truing.pipeline.run_campaign import usable_campaign
+from truing.pipeline.run_owner import folder_beside_run, note_owner
+from truing.pipeline.voice import Voice
+from truing.pipeline.workforce import Workforce
+from truing.pipeline.written_places import check_file
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.power import Plan
+    from truing.schemas.campaign import Campaign
     from truing.simulation.cause import Effect
     from truing.simulation.detection_trials import Answer, Question, Trial
+    from truing.stages.power import Plan
 
 # So many campaigns without an effect per campaign of each size with one.
 _NOTHING_PER_DRAW = 5
@@ -87,7 +87,7 @@ def _check(wish: PowerWish, out: Path | None, settings: Campaign, of_rays: bool)
 
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
     """Raise CampaignFaults for names that are no causes of this kind of campaign."""
-    from stages.diagnose import kinds_of
+    from truing.stages.diagnose import kinds_of
 
     known = [name for name, kind in kinds_of(settings).items() if kind.catalogued]
     strange = [name for name in names if name not in known]
@@ -100,9 +100,9 @@ def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish, run: Pa
     run left of them. Raises CampaignFaults."""
     import numpy as np
 
-    from stages.diagnose import gathered_of
-    from stages.power import completed, reading_plan_of
-    from stages.simulated_campaigns.plan import bare_plan
+    from truing.stages.diagnose import gathered_of
+    from truing.stages.power import completed, reading_plan_of
+    from truing.stages.simulated_campaigns.plan import bare_plan
 
     if run is not None:
         with _to_be_drawn(campaign):
@@ -146,8 +146,8 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
 
 
 def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
-    from stages.ingestion.tables import read_configurations, read_survey
     from truing.formats.faultlog import FaultLog
+    from truing.stages.ingestion.tables import read_configurations, read_survey
 
     log = FaultLog()
     survey, configurations = read_survey(source, settings, log), read_configurations(source, settings, log)
@@ -176,8 +176,8 @@ def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: P
 
     Raises CampaignFaults where such a campaign could not be diagnosed.
     """
-    from stages.power import compared, expected_sights, judged_by
     from truing.simulation.detection_trials import questions
+    from truing.stages.power import compared, expected_sights, judged_by
 
     drawn = _drawn(plan, (), wish.seed, settings)
     with _to_be_drawn(campaign):
@@ -207,7 +207,7 @@ def _answers(
 
 def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
     """Draw one campaign, push it through the stages that lead to a diagnosis, and read off what that says."""
-    from stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.stages.simulated_campaigns.ray_plan import RayPlan
 
     judge = diagnosed_rays if isinstance(plan, RayPlan) else diagnosed
     return judge(_drawn(plan, trial.effects, trial.seed, settings), settings, trial)
@@ -217,9 +217,9 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
     """What the diagnosis of a drawn campaign's tables, up to the poses, says of what was hidden in it."""
     import numpy as np
 
-    from stages.diagnose import decided, gathered_of
-    from stages.diagnosis.rows import Words, diagnosis_table
     from truing.simulation.detection_trials import answer
+    from truing.stages.diagnose import decided, gathered_of
+    from truing.stages.diagnosis.rows import Words, diagnosis_table
 
     try:
         gathered = gathered_of(tables, settings)
@@ -232,11 +232,11 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
 
 def diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
     """What the diagnosis of a drawn campaign's rays says of what was hidden in them."""
-    from stages.diagnose import rule_of
-    from stages.diagnosis.ray_findings import rule_of_rays, searched
-    from stages.diagnosis.ray_points import RayShown, gather_rays
-    from stages.diagnosis.rows import Words, diagnosis_table
     from truing.simulation.detection_trials import answer
+    from truing.stages.diagnose import rule_of
+    from truing.stages.diagnosis.ray_findings import rule_of_rays, searched
+    from truing.stages.diagnosis.ray_points import RayShown, gather_rays
+    from truing.stages.diagnosis.rows import Words, diagnosis_table
 
     rule = rule_of(settings)
     diagnosis = searched(gather_rays(tables, settings)[0], rule, lambda *_: None)
@@ -256,9 +256,9 @@ def _tell(
     voice: Voice,
 ) -> None:
     """Say and leave what was found, and what an ``out`` beside the file says of photographs."""
-    from stages.simulated_campaigns.tables import rates_table, sizes_table
     from truing.report.power_page import SIZE_HEADS, alarm_words, size_rows
     from truing.simulation.detection_trials import curve, false_alarms
+    from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
 
     file, photographs = out
     if file == run_folder_of(campaign, None, several=False) / _DEFAULT_FILE:
@@ -283,8 +283,8 @@ def _leave(
     frames: tuple[pd.DataFrame, pd.DataFrame],
     out: tuple[Path, OfPhotographs | None],
 ) -> None:
-    from pipeline.problems import environment
-    from pipeline.whole_file import write_whole
+    from truing.pipeline.problems import environment
+    from truing.pipeline.whole_file import write_whole
     from truing.report.power_page import power_head, power_sections, section_of_photographs
     from truing.report.rendering.render import render_page
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.artifacts import Unreadable, read_artifact
-from pipeline.campaign_folder import CampaignFolder
+from truing.pipeline.artifacts import Unreadable, read_artifact
+from truing.pipeline.campaign_folder import CampaignFolder
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,7 +48,7 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
 
 
 def _detectable(run: Path) -> pd.DataFrame | None:
-    from schemas.artifacts import ARTIFACTS
+    from truing.schemas.artifacts import ARTIFACTS
 
     try:
         table = read_artifact(run, ARTIFACTS["detectable"])

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.artifacts import Unreadable, read_artifact
-from pipeline.campaign_folder import CampaignFolder
-from pipeline.power_of_photographs import OfPhotographs
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.artifacts import Unreadable, read_artifact
+from truing.pipeline.campaign_folder import CampaignFolder
+from truing.pipeline.power_of_photographs import OfPhotographs
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.schemas.campaign import Campaign
+    from truing.stages.simulated_campaigns.ray_plan import RayPlan
 
 
 def wants_rays(causes: Sequence[str], campaign: CampaignFolder) -> bool:
@@ -40,9 +40,9 @@ def names_of_rays() -> list[str]:
 
 def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
     """The network of the run in a folder; raises CampaignFaults where it has left none."""
-    from schemas.artifacts import ARTIFACTS
-    from stages import power
-    from stages.simulated_campaigns.ray_plan import NEEDS
+    from truing.schemas.artifacts import ARTIFACTS
+    from truing.stages import power
+    from truing.stages.simulated_campaigns.ray_plan import NEEDS
 
     tables: dict[str, pa.Table] = {}
     for name in NEEDS:

@@ -6,12 +6,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.given_table import ENDINGS, read_given, table_bytes
-from pipeline.problems import ExitCode
-from pipeline.voice import Voice
-from pipeline.written_places import check_file
-from schemas.faults import CampaignFaults, Fault
-from schemas.settings_text import parsed_toml, read_settings_text
+from truing.pipeline.given_table import ENDINGS, read_given, table_bytes
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.voice import Voice
+from truing.pipeline.written_places import check_file
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.settings_text import parsed_toml, read_settings_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -44,7 +44,7 @@ def _model_text(model: Path) -> str:
 
 
 def _predicted(model: Path, text: str, inputs: Path) -> pa.Table:
-    from stages.predict import predict
+    from truing.stages.predict import predict
 
     table = read_given(inputs, "a table of configurations, or of load steps")
     try:
@@ -63,11 +63,11 @@ def _campaign(model: Path, text: str) -> str:
 
 
 def _write(out: Path, predicted: pa.Table, campaign: str, made_from: list[str]) -> None:
-    from pipeline.artifacts import Stamp, write_table
-    from pipeline.ledger import digest_of
-    from pipeline.whole_file import write_whole
-    from schemas.artifacts import ARTIFACTS
     from truing import __version__
+    from truing.pipeline.artifacts import Stamp, write_table
+    from truing.pipeline.ledger import digest_of
+    from truing.pipeline.whole_file import write_whole
+    from truing.schemas.artifacts import ARTIFACTS
 
     if out.suffix == ".csv":
         write_whole(out, _csv(predicted))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 
-from schemas.memory import shortage
+from truing.schemas.memory import shortage
 
 
 class ExitCode(IntEnum):

@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 from multiprocessing import connection
 from typing import Any
 
-from pipeline.interruption import children_without_interrupts, heard, interruptible
-from pipeline.problems import Interrupted
-from pipeline.workforce import TRIES, Piece, Result
 from truing.child_processes import safe_children
+from truing.pipeline.interruption import children_without_interrupts, heard, interruptible
+from truing.pipeline.problems import Interrupted
+from truing.pipeline.workforce import TRIES, Piece, Result
 
 _SECONDS_TO_LEAVE = 10.0
 # So often a wait looks up: where a signal cannot end the waiting itself, it is heard then.

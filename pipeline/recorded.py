@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.ledger import Ledger, read_ledger
-from pipeline.remembered import RememberedDigests
-from pipeline.run_folder import PRIVATE
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.ledger import Ledger, read_ledger
+from truing.pipeline.remembered import RememberedDigests
+from truing.pipeline.run_folder import PRIVATE
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     from truing.runs.recorded_run import Run

@@ -12,9 +12,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from pipeline.ledger import digest_of
-from pipeline.whole_file import write_whole
-from schemas.settings_text import regular_size
+from truing.pipeline.ledger import digest_of
+from truing.pipeline.whole_file import write_whole
+from truing.schemas.settings_text import regular_size
 
 # A file changed again within one tick of its file system's clock keeps its time; FAT ticks every two seconds.
 TICK_NS = 2_000_000_000

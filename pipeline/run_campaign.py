@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.campaign_check import check_before_photographs, check_campaign
-from pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
-from pipeline.campaign_run import CampaignRun, detached_run, open_run
-from pipeline.endings import defects_logged
-from pipeline.freshness import State
-from pipeline.problems import ExitCode
-from pipeline.run_folder import occupied
-from pipeline.run_owner import claim
-from pipeline.selection import Selection
-from pipeline.stage_order import OF_PHOTOGRAPHS
-from pipeline.voice import Voice
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults
-from stages.declaration import Stage
+from truing.pipeline.campaign_check import check_before_photographs, check_campaign
+from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
+from truing.pipeline.campaign_run import CampaignRun, detached_run, open_run
+from truing.pipeline.endings import defects_logged
+from truing.pipeline.freshness import State
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.run_folder import occupied
+from truing.pipeline.run_owner import claim
+from truing.pipeline.selection import Selection
+from truing.pipeline.stage_order import OF_PHOTOGRAPHS
+from truing.pipeline.voice import Voice
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults
+from truing.stages.declaration import Stage
 
 _LOG = "defect.log"
 

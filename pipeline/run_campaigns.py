@@ -9,15 +9,15 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from pipeline.campaign_folder import CampaignFolder, run_folder_of
-from pipeline.endings import KEPT, end, end_all
-from pipeline.executor import results
-from pipeline.problems import ExitCode, gravest
-from pipeline.run_campaign import Wish, run_campaign, usable_campaign
-from pipeline.run_owner import refuse_raw_files
-from pipeline.voice import Recorder, Voice
-from pipeline.workforce import Workforce, processors
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
+from truing.pipeline.endings import KEPT, end, end_all
+from truing.pipeline.executor import results
+from truing.pipeline.problems import ExitCode, gravest
+from truing.pipeline.run_campaign import Wish, run_campaign, usable_campaign
+from truing.pipeline.run_owner import refuse_raw_files
+from truing.pipeline.voice import Recorder, Voice
+from truing.pipeline.workforce import Workforce, processors
+from truing.schemas.faults import CampaignFaults, Fault
 
 
 @dataclass(frozen=True)

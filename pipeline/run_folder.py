@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.lock import hold
-from pipeline.problems import environment
-from pipeline.whole_file import PART, part_of
-from schemas.artifacts import ARTIFACTS
+from truing.pipeline.lock import hold
+from truing.pipeline.problems import environment
+from truing.pipeline.whole_file import PART, part_of
+from truing.schemas.artifacts import ARTIFACTS
 
 PRIVATE = ".truing"  # ledger, remembered digests and lock; deleting it loses no result
 

@@ -12,16 +12,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.campaign_folder import FILE, CampaignFolder, run_folder_of
-from pipeline.campaign_run import CampaignRun, open_run
-from pipeline.ledger import Owner, digest_of
-from pipeline.problems import EnvironmentProblem
-from pipeline.run_folder import occupied
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.campaign_folder import FILE, CampaignFolder, run_folder_of
+from truing.pipeline.campaign_run import CampaignRun, open_run
+from truing.pipeline.ledger import Owner, digest_of
+from truing.pipeline.problems import EnvironmentProblem
+from truing.pipeline.run_folder import occupied
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
-    from schemas.artifact import Artifact
+    from truing.schemas.artifact import Artifact
 
 
 def claim(run: CampaignRun) -> None:
@@ -62,7 +62,7 @@ def _check_names(run: CampaignRun) -> None:
 
 def _carried_names(folder: Path) -> Iterator[str]:
     """The campaigns that the artifacts of a folder name."""
-    from pipeline.artifacts import read_provenance
+    from truing.pipeline.artifacts import read_provenance
 
     for artifact in _there(folder):
         origin = read_provenance(folder, artifact)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pipeline.stage_order import needed_for
-from schemas.faults import CampaignFaults, Fault
-from schemas.near_names import meant
-from stages.declaration import Stage
+from truing.pipeline.stage_order import needed_for
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import meant
+from truing.stages.declaration import Stage
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.campaign_folder import run_folder_of
-from pipeline.campaign_run import open_run
-from pipeline.problems import ExitCode
-from pipeline.run_campaign import usable_campaign
-from pipeline.run_owner import check_owner
-from pipeline.stage_order import OF_PHOTOGRAPHS, ORDER, RAW_READERS, stage_module
-from pipeline.voice import Voice
+from truing.pipeline.campaign_folder import run_folder_of
+from truing.pipeline.campaign_run import open_run
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.run_campaign import usable_campaign
+from truing.pipeline.run_owner import check_owner
+from truing.pipeline.stage_order import OF_PHOTOGRAPHS, ORDER, RAW_READERS, stage_module
+from truing.pipeline.voice import Voice
 
 
 def show_standings(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:

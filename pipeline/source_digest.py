@@ -16,10 +16,12 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-from pipeline.remembered import TICK_NS, RememberedDigests
+from truing.pipeline.remembered import TICK_NS, RememberedDigests
 
-ROOMS = ("schemas", "truing", "stages")  # what a stage can be made of
-_TELLING = re.compile(rf"\b(?:{'|'.join(ROOMS)})\b|\bfrom[\s\\]*\.".encode())
+_NAME = "truing"
+BESIDE = ("schemas", "stages", "pipeline")  # packages of `truing` whose folders stand beside its own in a checkout
+ROOMS = (_NAME, *BESIDE)
+_TELLING = re.compile(rf"\b{_NAME}\b|\bfrom[\s\\]*\.".encode())
 # Where a statement of a file begins; in a text of several lines too, where what follows is then no Python.
 _STATEMENT = re.compile(rb"^(?=[^\s#)\]}])", re.MULTILINE)
 _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
@@ -76,7 +78,8 @@ class SourceTree:
         return self._targets[path]
 
     def _import_names(self, path: Path) -> list[str]:
-        package = ".".join(path.relative_to(self._root).parent.parts)
+        folders = path.relative_to(self._root).parent.parts
+        package = ".".join((_NAME, *folders) if folders[:1] != (_NAME,) else folders)
         key = f"imports of {package} {self._digest(path)}"
         known = self._remembered.fact(key)
         if known is None:
@@ -92,8 +95,10 @@ class SourceTree:
 
     def _file(self, name: str) -> Path | None:
         if name not in self._files:
-            place = os.path.join(self._root, *name.split("."))
-            candidates = (f"{place}.py", os.path.join(place, "__init__.py"))
+            parts = name.split(".")
+            places = [parts, *([parts[1:]] if parts[0] == _NAME and parts[1:2] and parts[1] in BESIDE else [])]
+            folders = [os.path.join(self._root, *place) for place in places]
+            candidates = (path for at in folders for path in (f"{at}.py", os.path.join(at, "__init__.py")))
             self._files[name] = next((Path(path) for path in candidates if self._is_file(path)), None)
         return self._files[name]
 
@@ -199,7 +204,7 @@ def _named_module(value: object) -> Iterator[str]:
 
 
 def _is_ours(name: str) -> bool:
-    return name.split(".")[0] in ROOMS
+    return name.split(".")[0] == _NAME
 
 
 def _is_type_checking(test: ast.expr) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from truing.formats.source import OF_IMAGES, OTHERS
 
 if TYPE_CHECKING:
-    from stages.declaration import Stage
+    from truing.stages.declaration import Stage
 
 _FROM_POINTS = ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report")
 OF_PHOTOGRAPHS = ("images", "bundle")  # stages that a campaign without photographs does without
@@ -32,7 +32,7 @@ def order_of(kind: str, *, photographs: bool) -> tuple[str, ...]:
 
 def stage_module(name: str) -> ModuleType:
     """The module of a stage, imported."""
-    return importlib.import_module(f"stages.{name}")
+    return importlib.import_module(f"truing.stages.{name}")
 
 
 def is_optional(artifact: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from pipeline.init_guesses import MARK
+from truing.pipeline.init_guesses import MARK
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from pipeline.problems import environment
+from truing.pipeline.problems import environment
 
 PART = ".part"  # ending of files that are still being written
 

@@ -6,10 +6,10 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pipeline.campaign_folder import FILE, CampaignFolder, open_campaign
-from pipeline.run_folder import PRIVATE
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults, Fault
+from truing.pipeline.campaign_folder import FILE, CampaignFolder, open_campaign
+from truing.pipeline.run_folder import PRIVATE
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults, Fault
 
 OPTION = "--out"
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from schemas.campaign_page import campaign_page
-from schemas.page import artifacts_page
+from truing.schemas.campaign_page import campaign_page
+from truing.schemas.page import artifacts_page
 
 if __name__ == "__main__":
     Path("docs/artifacts.md").write_text(artifacts_page(), encoding="utf-8")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from schemas.column import Column
-from schemas.columns import COLUMNS, find_column
-from schemas.faults import Fault
+from truing.schemas.column import Column
+from truing.schemas.columns import COLUMNS, find_column
+from truing.schemas.faults import Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa

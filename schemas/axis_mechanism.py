@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from schemas.mechanism import MechanismSection
-from schemas.section import Name, Positive
+from truing.schemas.mechanism import MechanismSection
+from truing.schemas.section import Name, Positive
 
 # What stages that read the rows of an axis declare: columns, how far it stands from its command, noise of encoders.
 COLUMNS_OF_AXES = tuple(

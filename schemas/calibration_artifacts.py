@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.artifact import parquet
+from truing.schemas.artifact import parquet
 
 _ABSORPTION = ("effect", "model", "deformation", "estimator", "leg", "parameter")
 _CALIBRATION = ("model", "deformation", "leg", "parameter", "unit", "nominal", "identified", "sigma", "tolerance")

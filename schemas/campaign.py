@@ -7,16 +7,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
-from schemas.axis_mechanism import AxisMechanism
-from schemas.certificate import Certificate
-from schemas.faults import CampaignFaults, Fault
-from schemas.interferometer import Interferometer
-from schemas.mapping import OF_NAME, OF_TABLE, FileMapping
-from schemas.mechanism import LeggedMechanism, NoMechanism
-from schemas.photographs import GivenCamera, Photographs
-from schemas.quality_checks import acceptance_faults, limit_faults
-from schemas.section import Section
-from schemas.sections import (
+from truing.schemas.axis_mechanism import AxisMechanism
+from truing.schemas.certificate import Certificate
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.interferometer import Interferometer
+from truing.schemas.mapping import OF_NAME, OF_TABLE, FileMapping
+from truing.schemas.mechanism import LeggedMechanism, NoMechanism
+from truing.schemas.photographs import GivenCamera, Photographs
+from truing.schemas.quality_checks import acceptance_faults, limit_faults
+from truing.schemas.section import Section
+from truing.schemas.sections import (
     Acceptance,
     Bodies,
     CampaignSection,
@@ -33,7 +33,7 @@ from schemas.sections import (
     Signals,
     Workspace,
 )
-from schemas.sensor_mechanism import SensorMechanism
+from truing.schemas.sensor_mechanism import SensorMechanism
 
 
 def _is_first_format(value: Any) -> Any:

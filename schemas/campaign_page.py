@@ -15,12 +15,12 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from schemas.axis_mechanism import AxisMechanism
-from schemas.campaign import Campaign
-from schemas.column import LARGEST
-from schemas.mechanism import LeggedMechanism
-from schemas.section import Finite, NotNegative, Positive, Vector, Whole
-from schemas.sensor_mechanism import SensorMechanism
+from truing.schemas.axis_mechanism import AxisMechanism
+from truing.schemas.campaign import Campaign
+from truing.schemas.column import LARGEST
+from truing.schemas.mechanism import LeggedMechanism
+from truing.schemas.section import Finite, NotNegative, Positive, Vector, Whole
+from truing.schemas.sensor_mechanism import SensorMechanism
 
 _HEAD = """# What may campaign.toml hold, key by key?
 

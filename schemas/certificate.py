@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from schemas.section import Day, NotNegative, Section, Temperature, Words
+from truing.schemas.section import Day, NotNegative, Section, Temperature, Words
 
 Country = Annotated[str, Field(pattern=r"^[A-Z]{2}$")]
 Issuer = Literal["manufacturer", "calibrationLaboratory", "customer", "owner", "other"]

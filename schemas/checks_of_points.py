@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.quality_check import Checks, Limits, QualityCheck, Rule
+from truing.schemas.quality_check import Checks, Limits, QualityCheck, Rule
 
 OF_POINTS: Checks = {
     "unobserved-poses": QualityCheck(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from schemas.column import Column
-from schemas.columns_of_measurements import (
+from truing.schemas.column import Column
+from truing.schemas.columns_of_measurements import (
     CAMPAIGN_LIFE,
     CONFIGURATIONS,
     DEFORMATION,
@@ -15,8 +15,8 @@ from schemas.columns_of_measurements import (
     REPEATS,
     RESIDUALS,
 )
-from schemas.columns_of_photographs import PHOTOGRAPHS
-from schemas.columns_of_results import (
+from truing.schemas.columns_of_photographs import PHOTOGRAPHS
+from truing.schemas.columns_of_results import (
     CALIBRATION,
     COMPARED,
     DIAGNOSIS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.column import Column, real
+from truing.schemas.column import Column, real
 
 _AXES = "xyz"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.column import Column, real
+from truing.schemas.column import Column, real
 
 DIAGNOSIS = (
     Column("rank", "integer", "1 is the most probable", minimum=1),

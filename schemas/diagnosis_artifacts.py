@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.artifact import Artifact, parquet
+from truing.schemas.artifact import Artifact, parquet
 
 _WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 

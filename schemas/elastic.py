@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from schemas.section import Positive
+from truing.schemas.section import Positive
 
 _STIFFEST_GPA = 2000.0  # diamond has 1200
 _IN_GPA = {"MPa": 1e-3, "Pa": 1e-9}

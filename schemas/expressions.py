@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from schemas.section import RawText
+from truing.schemas.section import RawText
 
 LONGEST_PATTERN = 20_000
 _FILLED = re.compile(r"(.?[<>^])?\d{0,2}")  # what may follow a name's colon: the column is filled up

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from schemas.section import Finite, NotNegative, Positive, Section, Vector
+from truing.schemas.section import Finite, NotNegative, Positive, Section, Vector
 
 LINEAR = ("dx", "dy", "dz")
 _AXES = (*LINEAR, "rx", "ry", "rz")

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from schemas.expressions import GroupPattern, Pattern, Renames, Template, TemplateOfNames, TimeFormat
-from schemas.raw_value import RawColumn, RawValue
-from schemas.section import Name, Positive, RawText, Section, Whole, is_path, is_raw_text
+from truing.schemas.expressions import GroupPattern, Pattern, Renames, Template, TemplateOfNames, TimeFormat
+from truing.schemas.raw_value import RawColumn, RawValue
+from truing.schemas.section import Name, Positive, RawText, Section, Whole, is_path, is_raw_text
 
 Format = Literal[
     "auto",

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from schemas.elastic import Modulus, Poisson, thin_rod
-from schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Share, Temperature, Vector
+from truing.schemas.elastic import Modulus, Poisson, thin_rod
+from truing.schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Share, Temperature, Vector
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"

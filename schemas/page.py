@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from schemas.artifact import Artifact
-from schemas.artifacts import ARTIFACTS
-from schemas.column import Column
-from schemas.columns import COLUMNS
+from truing.schemas.artifact import Artifact
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.column import Column
+from truing.schemas.columns import COLUMNS
 
 _COVARIANCE = ("cov_0_0", "cov_5_5")
 _HEAD = """# What does a run leave, column by column?

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.artifact import parquet
+from truing.schemas.artifact import parquet
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from schemas.section import Finite, Identifier, Name, NotNegative, Positive, Section, Shown
+from truing.schemas.section import Finite, Identifier, Name, NotNegative, Positive, Section, Shown
 
 Parameter = Literal["c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2"]
 

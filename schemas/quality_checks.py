@@ -5,15 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from schemas.checks_of_axes import OF_AXES
-from schemas.checks_of_loads import OF_LOADS
-from schemas.checks_of_photographs import OF_PHOTOGRAPHS
-from schemas.checks_of_points import OF_POINTS
-from schemas.checks_of_positions import OF_POSITIONS
-from schemas.faults import Fault
-from schemas.near_names import meant, nearest
-from schemas.quality_check import Checks, Limits
-from schemas.sections import Acceptance, SetLimits
+from truing.schemas.checks_of_axes import OF_AXES
+from truing.schemas.checks_of_loads import OF_LOADS
+from truing.schemas.checks_of_photographs import OF_PHOTOGRAPHS
+from truing.schemas.checks_of_points import OF_POINTS
+from truing.schemas.checks_of_positions import OF_POSITIONS
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant, nearest
+from truing.schemas.quality_check import Checks, Limits
+from truing.schemas.sections import Acceptance, SetLimits
 
 CHECKS: Mapping[str, Checks] = {
     "photogrammetry": {**OF_POINTS, **OF_PHOTOGRAPHS, **OF_AXES},

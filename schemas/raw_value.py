@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from schemas.section import Finite, Positive, RawText, Section, is_raw_text
+from truing.schemas.section import Finite, Positive, RawText, Section, is_raw_text
 
 
 def _is_raw_column(value: Any) -> Any:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from schemas.column import LARGEST, SMALLEST
+from truing.schemas.column import LARGEST, SMALLEST
 
 
 def _is_of_size(value: float) -> float:

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator
 
-from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
-from schemas.section import (
+from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
+from truing.schemas.section import (
     Day,
     Identifier,
     Name,

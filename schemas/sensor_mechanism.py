@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from schemas.elastic import Modulus, Poisson, thin_rod
-from schemas.mechanism import MechanismSection
-from schemas.section import TYPED, Finite, NotNegative, Path, Positive, Section, Share, Vector
+from truing.schemas.elastic import Modulus, Poisson, thin_rod
+from truing.schemas.mechanism import MechanismSection
+from truing.schemas.section import TYPED, Finite, NotNegative, Path, Positive, Section, Share, Vector
 
 
 class SensorLeg(Section):

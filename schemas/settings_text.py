@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from schemas.special_files import is_special
+from truing.schemas.special_files import is_special
 
 LARGEST = 16 << 20  # bytes; the parser takes a hundred times that of memory
 _NOTHING_THERE = {errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from schemas.artifact import Artifact
-from schemas.memory import raise_shortage
+from truing.schemas.artifact import Artifact
+from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
     import pyarrow as pa

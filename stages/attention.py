@@ -6,14 +6,14 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from schemas.near_names import alike
-from stages.ingestion.serving_roles import FITTED
-from stages.prospects import Found
+from truing.schemas.near_names import alike
+from truing.stages.ingestion.serving_roles import FITTED
+from truing.stages.prospects import Found
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 _SHOWN = 8
 _GIVE_SCALE = {"scale_bars", "known_points", "image_targets"}

@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from schemas.faults import CampaignFaults, Fault
-from schemas.photograph_artifacts import FROM_MARKER
-from stages.declaration import Outcome, Progress, Stage
 from truing.report.numbers import count as counted
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.photograph_artifacts import FROM_MARKER
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,13 +43,15 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
     """The adjusted network as tables; raises CampaignFaults where the rays do not make one."""
-    from stages.bundle_adjustment.given_cameras import given_cameras
-    from stages.bundle_adjustment.image_cameras import image_cameras
-    from stages.bundle_adjustment.known_points import faults_of, known_points_table
-    from stages.bundle_adjustment.rays_as_network import image_points, named_network
-    from stages.bundle_adjustment.scale_sources import scale_sources
-    from stages.bundle_adjustment.statistics import statistics_table
-    from stages.bundle_adjustment.survey_distances import (
+    from truing.estimation.bundle.determinable import UndeterminedNetworkError
+    from truing.estimation.bundle.named_adjustment import Choices, KnownElsewhereError, adjust_network
+    from truing.stages.bundle_adjustment.given_cameras import given_cameras
+    from truing.stages.bundle_adjustment.image_cameras import image_cameras
+    from truing.stages.bundle_adjustment.known_points import faults_of, known_points_table
+    from truing.stages.bundle_adjustment.rays_as_network import image_points, named_network
+    from truing.stages.bundle_adjustment.scale_sources import scale_sources
+    from truing.stages.bundle_adjustment.statistics import statistics_table
+    from truing.stages.bundle_adjustment.survey_distances import (
         PRINTED_TO,
         Printed,
         Survey,
@@ -57,10 +59,8 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
         surveyed_points,
         with_scale,
     )
-    from stages.bundle_adjustment.tables import NetworkTables
-    from stages.common.ray_statistics import ray_tables
-    from truing.estimation.bundle.determinable import UndeterminedNetworkError
-    from truing.estimation.bundle.named_adjustment import Choices, KnownElsewhereError, adjust_network
+    from truing.stages.bundle_adjustment.tables import NetworkTables
+    from truing.stages.common.ray_statistics import ray_tables
 
     given = settings.photographs
     known = given.datum == "known" and "known_points" in tables

@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from schemas.artifacts import ARTIFACTS
-from stages.declaration import Outcome, Progress, Stage
 from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.common.rows import Rows
     from truing.calibration.extended import Extended
     from truing.calibration.measured import Gathered
+    from truing.schemas.campaign import Campaign
+    from truing.stages.common.rows import Rows
 
 LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
 LEAST_LEGS = 6  # with fewer, readings leave the platform free
@@ -94,7 +94,7 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Calibrate every model that the mechanism's numbers allow, choose among them, and hold them against repeats."""
-    from stages.common.belonging import withheld
+    from truing.stages.common.belonging import withheld
 
     if why := withheld(tables):
         return _of_nothing(why, settings)
@@ -108,10 +108,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 def _repeats(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:
     """What was measured more than once, by table."""
     if settings.campaign.kind == "interferometer":
-        from stages.repeats.of_loads import repeats_of_loads
+        from truing.stages.repeats.of_loads import repeats_of_loads
 
         return repeats_of_loads(tables, settings)
-    from stages.repeats.of_poses import repeats_of_poses
+    from truing.stages.repeats.of_poses import repeats_of_poses
 
     return repeats_of_poses(tables, settings)
 
@@ -124,15 +124,15 @@ def _pose_names(tables: Mapping[str, pa.Table]) -> bool:
 def _calibrated(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Calibrate every model that the mechanism's numbers allow, and choose among them."""
     if settings.campaign.kind == "interferometer":
-        from stages.sensor_calibration.run import calibrate_sensor
+        from truing.stages.sensor_calibration.run import calibrate_sensor
 
         return calibrate_sensor(tables, settings, progress)
-    from stages.common.why_not import why_no_calibration
+    from truing.stages.common.why_not import why_no_calibration
 
     if why := why_no_calibration(settings.mechanism, tables):
         return not_evaluated(why)
-    from stages.calibration.run import NothingCalibrated, calibrate
-    from stages.common.calibration_data import gather
+    from truing.stages.calibration.run import NothingCalibrated, calibrate
+    from truing.stages.common.calibration_data import gather
 
     try:
         gathered = gather(tables, settings)
@@ -150,7 +150,7 @@ def _calibrated(tables: Mapping[str, pa.Table], settings: Campaign, progress: Pr
 
 def _extended(tables: Mapping[str, pa.Table], gathered: Gathered) -> Extended | None:
     """The extended model that the diagnosis left; None where it left none."""
-    from stages.calibration.extended import extended_of
+    from truing.stages.calibration.extended import extended_of
 
     text = tables.get("model")
     if not isinstance(text, str):
@@ -162,8 +162,8 @@ def _too_little(gathered: Gathered) -> str:
     """Why these poses say too little of any machine; empty where they do not."""
     import numpy as np
 
-    from stages.common.why_not import why_too_few_poses
     from truing.estimation.rotation import log_so3
+    from truing.stages.common.why_not import why_too_few_poses
 
     fitted = int(np.sum(gathered.measured.roles != "verification"))
     if few := why_too_few_poses(fitted):
@@ -202,7 +202,7 @@ def _of_nothing(why: str, settings: Campaign) -> Outcome:
     """The outcome of a campaign of either kind whose data cannot be used."""
     if settings.campaign.kind != "interferometer":
         return not_evaluated(why)
-    from stages.sensor_calibration.run import nothing
+    from truing.stages.sensor_calibration.run import nothing
 
     return nothing(why)
 

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.diagnose import gathered_of, kinds_of
-from stages.diagnosis.next_loads import next_run, possible_runs
-from stages.diagnosis.next_measurement import planned
-from stages.diagnosis.next_plan import plan_table
-from stages.power import reading_plan_of
 from truing.inference.fitted_model import Fitter
+from truing.stages.diagnose import gathered_of, kinds_of
+from truing.stages.diagnosis.next_loads import next_run, possible_runs
+from truing.stages.diagnosis.next_measurement import planned
+from truing.stages.diagnosis.next_plan import plan_table
+from truing.stages.power import reading_plan_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
     from truing.simulation.cause import Cause, Scene
 
 

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
-from schemas.artifacts import ARTIFACTS
-from stages.common.why_not import NO_BODIES
-from stages.declaration import Outcome, Progress, Stage
 from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.common.why_not import NO_BODIES
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
 
 DECLARATION = Stage(
     name="deformation",
@@ -62,7 +62,7 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit the deformation models that the campaign's instrument and mechanism allow."""
-    from stages.common.belonging import withheld
+    from truing.stages.common.belonging import withheld
 
     progress(0, 1, "deformation models")
     why = withheld(tables)
@@ -82,8 +82,8 @@ def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: 
     """What was made of loads, and what positioning runs of an axis say of it, but for runs that failed a check."""
     if "positions" not in tables or not tables["positions"].num_rows:
         return found
-    from stages.common.belonging import withheld_runs
-    from stages.responses.axis_positioning import positioning_rows, told
+    from truing.stages.common.belonging import withheld_runs
+    from truing.stages.responses.axis_positioning import positioning_rows, told
 
     positions = tables["positions"]
     withheld = withheld_runs(tables)
@@ -98,8 +98,8 @@ def _with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: 
 
 
 def _of_legs(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.common.why_not import NO_POINTS_TO_DEFORM, why_no_deformation_of_legs
-    from stages.responses.attachment_deformation import attachment_deformation
+    from truing.stages.common.why_not import NO_POINTS_TO_DEFORM, why_no_deformation_of_legs
+    from truing.stages.responses.attachment_deformation import attachment_deformation
 
     if "configurations" in tables and "observations" in tables and not tables["observations"].num_rows:
         return not_evaluated(NO_POINTS_TO_DEFORM)
@@ -115,8 +115,8 @@ def _rest_readings_mm(settings: Campaign) -> tuple[float, ...]:
 
 
 def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.common.why_not import why_no_deformation_of_targets
-    from stages.responses.target_deformation import target_deformation
+    from truing.stages.common.why_not import why_no_deformation_of_targets
+    from truing.stages.responses.target_deformation import target_deformation
 
     drives = settings.campaign.drives
     if why := why_no_deformation_of_targets(drives, tables):
@@ -127,8 +127,8 @@ def _of_targets(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
 
 
 def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    from stages.common.why_not import why_no_deformation_of_loads
-    from stages.responses.load_deformation import load_deformation
+    from truing.stages.common.why_not import why_no_deformation_of_loads
+    from truing.stages.responses.load_deformation import load_deformation
 
     if why := why_no_deformation_of_loads(tables.get("readings")):
         return _of_nothing(why, settings)
@@ -139,7 +139,7 @@ def _of_nothing(why: str, settings: Campaign) -> Outcome:
     """The outcome of a campaign of either kind whose data cannot be used."""
     if settings.campaign.kind != "interferometer":
         return not_evaluated(why)
-    from stages.responses.load_deformation import without_loads
+    from truing.stages.responses.load_deformation import without_loads
 
     return Outcome.not_evaluated(without_loads(), why)
 

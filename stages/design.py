@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import CampaignFaults, Fault
-from stages.common.point_arrays import number_column
-from stages.configurations.chosen import Design, DesignWish, Judged
-from stages.configurations.problem import design_problem, limits_of
 from truing.calibration.configuration_search import bounded, choose, verification
 from truing.calibration.design_problem import DesignProblem
 from truing.estimation.design.pose_order import PoseOrder, order_poses
 from truing.estimation.design.pose_selection import information_of
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.stages.common.point_arrays import number_column
+from truing.stages.configurations.chosen import Design, DesignWish, Judged
+from truing.stages.configurations.problem import design_problem, limits_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
     from truing.simulation.mechanisms.pose_regressors import Placed
 
 _T = TypeVar("_T")

@@ -6,22 +6,22 @@ import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from schemas.artifacts import ARTIFACTS
-from schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS, NOISE_OF_ENCODERS
-from stages.common.registered import registered
-from stages.common.words import gross_errors
-from stages.declaration import Outcome, Progress, Stage
 from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS, NOISE_OF_ENCODERS
+from truing.stages.common.registered import registered
+from truing.stages.common.words import gross_errors
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.diagnosis.mechanism_points import Gathered
-    from stages.diagnosis.ray_findings import RayFindings
-    from stages.diagnosis.shown import Channels
     from truing.inference.selection import Diagnosis, Settings
+    from truing.schemas.campaign import Campaign
     from truing.simulation.cause import Cause
+    from truing.stages.diagnosis.mechanism_points import Gathered
+    from truing.stages.diagnosis.ray_findings import RayFindings
+    from truing.stages.diagnosis.shown import Channels
 
 DECLARATION = Stage(
     name="diagnose",
@@ -90,7 +90,7 @@ DECLARATION = Stage(
 )
 
 # What assembles the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
-_OF_TYPES = {"axis": "stages.diagnosis.axis_points"}
+_OF_TYPES = {"axis": "truing.stages.diagnosis.axis_points"}
 
 # Simulated residual vectors, and as many sign-flipped ones, that the search is held against.
 DRAWS = 400
@@ -100,8 +100,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Search the catalogue for what makes the campaign depart from its simulation."""
     import numpy as np
 
-    from stages.common.belonging import withheld
-    from stages.diagnosis.ray_findings import corrected, with_shared_errors
+    from truing.stages.common.belonging import withheld
+    from truing.stages.diagnosis.ray_findings import corrected, with_shared_errors
 
     if why := withheld(tables):
         return _not_evaluated(why)
@@ -120,15 +120,15 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 
 def _rays(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> RayFindings | None:
     """What rays tell by themselves; None where points do not come from photographs of several poses."""
-    from stages.diagnosis.ray_findings import ray_findings
-    from stages.diagnosis.ray_points import has_rays
+    from truing.stages.diagnosis.ray_findings import ray_findings
+    from truing.stages.diagnosis.ray_points import has_rays
 
     return ray_findings(tables, settings, rule_of(settings), progress) if has_rays(tables) else None
 
 
 def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
-    from stages.common.why_not import NO_POINTS_TO_DIAGNOSE
+    from truing.stages.common.why_not import NO_POINTS_TO_DIAGNOSE
 
     if "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
@@ -138,17 +138,17 @@ def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     if settings.mechanism.is_legged:
         return _of_mechanism(tables, settings)
     if settings.campaign.kind == "interferometer":
-        from stages.diagnosis.reading_points import gather_readings
+        from truing.stages.diagnosis.reading_points import gather_readings
 
         return _started(gather_readings(tables, settings), tables, settings)
-    from stages.diagnosis.body_points import gather_bodies
+    from truing.stages.diagnosis.body_points import gather_bodies
 
     return gather_bodies(tables, settings)
 
 
 def _of_mechanism(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
-    from stages.common.why_not import why_no_diagnosis_of_mechanism
-    from stages.diagnosis.mechanism_points import gather
+    from truing.stages.common.why_not import why_no_diagnosis_of_mechanism
+    from truing.stages.diagnosis.mechanism_points import gather
 
     if why := why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, tables):
         raise ValueError(why)
@@ -162,7 +162,7 @@ def _started(gathered: Gathered, tables: Mapping[str, pa.Table], settings: Campa
     """What is compared, with what the model tells that the campaign starts from."""
     if "start" not in tables:
         return gathered
-    from stages.diagnosis.earlier_campaign import started
+    from truing.stages.diagnosis.earlier_campaign import started
 
     return started(gathered, str(tables["start"]), settings.diagnosis.seed)
 
@@ -182,8 +182,8 @@ def _unreached(gathered: Gathered) -> str:
 
 
 def _diagnose(gathered: Gathered, rays: RayFindings | None, settings: Campaign, progress: Progress) -> Outcome:
-    from stages.diagnosis.artifacts import artifacts_of
-    from stages.diagnosis.ray_rows import with_rays
+    from truing.stages.diagnosis.artifacts import artifacts_of
+    from truing.stages.diagnosis.ray_rows import with_rays
 
     rule = rule_of(settings, of_points=rays is not None)
     diagnosis = decided(gathered, settings, progress)
@@ -204,7 +204,7 @@ def _diagnose(gathered: Gathered, rays: RayFindings | None, settings: Campaign, 
 
 def _of_rays_alone(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
     """What rays tell where points cannot be held against anything."""
-    from stages.diagnosis.ray_rows import with_rays
+    from truing.stages.diagnosis.ray_rows import with_rays
 
     artifacts = with_rays({"diagnosis": ARTIFACTS["diagnosis"].empty()}, rays, rule_of(settings))
     return Outcome(
@@ -217,8 +217,8 @@ def _of_rays_alone(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
 
 def rule_of(settings: Campaign, *, of_points: bool = False) -> Settings:
     """How sure a finding must be in a campaign; of its points alone, where rays are judged as well."""
-    from stages.diagnosis.ray_findings import SHARE_OF_RAYS
     from truing.inference.selection import Settings
+    from truing.stages.diagnosis.ray_findings import SHARE_OF_RAYS
 
     share = 1.0 - SHARE_OF_RAYS if of_points else 1.0
     return Settings(share * settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
@@ -273,8 +273,8 @@ def _left_out(gathered: Gathered, gross: int) -> str:
 
 
 def _figure(table: pa.Table, diagnosis: Diagnosis, channels: Channels | None) -> str:
-    from stages.diagnosis.shown import POINTS
     from truing.report.numbers import two_decimals
+    from truing.stages.diagnosis.shown import POINTS
 
     final = diagnosis.final
     shown = POINTS if channels is None else channels.whole(final.error)

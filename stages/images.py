@@ -6,19 +6,19 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from stages.declaration import Outcome, Progress, Stage
 from truing.formats.source import OF_IMAGES, CampaignFiles
 from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.common.small_tables import SmallTable
-    from stages.image_tables.measured_rays import MeasuredRays
-    from stages.image_tables.photographs import Each, PhotographTables
     from truing.formats.faultlog import FaultLog
+    from truing.stages.common.small_tables import SmallTable
+    from truing.stages.image_tables.measured_rays import MeasuredRays
+    from truing.stages.image_tables.photographs import Each, PhotographTables
 
 DECLARATION = Stage(
     name="images",
@@ -47,14 +47,14 @@ def run(
 
     ``each`` measures photographs, several at a time; absent: one after the other, in this process.
     """
-    from stages.image_tables.cameras_beforehand import regrouped
     from truing.formats.faultlog import FaultLog
+    from truing.stages.image_tables.cameras_beforehand import regrouped
 
     log = FaultLog()
     small = _known_beforehand(source, settings, log)
     rays: MeasuredRays | PhotographTables | None
     if source.entries("images"):
-        from stages.image_tables.photographs import read_photographs
+        from truing.stages.image_tables.photographs import read_photographs
 
         rays = read_photographs(source, settings, _names(small), log, progress, each)
     else:
@@ -91,8 +91,8 @@ def _lacking(rays: MeasuredRays | PhotographTables, small: dict[str, SmallTable 
 
 def look(settings: Any, source: CampaignFiles) -> str:
     """What photographs and the tables beside them hold, without measuring; raises CampaignFaults as ``run`` does."""
-    from stages.image_tables.photographs import open_all
     from truing.formats.faultlog import FaultLog
+    from truing.stages.image_tables.photographs import open_all
 
     log = FaultLog()
     _known_beforehand(source, settings, log)
@@ -109,8 +109,8 @@ def look(settings: Any, source: CampaignFiles) -> str:
 
 
 def _known_beforehand(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable | None]:
-    from stages.image_tables.cameras_beforehand import read_cameras
-    from stages.image_tables.known_beforehand import read_image_targets, read_known_points, read_scale_bars
+    from truing.stages.image_tables.cameras_beforehand import read_cameras
+    from truing.stages.image_tables.known_beforehand import read_image_targets, read_known_points, read_scale_bars
 
     mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
     if source.entries("images") and source.entries("image_points"):
@@ -135,7 +135,7 @@ def _names(small: Mapping[str, SmallTable | None]) -> pa.Table | None:
 def _measured_elsewhere(
     source: CampaignFiles, settings: Any, small: Mapping[str, SmallTable | None], log: FaultLog
 ) -> MeasuredRays | None:
-    from stages.image_tables.measured_rays import read_rays
+    from truing.stages.image_tables.measured_rays import read_rays
 
     cameras = small["cameras_given"]
     return read_rays(source, settings, _names(small), None if cameras is None else cameras.table, log)
@@ -163,7 +163,7 @@ def _left_out(small: Mapping[str, SmallTable | None], rays: Mapping[tuple[str, s
             total[reason] += count
     words = [f"{counted(count, 'row')}: {reason}" for reason, count in total.most_common()]
     if len(rejections):
-        from stages.image_tables.photographs import refused_words
+        from truing.stages.image_tables.photographs import refused_words
 
         words.append(f"candidates for targets: {refused_words(rejections)}")
     return "; ".join(words) or "nothing"

@@ -9,26 +9,26 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_ENCODERS
-from schemas.faults import Fault
-from schemas.near_names import meant
-from stages.common.registered import registered
-from stages.declaration import Outcome, Progress, Stage
 from truing.formats.source import TABLES, CampaignFiles
 from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_ENCODERS
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant
+from truing.stages.common.registered import registered
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.common.small_tables import SmallTable
-    from stages.ingestion.adjusted_points import AdjustedPoints
-    from stages.ingestion.dense_scans import DenseScans
-    from stages.ingestion.later_surveys import LaterSurveys
-    from stages.ingestion.point_sizes import Geometry
-    from stages.ingestion.points import Expected, Points
-    from stages.ingestion.pose_table import MeasuredPoses
     from truing.formats.faultlog import FaultLog
+    from truing.stages.common.small_tables import SmallTable
+    from truing.stages.ingestion.adjusted_points import AdjustedPoints
+    from truing.stages.ingestion.dense_scans import DenseScans
+    from truing.stages.ingestion.later_surveys import LaterSurveys
+    from truing.stages.ingestion.point_sizes import Geometry
+    from truing.stages.ingestion.points import Expected, Points
+    from truing.stages.ingestion.pose_table import MeasuredPoses
 
     _Small = SmallTable | LaterSurveys | DenseScans | MeasuredPoses
 
@@ -78,7 +78,7 @@ DECLARATION = Stage(
     summary="reads the raw files, brings them into the contract's units and names, and refuses what cannot be",
 )
 # What reads the files of a mechanism that is neither of legs nor a sensor on its bench, by its type.
-OF_TYPES = {"axis": "stages.ingestion.axis_rows"}
+OF_TYPES = {"axis": "truing.stages.ingestion.axis_rows"}
 
 
 class _Late:
@@ -117,8 +117,8 @@ def _adjusted(
         log.add(Fault("campaign.toml", expected, column="files.points"))
     if "object_points" not in tables:
         return None
-    from stages.ingestion.adjusted_points import AdjustedPoints
-    from stages.ingestion.inner_datum import in_inner_datum
+    from truing.stages.ingestion.adjusted_points import AdjustedPoints
+    from truing.stages.ingestion.inner_datum import in_inner_datum
 
     points = in_inner_datum(tables["object_points"], tables.get("point_correlations"))
     bars = tables.get("scale_bars")
@@ -137,16 +137,16 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
 def _photogrammetry(
     settings: Any, progress: Progress, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog
 ) -> Outcome:
-    from stages.ingestion.dense_scans import identifier_of, read_scans
-    from stages.ingestion.estimated_covariance import EstimatedCovariance
-    from stages.ingestion.later_surveys import read_later_surveys, relabelling_of
-    from stages.ingestion.points import Points
-    from stages.ingestion.pose_table import read_poses
-    from stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
-    from stages.ingestion.serving_roles import check_any_fitted
-    from stages.ingestion.start import read_start
-    from stages.ingestion.tables import check_survey_noise, read_configurations, read_survey
     from truing.formats.passed_over import passed_over
+    from truing.stages.ingestion.dense_scans import identifier_of, read_scans
+    from truing.stages.ingestion.estimated_covariance import EstimatedCovariance
+    from truing.stages.ingestion.later_surveys import read_later_surveys, relabelling_of
+    from truing.stages.ingestion.points import Points
+    from truing.stages.ingestion.pose_table import read_poses
+    from truing.stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
+    from truing.stages.ingestion.serving_roles import check_any_fitted
+    from truing.stages.ingestion.start import read_start
+    from truing.stages.ingestion.tables import check_survey_noise, read_configurations, read_survey
 
     estimated = EstimatedCovariance()
     source.estimate = estimated
@@ -222,7 +222,7 @@ def _without_points(
 def _check_without_points(
     measured: MeasuredPoses | None, scans: DenseScans | None, expected: Expected, log: FaultLog
 ) -> None:
-    from stages.ingestion.pose_table import check_bodies
+    from truing.stages.ingestion.pose_table import check_bodies
 
     if measured is not None:
         check_bodies(measured, expected.without(set() if scans is None else scans.bodies), log)
@@ -262,8 +262,8 @@ def _late(say: Callable[[], str]) -> str:
 
 
 def _expected(settings: Any, configurations: SmallTable, survey: SmallTable | None) -> Expected:
-    from stages.ingestion.points import Expected
-    from stages.ingestion.tables import legs_of
+    from truing.stages.ingestion.points import Expected
+    from truing.stages.ingestion.tables import legs_of
 
     legs = tuple(f"leg{leg + 1}" for leg in range(len(legs_of(settings))))
     return Expected(
@@ -278,8 +278,8 @@ def _expected(settings: Any, configurations: SmallTable, survey: SmallTable | No
 
 
 def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
-    from stages.ingestion.point_sizes import Geometry
-    from stages.ingestion.tables import legs_of
+    from truing.stages.ingestion.point_sizes import Geometry
+    from truing.stages.ingestion.tables import legs_of
 
     surveyed: dict[str, dict[str, Any]] = {}
     if survey is not None:
@@ -341,8 +341,8 @@ def _figure_words(points: Points) -> str:
 
 
 def _interferometer(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
-    from stages.ingestion.loading_tables import read_loading_tables
-    from stages.ingestion.start import read_start
+    from truing.stages.ingestion.loading_tables import read_loading_tables
+    from truing.stages.ingestion.start import read_start
 
     found, start = read_loading_tables(source, settings, log), read_start(source, settings, log)
     log.throw()

@@ -12,9 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import CampaignFaults, Fault
-from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
-from stages.configurations.chosen import DesignWish
 from truing.estimation.design.pose_order import PoseOrder, order_poses
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.load_cases import (
@@ -28,11 +25,14 @@ from truing.estimation.sensor.load_cases import (
     predicted_sigma,
 )
 from truing.report.numbers import count as counted
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
+from truing.stages.configurations.chosen import DesignWish
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

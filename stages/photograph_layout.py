@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.faults import CampaignFaults, Fault
-from stages.common.nominal_mechanism import nominal_legs
-from stages.photograph_plan import Targets
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Array, Bars
 from truing.estimation.bundle.planning.information import PlannedNetwork
 from truing.estimation.bundle.planning.stations import Layout
+from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.legs.kinematics import forward
+from truing.stages.common.nominal_mechanism import nominal_legs
+from truing.stages.photograph_plan import Targets
 
 if TYPE_CHECKING:
     import pyarrow as pa

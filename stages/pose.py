@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from stages.common.why_not import NO_BODIES
-from stages.declaration import Outcome, Progress, Stage
 from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.common.why_not import NO_BODIES
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
 
-    from schemas.campaign import Campaign
     from truing.estimation.rigid_poses.body_poses import BodyPoses
+    from truing.schemas.campaign import Campaign
     from truing.simulation.bench.seen_motion import BeamGeometry
 
 DECLARATION = Stage(
@@ -47,7 +47,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """
     if settings.campaign.kind == "interferometer":
         return _of_loads(tables, settings)
-    from stages.common.belonging import withheld
+    from truing.stages.common.belonging import withheld
 
     without = NO_BODIES.get(settings.mechanism.type, "no object points")
     names = ("observations", "scans", "measured_poses")
@@ -56,11 +56,11 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if why := why or withheld(tables, of_poses=True):
         empty = {name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}
         return Outcome.not_evaluated(empty, why)
-    from stages.common.point_arrays import observation_rows, pose_ids
-    from stages.common.point_errors import common_correlation, point_errors
-    from stages.rigid_poses.tables import covariances_table, poses_table, residuals_table, sensitivities_table
-    from stages.rigid_poses.untargeted_poses import with_measured, with_scans
     from truing.estimation.rigid_poses.correlated_bodies import with_correlations
+    from truing.stages.common.point_arrays import observation_rows, pose_ids
+    from truing.stages.common.point_errors import common_correlation, point_errors
+    from truing.stages.rigid_poses.tables import covariances_table, poses_table, residuals_table, sensitivities_table
+    from truing.stages.rigid_poses.untargeted_poses import with_measured, with_scans
 
     poses = tuple(dict.fromkeys([*pose_ids(observations), *pose_ids(scans), *pose_ids(measured)]))
     network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
@@ -95,7 +95,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
 def _frame(bodies: Sequence[BodyPoses], settings: Campaign) -> str:
     """What the frame of the measurement is called: that of the mechanism's base where the instrument stood still and
     nobody measured the base."""
-    from stages.rigid_poses.tables import MEASUREMENT
+    from truing.stages.rigid_poses.tables import MEASUREMENT
 
     reference = settings.reference_body
     is_measured = any(body.name == reference for body in bodies)
@@ -104,7 +104,7 @@ def _frame(bodies: Sequence[BodyPoses], settings: Campaign) -> str:
 
 
 def _frame_words(frame: str) -> str:
-    from stages.rigid_poses.tables import MEASUREMENT
+    from truing.stages.rigid_poses.tables import MEASUREMENT
 
     return (
         "" if frame == MEASUREMENT else f"; the instrument's frame is taken for that of {frame}, which was not measured"
@@ -115,7 +115,7 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     if "readings" not in tables or not tables["readings"].num_rows:
         empty = {name: ARTIFACTS[name].empty() for name in ("displacement", "reading_residuals", "run_terms")}
         return Outcome.not_evaluated(empty, "no readings of displacement")
-    from stages.sensor.platform_poses import platform_poses
+    from truing.stages.sensor.platform_poses import platform_poses
 
     return platform_poses(tables["readings"], _geometry(tables, settings), settings)
 
@@ -125,9 +125,9 @@ def _geometry(tables: Mapping[str, pa.Table], settings: Campaign) -> BeamGeometr
     beams = settings.interferometer.beams
     if beams.are_plain:
         return None
-    from stages.common.declared_optics import beam_optics
-    from stages.common.nominal_sensor import simulated_compliance
     from truing.simulation.bench.seen_motion import BeamGeometry
+    from truing.stages.common.declared_optics import beam_optics
+    from truing.stages.common.nominal_sensor import simulated_compliance
 
     return BeamGeometry(beam_optics(beams), simulated_compliance(settings, tables.get("given_compliance")))
 
@@ -141,9 +141,9 @@ def _bodies(
     progress: Progress,
 ) -> list[BodyPoses]:
     """Every body by itself; own (N, 3, 3): the covariance of each observation without what is common to all poses."""
-    from stages.common.point_arrays import observation_rows, pose_points, survey_points
-    from stages.rigid_poses.exclusions import decided_points
     from truing.estimation.rigid_poses.body_poses import fit_body
+    from truing.stages.common.point_arrays import observation_rows, pose_points, survey_points
+    from truing.stages.rigid_poses.exclusions import decided_points
 
     survey = ARTIFACTS["survey"].empty() if survey is None else survey
     names = tuple(dict.fromkeys(observations.column("body").to_pylist()))
@@ -163,8 +163,8 @@ def _bodies(
 def _exclusion_effects(bodies: Sequence[BodyPoses], survey: pa.Table | None, settings: Campaign) -> dict[str, pa.Table]:
     if not settings.exclude:
         return {}
-    from stages.common.point_arrays import survey_points
-    from stages.rigid_poses.exclusions import exclusion_rows
+    from truing.stages.common.point_arrays import survey_points
+    from truing.stages.rigid_poses.exclusions import exclusion_rows
 
     known = ARTIFACTS["survey"].empty() if survey is None else survey
     rows = exclusion_rows([(body, survey_points(known, body.name)) for body in bodies], settings)

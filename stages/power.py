@@ -13,12 +13,12 @@ from truing.simulation.cause import Cause
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.diagnosis.mechanism_points import Gathered
-    from stages.simulated_campaigns.plan import CampaignPlan
-    from stages.simulated_campaigns.ray_plan import RayPlan
-    from stages.simulated_campaigns.reading_plan import ReadingPlan
     from truing.inference.selection import Settings
+    from truing.schemas.campaign import Campaign
+    from truing.stages.diagnosis.mechanism_points import Gathered
+    from truing.stages.simulated_campaigns.plan import CampaignPlan
+    from truing.stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.stages.simulated_campaigns.reading_plan import ReadingPlan
 
     Plan = CampaignPlan | ReadingPlan | RayPlan
 
@@ -28,10 +28,10 @@ _THRESHOLD_DRAWS = 1600
 
 def judged_by(plan: Plan, settings: Campaign) -> tuple[dict[str, Cause], Settings]:
     """The causes that a diagnosis of such a campaign looks for, by id, and how sure it must be."""
-    from stages.diagnose import kinds_of, rule_of
-    from stages.diagnosis.ray_findings import rule_of_rays
-    from stages.simulated_campaigns.ray_plan import RayPlan
     from truing.simulation.catalogue import catalogue_of_rays
+    from truing.stages.diagnose import kinds_of, rule_of
+    from truing.stages.diagnosis.ray_findings import rule_of_rays
+    from truing.stages.simulated_campaigns.ray_plan import RayPlan
 
     if isinstance(plan, RayPlan):
         return catalogue_of_rays(), rule_of_rays(rule_of(settings))
@@ -40,9 +40,9 @@ def judged_by(plan: Plan, settings: Campaign) -> tuple[dict[str, Cause], Setting
 
 def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """What a diagnosis compares of a drawn campaign; raises ValueError, saying why, where the tables do not hold it."""
-    from stages.diagnose import gathered_of
-    from stages.diagnosis.ray_points import gather_rays
-    from stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.stages.diagnose import gathered_of
+    from truing.stages.diagnosis.ray_points import gather_rays
+    from truing.stages.simulated_campaigns.ray_plan import RayPlan
 
     return gather_rays(tables, settings)[0] if isinstance(plan, RayPlan) else gathered_of(tables, settings)
 
@@ -61,23 +61,23 @@ def expected_sights(plan: Plan, gathered: Gathered, settings: Campaign) -> list[
 
 def completed(bare: CampaignPlan, gathered: Gathered, poses: pa.Table) -> CampaignPlan:
     """A plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them."""
-    from stages.simulated_campaigns.plan import full_plan
+    from truing.stages.simulated_campaigns.plan import full_plan
 
     return full_plan(bare, gathered.model, gathered.calibration.measured.seen, poses)
 
 
 def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingPlan:
     """The plan of a loading campaign; raises ValueError, saying why, where it cannot be simulated."""
-    from stages.diagnosis.reading_points import reading_model
-    from stages.simulated_campaigns.reading_plan import reading_plan
+    from truing.stages.diagnosis.reading_points import reading_model
+    from truing.stages.simulated_campaigns.reading_plan import reading_plan
 
     return reading_plan(tables, reading_model(tables, settings))
 
 
 def ray_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:
     """The plan of a run's rays; raises ValueError, saying why, where they cannot be held against each other."""
-    from stages.diagnosis.ray_points import gather_rays, has_rays
-    from stages.simulated_campaigns.ray_plan import ray_plan
+    from truing.stages.diagnosis.ray_points import gather_rays, has_rays
+    from truing.stages.simulated_campaigns.ray_plan import ray_plan
 
     if not has_rays(tables):
         raise ValueError("needs rays of three poses or more")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from schemas.artifacts import ARTIFACTS
-from schemas.covariates import own_name
-from schemas.faults import CampaignFaults, Fault
-from schemas.settings_text import parsed_toml
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.covariates import own_name
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.settings_text import parsed_toml
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from truing.simulation.mechanisms.unknowns import Conditions
 
 # What predicts by the model of a mechanism that is neither of legs nor a sensor on its bench, by its name there.
-_OF_MECHANISMS = {"axis": "stages.axis.prediction"}
+_OF_MECHANISMS = {"axis": "truing.stages.axis.prediction"}
 
 
 def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Table:
@@ -34,7 +34,7 @@ def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Ta
         predicted: pa.Table = import_module(own).predicted(model, inputs, file)
         return predicted
     if is_sensor(parsed_toml(model)):
-        from stages.sensor.predicted_readings import predicted_readings
+        from truing.stages.sensor.predicted_readings import predicted_readings
 
         return predicted_readings(read_sensor(model), inputs, file)
     return _predicted_poses(model, inputs, file)
@@ -56,9 +56,9 @@ def _predicted_poses(model: str, configurations: pa.Table, file: str) -> pa.Tabl
 
 def _conditions(configurations: pa.Table, extended: ExtendedModel, file: str) -> Conditions:
     """Return the conditions, every column that the model needs being there and holding numbers."""
-    from stages.common.point_arrays import pose_ids
-    from stages.common.pose_conditions import pose_conditions
     from truing.simulation.mechanisms.extended_model import acts_on_poses
+    from truing.stages.common.point_arrays import pose_ids
+    from truing.stages.common.pose_conditions import pose_conditions
 
     model, legs = extended.model, extended.model.nominal.count
     needed = {f"rho{leg}_mm": f"the reading of leg {leg}" for leg in range(1, legs + 1)}
@@ -72,7 +72,7 @@ def _check(configurations: pa.Table, needed: dict[str, str], file: str) -> None:
     """Raise CampaignFaults where a needed column (name to what it is) is missing, or a row of it holds no number."""
     import numpy as np
 
-    from stages.common.point_arrays import number_column
+    from truing.stages.common.point_arrays import number_column
 
     wanted = {"pose": "the pose's name", **needed}
     missing = {name: what for name, what in wanted.items() if name not in configurations.schema.names}

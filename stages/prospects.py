@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from stages.common.registered import registered
-from stages.common.why_not import (
+from truing.stages.common.registered import registered
+from truing.stages.common.why_not import (
     HELD_OUT,
     LEAST_POSES,
     LEAST_TARGETS,
@@ -27,12 +27,12 @@ from stages.common.why_not import (
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 _UNTARGETED = {"measured_poses": "measured poses", "scans": "dense scans"}
 _ADJUSTED = "the photographs tell, once they are adjusted"
 # What tells the prospects of a mechanism that is neither of legs nor a sensor on its bench, by its type.
-_OF_TYPES = {"axis": "stages.common.axis_prospects"}
+_OF_TYPES = {"axis": "truing.stages.common.axis_prospects"}
 _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 
 
@@ -174,14 +174,14 @@ def _of_loads(settings: Campaign, found: Found) -> Iterator[Prospect]:
 def _diagnosis_of_loads(settings: Campaign, tables: Mapping[str, pa.Table]) -> str:
     if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
         return "no readings and no signals"
-    from stages.diagnosis.reading_points import why_no_diagnosis_of_readings
+    from truing.stages.diagnosis.reading_points import why_no_diagnosis_of_readings
 
     return why_no_diagnosis_of_readings(tables, settings)
 
 
 def has_repeats(settings: Campaign, found: Found) -> bool:
     """Whether targets were seen at poses that repeat one another: their repeatability needs no pose of a body."""
-    from stages.common.repeats import repeated_poses
+    from truing.stages.common.repeats import repeated_poses
 
     table = found.tables.get("configurations")
     if settings.campaign.kind == "interferometer" or table is None or not found.targets:

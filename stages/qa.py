@@ -7,22 +7,22 @@ from dataclasses import asdict, replace
 from itertools import chain
 from typing import TYPE_CHECKING, cast
 
-from schemas.artifacts import ARTIFACTS
-from schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS
-from stages.common.registered import registered
-from stages.declaration import Outcome, Progress, Stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS
+from truing.stages.common.registered import registered
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import numpy as np
     import pyarrow as pa
     from numpy.typing import NDArray
 
-    from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism
-    from schemas.sections import Acceptance
-    from stages.quality.check import Check
     from truing.belonging.relation import Tested
     from truing.quality.bodies import BodyView
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
+    from truing.schemas.sections import Acceptance
+    from truing.stages.quality.check import Check
 
 DECLARATION = Stage(
     name="qa",
@@ -71,7 +71,7 @@ DECLARATION = Stage(
 )
 
 # What checks the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
-_OF_TYPES = {"axis": "stages.quality.of_axes"}
+_OF_TYPES = {"axis": "truing.stages.quality.of_axes"}
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
@@ -83,18 +83,18 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return _of_loads(tables, settings, progress)
     if not tables["observations"].num_rows:
         return Outcome.not_evaluated({"qa": _table([], [])}, "no object points")
-    from stages.quality.belonging_of_points import relations_of_points
-    from stages.quality.bodies import body_views, surroundings
-    from stages.quality.bundle_figures import Figures
-    from stages.quality.checks import all_checks
-    from stages.quality.limits import CampaignLimits
-    from stages.quality.of_belonging import belonging_checks
-    from stages.quality.of_decisions import overruled_points
-    from stages.quality.of_names import likely_names, likely_table, names_known, settled_names
-    from stages.quality.of_photographs import photograph_checks
-    from stages.quality.of_surveys import later_surveys
-    from stages.quality.scale_contradiction import scale_contradiction, without_consequences
     from truing.report.numbers import count
+    from truing.stages.quality.belonging_of_points import relations_of_points
+    from truing.stages.quality.bodies import body_views, surroundings
+    from truing.stages.quality.bundle_figures import Figures
+    from truing.stages.quality.checks import all_checks
+    from truing.stages.quality.limits import CampaignLimits
+    from truing.stages.quality.of_belonging import belonging_checks
+    from truing.stages.quality.of_decisions import overruled_points
+    from truing.stages.quality.of_names import likely_names, likely_table, names_known, settled_names
+    from truing.stages.quality.of_photographs import photograph_checks
+    from truing.stages.quality.of_surveys import later_surveys
+    from truing.stages.quality.scale_contradiction import scale_contradiction, without_consequences
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies, reference = _reference_first(body_views(tables, around), settings)
@@ -132,12 +132,12 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
         if approaches:
             return _judged(of_axis, approaches, settings, progress)
         return Outcome.not_evaluated({"qa": _table([], [])}, "no readings and no signals")
-    from stages.quality.belonging_of_loads import relations_of_loads
-    from stages.quality.limits import CampaignLimits
-    from stages.quality.loading_checks import loading_checks
-    from stages.quality.loading_view import loading_view
-    from stages.quality.of_belonging import belonging_checks, without_contradiction
     from truing.report.numbers import count
+    from truing.stages.quality.belonging_of_loads import relations_of_loads
+    from truing.stages.quality.limits import CampaignLimits
+    from truing.stages.quality.loading_checks import loading_checks
+    from truing.stages.quality.loading_view import loading_view
+    from truing.stages.quality.of_belonging import belonging_checks, without_contradiction
 
     view = loading_view(tables, settings)
     read = (
@@ -147,11 +147,11 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     checks = loading_checks(view, settings, limits)
     if "reading_corrections" in tables:
-        from stages.quality.of_corrections import correction_checks
+        from truing.stages.quality.of_corrections import correction_checks
 
         checks = chain(checks, correction_checks(view, tables["reading_corrections"], limits))
     if "quadrature" in tables:
-        from stages.quality.of_quadrature import quadrature_checks
+        from truing.stages.quality.of_quadrature import quadrature_checks
 
         checks = chain(quadrature_checks(tables["quadrature"], limits), checks)
     relations = relations_of_loads(view, tables, settings)
@@ -163,9 +163,9 @@ def _of_axis(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterab
     """The checks of an axis' positioning runs, and what was read of them; empty where there are none."""
     if "positions" not in tables or not tables["positions"].num_rows:
         return (), ""
-    from stages.quality.limits import CampaignLimits
-    from stages.quality.of_positions import position_checks, positioning_runs
     from truing.report.numbers import count
+    from truing.stages.quality.limits import CampaignLimits
+    from truing.stages.quality.of_positions import position_checks, positioning_runs
 
     runs = list(positioning_runs(tables["positions"]))
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
@@ -176,10 +176,10 @@ def _of_axis(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterab
 def _judged(
     found: Iterable[Check], read: str, settings: Campaign, progress: Progress, relations: Sequence[Tested] = ()
 ) -> Outcome:
-    from stages.common.belonging import belonging_table
-    from stages.quality.check import FAIL, WARN, told
-    from stages.quality.of_decisions import accepted_verdicts
     from truing.report.numbers import count
+    from truing.stages.common.belonging import belonging_table
+    from truing.stages.quality.check import FAIL, WARN, told
+    from truing.stages.quality.of_decisions import accepted_verdicts
 
     checks = []
     for check in map(told, found):
@@ -223,7 +223,7 @@ def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[B
 
 def _acceptance(check: Check, accept: tuple[Acceptance, ...]) -> str | None:
     """Who accepted a verdict and why."""
-    from stages.quality.of_decisions import covers
+    from truing.stages.quality.of_decisions import covers
 
     for entry in accept:
         if covers(entry, check):

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from stages.declaration import Outcome, Progress, Stage
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 DECLARATION = Stage(
     name="report",

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from stages.declaration import Outcome, Progress, Stage
+from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 DECLARATION = Stage(
     name="uncertainty",
@@ -57,13 +57,13 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """State what can be stated, and say of the rest why it cannot."""
-    from stages.uncertainty_statement.accuracy import state_accuracy, state_positioning
-    from stages.uncertainty_statement.calibration import state_calibration
-    from stages.uncertainty_statement.causes import state_causes
-    from stages.uncertainty_statement.compliance import state_compliance
-    from stages.uncertainty_statement.poses import state_poses
-    from stages.uncertainty_statement.sensor import state_sensor
-    from stages.uncertainty_statement.statement import Statement
+    from truing.stages.uncertainty_statement.accuracy import state_accuracy, state_positioning
+    from truing.stages.uncertainty_statement.calibration import state_calibration
+    from truing.stages.uncertainty_statement.causes import state_causes
+    from truing.stages.uncertainty_statement.compliance import state_compliance
+    from truing.stages.uncertainty_statement.poses import state_poses
+    from truing.stages.uncertainty_statement.sensor import state_sensor
+    from truing.stages.uncertainty_statement.statement import Statement
 
     made = Statement()
     of_bench = (state_compliance, state_sensor, state_positioning)

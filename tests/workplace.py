@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.stage_order import stage_module
 from tests.cut_telescope import cut_telescope
+from truing.pipeline.command_line import app
+from truing.pipeline.stage_order import stage_module
 
 
 def make_workplace(place: Path) -> None:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from docs.experiments.marked_tables import renew, table
 from docs.experiments.sample_telescope import nominal
 from docs.experiments.telescope_report_data import published
-from stages.common.calibration_data import body_poses
 from truing.calibration.fits import Calibration, implicit, maximum_likelihood
 from truing.calibration.measured import BodyPoses, Gathered, Measured
 from truing.calibration.question import Case
@@ -30,6 +29,7 @@ from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.mechanisms.legs.geometry import Legs
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.stages.common.calibration_data import body_poses
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
@@ -50,9 +50,9 @@ def run_folder(stage: str = "calibrate") -> Path:
 
 def run_sample(folder: Path, stage: str) -> None:
     """Run the sample campaign into a folder as far as a stage."""
-    from pipeline.run_campaign import Wish
-    from pipeline.run_campaigns import run_campaigns
-    from pipeline.selection import Selection
+    from truing.pipeline.run_campaign import Wish
+    from truing.pipeline.run_campaigns import run_campaigns
+    from truing.pipeline.selection import Selection
 
     wish = Wish(Selection(None, stage, False), distrust=False, accept_failed_checks=True)
     if run_campaigns([CAMPAIGN], folder, wish, quiet=True):

@@ -32,8 +32,8 @@ from truing.simulation.mechanisms.causes.per_leg import PerLeg
 from truing.simulation.mechanisms.causes.warmth import APART
 
 if TYPE_CHECKING:
-    from stages.diagnosis.mechanism_points import Gathered
     from truing.simulation.mechanisms.model import PointModel
+    from truing.stages.diagnosis.mechanism_points import Gathered
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
@@ -105,9 +105,9 @@ def catalogue_table() -> str:
 @cache
 def _gathered() -> Gathered:
     """Return what the diagnosis compares of the sample campaign."""
-    from schemas.campaign import read_campaign
-    from stages.diagnosis.mechanism_points import gather
     from tests.stages.line import run_line
+    from truing.schemas.campaign import read_campaign
+    from truing.stages.diagnosis.mechanism_points import gather
 
     settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
     return gather(run_line(CAMPAIGN, "ingest", "pose")[0], settings)

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from pipeline.command_line import app
+from truing.pipeline.command_line import app
 
 PAGE = Path(__file__).resolve().parents[1] / "reference" / "commands.md"
 _HEAD = """# Which commands and options are there?

@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 from docs.experiments.chart import Panel, Series, write_chart
 from docs.experiments.marked_tables import renew
 from docs.experiments.telescope_report_data import published
-from schemas.campaign import read_campaign
-from stages.configurations.problem import design_problem, limits_of
 from truing.calibration.configuration_search import Bounded, bounded, choose
 from truing.calibration.design_problem import DesignProblem
 from truing.estimation.design.design_bound import efficiency, sum_log_det
 from truing.estimation.design.pose_order import order_poses
 from truing.estimation.design.pose_selection import exchange, information_of
 from truing.estimation.rotation import exp_so3
+from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
 from truing.simulation.mechanisms.pose_regressors import Placed
 from truing.simulation.mechanisms.recalibration import recalibrate
+from truing.stages.configurations.problem import design_problem, limits_of
 
 DOCS = Path(__file__).resolve().parents[1]
 SAMPLE = DOCS.parent / "sample_data" / "telescope" / "campaign.toml"

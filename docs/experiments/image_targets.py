@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 
 from docs.experiments.marked_tables import renew, table
-from schemas.photographs import MARKERS, RINGS, USUAL
 from tests.estimation.image_targets.planes import CORNERS, exposed, homography, marker_pattern, plane_picture
 from tests.estimation.image_targets.scenes import GROUND, dots, errors, rings
 from truing.estimation.image_targets.circles import CirclePlan, measure_circles
@@ -25,6 +24,7 @@ from truing.estimation.image_targets.ring_codes import family_of_rings, ring_cod
 from truing.estimation.image_targets.square_markers import measure_markers
 from truing.formats.image_heads import read_head
 from truing.formats.image_pixels import read_grey
+from truing.schemas.photographs import MARKERS, RINGS, USUAL
 
 PAGE = Path(__file__).parents[1] / "targets-in-images.md"
 # semi-minor axis px, tilt degrees, blur px, noise grey levels

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from docs.experiments.marked_tables import renew, table
-from schemas.quality_check import Checks, Limits, QualityCheck
-from schemas.quality_checks import CHECKS
+from truing.schemas.quality_check import Checks, Limits, QualityCheck
+from truing.schemas.quality_checks import CHECKS
 
 _MARK = "settable"
 PAGE = Path(__file__).parents[1] / "qa.md"

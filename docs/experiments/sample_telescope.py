@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.telescope_report_data import published
-from schemas.campaign import read_campaign
-from stages.common.nominal_mechanism import nominal_machine
 from truing.estimation.design.observability import Observability, observe
+from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at
+from truing.stages.common.nominal_mechanism import nominal_machine
 
 if TYPE_CHECKING:
-    from schemas.mechanism import LeggedMechanism
+    from truing.schemas.mechanism import LeggedMechanism
 
 PROJECT = Path(__file__).resolve().parents[2]
 CAMPAIGN = PROJECT / "sample_data" / "telescope" / "campaign.toml"

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults, Fault
-from stages.common.axis_columns import SI
-from stages.common.point_arrays import number_column
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.axis.extended_axis import predict_axis, read_axis
 from truing.simulation.axis.rows import ROTARY, AxisRows, directions_of_approach
+from truing.stages.common.axis_columns import SI
+from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from schemas.artifacts import ARTIFACTS
-from schemas.photograph_artifacts import BENT, SHARED
 from truing.estimation.bundle.camera_settings import moved_by_settings
 from truing.estimation.bundle.image_stability import image_stability
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.photograph_artifacts import BENT, SHARED
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
 from truing.estimation.bundle.known_points import KnownPointErrors
 from truing.estimation.bundle.known_tested import KnownTested
 from truing.estimation.bundle.named_adjustment import KnownElsewhereError
 from truing.estimation.bundle.named_network import NamedNetwork
 from truing.estimation.bundle.network import Network
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa

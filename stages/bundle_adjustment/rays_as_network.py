@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.bundle_adjustment.given_cameras import GivenCameras
-from stages.common.point_arrays import number_column, pose_ids, positions, text_column
 from truing.estimation.bundle.named_network import ImagePoints, NamedNetwork, Names, Pose
 from truing.estimation.bundle.network import Bars, Index, KnownPoints, Network, Rays
 from truing.estimation.bundle.start_values import Markers
+from truing.stages.bundle_adjustment.given_cameras import GivenCameras
+from truing.stages.common.point_arrays import number_column, pose_ids, positions, text_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -125,7 +125,7 @@ def _bars(
 def _known(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]) -> KnownPoints:
     if table is None:
         return KnownPoints.none()
-    from stages.common.point_arrays import points_and_cov
+    from truing.stages.common.point_arrays import points_and_cov
 
     xyz, cov = points_and_cov(table)
     own = table.column("pose").to_pylist() if "pose" in table.column_names else [None] * len(table)

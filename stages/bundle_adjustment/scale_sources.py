@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA
-from stages.bundle_adjustment.survey_distances import SurveyedPoints
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network import State
 from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA
+from truing.stages.bundle_adjustment.survey_distances import SurveyedPoints
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from schemas.photograph_artifacts import FROM_MARKER
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions
 from truing.estimation.bundle.variance_components import POOLED, VarianceComponents
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.photograph_artifacts import FROM_MARKER
 
 if TYPE_CHECKING:
     import pyarrow as pa

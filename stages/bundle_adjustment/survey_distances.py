@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
-from stages.common.point_arrays import number_column
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import gather
 from truing.formats.shapes import TARGETS
 from truing.formats.source import CampaignFiles
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
+from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from stages.bundle_adjustment.rays_as_network import bar_ends
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.named_network import ImagePoints
 from truing.estimation.bundle.network_statistics import intersections
 from truing.estimation.rotation import log_so3
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.bundle_adjustment.rays_as_network import bar_ends
 
 if TYPE_CHECKING:
     import pyarrow as pa

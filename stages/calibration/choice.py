@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.extended import extended_figures
-from stages.common.rows import Rows
 from truing.calibration.accuracy import ARCSEC, PoseErrors
 from truing.calibration.choice import Figure, Judged, error_figures, fit_figures
 from truing.calibration.extended import ESTIMATOR, MODEL, Extended
@@ -17,6 +15,8 @@ from truing.calibration.measured import Measured
 from truing.estimation.held_out import Choice
 from truing.simulation.mechanisms.structures.catalogue import departure, structures
 from truing.simulation.mechanisms.structures.structure import Machine
+from truing.stages.calibration.extended import extended_figures
+from truing.stages.common.rows import Rows
 
 
 def choice_rows(judged: Sequence[Judged], roles: NDArray, made: Choice) -> Rows:

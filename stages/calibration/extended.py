@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import pose_ids
-from stages.common.pose_conditions import pose_conditions
-from stages.common.rows import Rows
 from truing.calibration.extended import MODEL, Extended, errors_at, identifiable
 from truing.calibration.measured import Measured
 from truing.inference.pulls import pulls
 from truing.simulation.mechanisms.extended_model import ExtendedModel, some_of
 from truing.simulation.mechanisms.identified import name_and_leg
 from truing.simulation.mechanisms.model_text import read_model
+from truing.stages.common.point_arrays import pose_ids
+from truing.stages.common.pose_conditions import pose_conditions
+from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stages.common.rows import Rows
 from truing.calibration.fits import Calibration
 from truing.calibration.knowledge import absorbed, observe_legs, observe_model
 from truing.calibration.measured import Gathered, Measured
 from truing.estimation.design.combinations import Inseparable, inseparable
 from truing.estimation.design.identifiable_set import choose_identifiable
 from truing.estimation.design.observability import Observability, indices
+from truing.stages.common.rows import Rows
 
 
 def observability_rows(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Rows:

@@ -8,12 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.calibration.choice import accuracy_rows, choice_rows, departure_rows, extended_choice_rows, nominal_rows
-from stages.calibration.extended import extended_correlations, extended_parameters
-from stages.calibration.knowledge import absorption_rows, observability_rows
-from stages.common.rows import Rows
-from stages.common.words import listed
-from stages.declaration import Outcome, Progress
 from truing.calibration.accuracy import PoseErrors, nominal_errors
 from truing.calibration.choice import Judged, choice, doubts
 from truing.calibration.every_case import Failure, calibrations, judged, screened_poses
@@ -25,11 +19,23 @@ from truing.calibration.screening import OFF, Screened
 from truing.report.numbers import count as counted
 from truing.simulation.mechanisms.parameters import SHARED, Parameter
 from truing.simulation.mechanisms.structures.catalogue import structures
+from truing.stages.calibration.choice import (
+    accuracy_rows,
+    choice_rows,
+    departure_rows,
+    extended_choice_rows,
+    nominal_rows,
+)
+from truing.stages.calibration.extended import extended_correlations, extended_parameters
+from truing.stages.calibration.knowledge import absorption_rows, observability_rows
+from truing.stages.common.rows import Rows
+from truing.stages.common.words import listed
+from truing.stages.declaration import Outcome, Progress
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.sections import Requirement
+    from truing.schemas.sections import Requirement
 
 # Pairs of parameters less correlated than this are not told.
 LEAST_CORRELATION = 0.05

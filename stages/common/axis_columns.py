@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column
 from truing.simulation.axis.rows import (
     COMMAND,
     ENCODERS,
@@ -18,11 +17,12 @@ from truing.simulation.axis.rows import (
     AxisRows,
     directions_of_approach,
 )
+from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.axis_mechanism import AxisMechanism
+    from truing.schemas.axis_mechanism import AxisMechanism
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.axis_columns import columns_of, command_sigma
-from stages.common.why_not import HELD_OUT, NO_BODIES, NO_CALIBRATION
+from truing.stages.common.axis_columns import columns_of, command_sigma
+from truing.stages.common.why_not import HELD_OUT, NO_BODIES, NO_CALIBRATION
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 _FEWEST_ROWS = 6
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from schemas.artifacts import ARTIFACTS
-from schemas.checks_of_positions import OF_POSITIONS
-from schemas.quality_checks import WITHHOLDING
 from truing.belonging.relation import Slip, Tested
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.checks_of_positions import OF_POSITIONS
+from truing.schemas.quality_checks import WITHHOLDING
 
 if TYPE_CHECKING:
     import pyarrow as pa

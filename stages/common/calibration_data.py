@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.network_errors import network_errors
-from stages.common.nominal_mechanism import facing, nominal_machine
-from stages.common.point_arrays import number_column, pose_ids, positions, survey_points
 from truing.calibration.measured import BodyPoses, Deformation, Gathered, Measured, Shifts, SurveyedAttachments
 from truing.estimation.rotation import exp_so3
+from truing.stages.common.network_errors import network_errors
+from truing.stages.common.nominal_mechanism import facing, nominal_machine
+from truing.stages.common.point_arrays import number_column, pose_ids, positions, survey_points
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
 
 LEAST_FRAME = 3  # targets away from the attachments that make a frame of the platform
 

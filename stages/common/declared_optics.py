@@ -13,7 +13,7 @@ from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.simulation.bench.optics import Optics
 
 if TYPE_CHECKING:
-    from schemas.interferometer import Axis, Beams, Interferometer
+    from truing.schemas.interferometer import Axis, Beams, Interferometer
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import load_steps
 from truing.estimation.interferometry.loaded import KeptReadings, Loaded, fitted_compliance, geometry_spread
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.estimation.response_structure import (
@@ -18,11 +16,13 @@ from truing.estimation.response_structure import (
     holm_significant,
 )
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.reading_arrays import load_steps
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.sections import Noise
+    from truing.schemas.sections import Noise
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, positions
-from stages.common.point_errors import common_correlation
 from truing.estimation.measured_numbers import NetworkErrors, pose_numbers, shift_number
+from truing.stages.common.point_arrays import number_column, positions
+from truing.stages.common.point_errors import common_correlation
 
 if TYPE_CHECKING:
     import pyarrow as pa

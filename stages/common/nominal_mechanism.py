@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from schemas.faults import CampaignFaults, Fault
-from stages.common.point_arrays import number_column
 from truing.estimation.rotation import exp_so3
+from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.legs.geometry import Legs
 from truing.simulation.mechanisms.legs.kinematics import unit
 from truing.simulation.mechanisms.structures.beam_element import section
 from truing.simulation.mechanisms.structures.structure import Machine, Section
+from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism
-    from schemas.mechanism import Rod as RodSection
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
+    from truing.schemas.mechanism import Rod as RodSection
 
 FILE = "campaign.toml"
 

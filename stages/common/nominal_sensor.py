@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.assembly import SOURCES
@@ -15,12 +14,13 @@ from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centre
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor, SimulatedCompliance, simulated
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 from truing.simulation.bench.six_upur.tolerances import sigma_of
+from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.sensor_mechanism import Element, SensorMechanism
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sensor_mechanism import Element, SensorMechanism
 
 Array = NDArray[np.float64]
 _MM = 1e-3

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from truing.estimation.interferometry.recorded_steps import CHANNELS, RecordedSteps
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
-    from schemas.sections import Overrule
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sections import Overrule
 
 Mask = NDArray[np.bool_]
 

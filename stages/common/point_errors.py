@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, pose_ids, positions
 from truing.estimation.rigid_poses.point_errors import PointErrors
+from truing.stages.common.point_arrays import number_column, pose_ids, positions
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import stand_in
-from stages.common.point_arrays import number_column, positions
+from truing.schemas.covariates import stand_in
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, order_in_time, remembered
 from truing.simulation.mechanisms.unknowns import Conditions
+from truing.stages.common.point_arrays import number_column, positions
 
 if TYPE_CHECKING:
     import pyarrow as pa

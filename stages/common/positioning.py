@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column
 from truing.estimation.interferometry.iso230 import Instrument
 from truing.estimation.interferometry.readings import REFERENCE_C
+from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.interferometer import Interferometer
+    from truing.schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]
 _UM = 1e3  # per mm

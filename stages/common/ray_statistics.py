@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from stages.common.point_arrays import number_column, positions
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.photographs.ray_poses import RayParameter
+from truing.stages.common.point_arrays import number_column, positions
 
 if TYPE_CHECKING:
     import pyarrow as pa

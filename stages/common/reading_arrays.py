@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import stand_in
-from stages.common.point_arrays import number_column
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
+from truing.schemas.covariates import stand_in
+from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

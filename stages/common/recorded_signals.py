@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.overruled import decided, without_excluded
-from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.recorded_signals import Recorded, zeros_of_runs
 from truing.simulation.bench.exchanged_rows import exchanged_rows, put_right
+from truing.stages.common.overruled import decided, without_excluded
+from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

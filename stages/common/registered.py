@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 
 def registered(modules: Mapping[str, str], settings: Campaign) -> Any:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.columns import COLUMNS
-from stages.common.point_arrays import number_column
 from truing.estimation.quality import repeated_groups
+from truing.schemas.columns import COLUMNS
+from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

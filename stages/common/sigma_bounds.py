@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.column import SIGMA_BOUNDS
+from truing.schemas.column import SIGMA_BOUNDS
 
 if TYPE_CHECKING:
     from truing.formats.faultlog import FaultLog

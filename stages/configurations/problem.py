@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import CampaignFaults, Fault
-from stages.common.nominal_mechanism import FILE, plain_machine
-from stages.common.point_arrays import number_column, survey_points
 from truing.calibration.design_problem import DesignProblem, Limits, identifiable_parameters
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
+from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
 from truing.simulation.mechanisms.pose_regressors import PoseRegressors, pose_regressors
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.stages.common.nominal_mechanism import FILE, plain_machine
+from truing.stages.common.point_arrays import number_column, survey_points
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism, Tolerance
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism, Tolerance
 
 _POSE = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _TO_SI = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.configurations.chosen import Design, Judged
 from truing.estimation.design.design_bound import efficiency
 from truing.report.numbers import count as counted
 from truing.report.numbers import percent
 from truing.simulation.mechanisms.parameters import Parameter
+from truing.stages.configurations.chosen import Design, Judged
 
 _UNITS = {"mm": " mm", "1": ""}
 _WITHIN = {"workspace": "within the limits of pose and readings in [workspace]", "actuators": "within rho_mm alone"}

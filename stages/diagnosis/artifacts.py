@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from schemas.artifacts import ARTIFACTS
-from stages.diagnosis.reading_artifacts import of_readings
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.diagnosis.reading_artifacts import of_readings
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.diagnosis.mechanism_points import Gathered
     from truing.inference.fitted_model import FittedModel
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import Diagnosis, Settings
     from truing.report.wordings.claim import Advice
+    from truing.schemas.campaign import Campaign
+    from truing.stages.diagnosis.mechanism_points import Gathered
 
 
 def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, settings: Campaign) -> dict[str, Any]:
     """Tables and text by artifact."""
-    from stages.diagnosis.detectable_rows import detectable_table, detectable_words
-    from stages.diagnosis.left_out_rows import left_out_table
-    from stages.diagnosis.rows import Words, diagnosis_table
-    from stages.diagnosis.uncertainty_rows import uncertainty_table
+    from truing.stages.diagnosis.detectable_rows import detectable_table, detectable_words
+    from truing.stages.diagnosis.left_out_rows import left_out_table
+    from truing.stages.diagnosis.rows import Words, diagnosis_table
+    from truing.stages.diagnosis.uncertainty_rows import uncertainty_table
 
     last, legs = diagnosis.search, diagnosis.plain.model.part_count
     causes = [verdict.cause for verdict in diagnosis.verdicts]
@@ -47,9 +47,9 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
 
 
 def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
-    from stages.diagnosis.pull_tables import Fitted, pull_tables
     from truing.simulation.mechanisms.extended_model import extended
     from truing.simulation.mechanisms.model_text import write_model
+    from truing.stages.diagnosis.pull_tables import Fitted, pull_tables
 
     plain, final = (
         Fitted(stand.model, stand.fit.shared, stand.covariance()) for stand in (diagnosis.plain, diagnosis.final)
@@ -61,7 +61,7 @@ def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
 
 def _changes(diagnosis: Diagnosis) -> dict[str, Any]:
     """What has changed since the model that the campaign starts from; nothing where it starts from none."""
-    from stages.diagnosis.earlier_campaign import changes_table
+    from truing.stages.diagnosis.earlier_campaign import changes_table
 
     changes = changes_table(diagnosis.final)
     return {} if changes is None else {"changes": changes}
@@ -69,7 +69,7 @@ def _changes(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def _next(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, Advice]:
     """The advice on what to measure next, by a cause's key; its table goes with what was ``found``."""
-    from stages.diagnosis.next_measurement import next_of
+    from truing.stages.diagnosis.next_measurement import next_of
 
     following = next_of(diagnosis, settings)
     found["next_poses"] = following.table
@@ -78,7 +78,7 @@ def _next(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> di
 
 def _next_loads(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, Advice]:
     """The same of a bench."""
-    from stages.diagnosis.next_measurement import next_loads_of
+    from truing.stages.diagnosis.next_measurement import next_loads_of
 
     following = next_loads_of(diagnosis, settings)
     found["next_loads"] = following.table

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from stages.common.axis_columns import SI
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.axis.extended_axis import extended_axis, write_axis
+from truing.stages.common.axis_columns import SI
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.diagnosis.shown import Channels
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import Diagnosis
+    from truing.schemas.campaign import Campaign
     from truing.simulation.axis.model import AxisModel
+    from truing.stages.diagnosis.shown import Channels
 
 _HELD = "verification"
 

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
-from stages.common.axis_prospects import is_held_out, why_no_diagnosis
-from stages.diagnosis.axis_artifacts import axis_artifacts
-from stages.diagnosis.mechanism_points import Gathered
-from stages.diagnosis.shown import Channels
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import AxisRows
+from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
+from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
+from truing.stages.diagnosis.axis_artifacts import axis_artifacts
+from truing.stages.diagnosis.mechanism_points import Gathered
+from truing.stages.diagnosis.shown import Channels
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.sections import Overrule
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sections import Overrule
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import stand_in
-from stages.common.point_arrays import number_column, pose_ids, positions
-from stages.common.why_not import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
-from stages.diagnosis.body_standing import Standing, standing
-from stages.diagnosis.body_targets import BodyTargets, targets_of
-from stages.diagnosis.mechanism_points import Gathered
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.numbers import count as counted
+from truing.schemas.covariates import stand_in
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
 from truing.simulation.bodies.model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
 from truing.simulation.inputs import approach, order_in_time
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import Targets
+from truing.stages.common.point_arrays import number_column, pose_ids, positions
+from truing.stages.common.why_not import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
+from truing.stages.diagnosis.body_standing import Standing, standing
+from truing.stages.diagnosis.body_targets import BodyTargets, targets_of
+from truing.stages.diagnosis.mechanism_points import Gathered
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

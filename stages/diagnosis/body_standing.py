@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import stand_in
 from truing.estimation.rotation import exp_so3, log_so3, skew
+from truing.schemas.covariates import stand_in
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
-    from stages.diagnosis.body_targets import BodyTargets
+    from truing.schemas.campaign import Campaign
+    from truing.stages.diagnosis.body_targets import BodyTargets
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import default_motions, pose_points, residual_points, survey_points
-from stages.diagnosis.judged_points import Judged, judged_points, swapped_targets
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.target_positions import (
@@ -23,6 +21,8 @@ from truing.estimation.target_positions import (
 from truing.report.numbers import count as counted
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped, markers_of
 from truing.simulation.mechanisms.unknowns import FREE_LENGTH_M
+from truing.stages.common.point_arrays import default_motions, pose_points, residual_points, survey_points
+from truing.stages.diagnosis.judged_points import Judged, judged_points, swapped_targets
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
-from schemas.artifacts import ARTIFACTS
 from truing.inference.detectable import POWER, Sight, sight, sights
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.hidden_effects import told_size
 
 if TYPE_CHECKING:

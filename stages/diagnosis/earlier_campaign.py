@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import CampaignFaults, Fault
-from schemas.settings_text import parsed_toml
-from stages.common.rows import Rows
 from truing.inference.changes import Comparison, compare
 from truing.inference.fit import fit_model
 from truing.inference.fitted_model import FittedModel, Fitter
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.settings_text import parsed_toml
 from truing.simulation.bench.model_text import is_sensor, read_sensor
 from truing.simulation.bench.prior import sensor_prior
 from truing.simulation.cause import Cause
@@ -23,11 +22,12 @@ from truing.simulation.mechanisms.model_text import read_model
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.prior_campaign import CampaignPrior
 from truing.simulation.reported_numbers import alternatives, figures, numbers_of, told_numbers
+from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.diagnosis.mechanism_points import Gathered
+    from truing.stages.diagnosis.mechanism_points import Gathered
 
 _UNNAMED = "the earlier campaign"
 

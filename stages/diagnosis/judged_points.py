@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, positions, text_column
 from truing.estimation.labels.exchanges import Exchange, exchanges, residuals_once_exchanged
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.inference.screening import alone_in_time
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
+from truing.stages.common.point_arrays import number_column, positions, text_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

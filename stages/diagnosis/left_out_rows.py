@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from schemas.artifacts import ARTIFACTS
+from truing.schemas.artifacts import ARTIFACTS
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.diagnosis.mechanism_points import Gathered
     from truing.inference.fitted_model import ScreenedValue
     from truing.inference.selection import Diagnosis
+    from truing.stages.diagnosis.mechanism_points import Gathered
 
 _WHY = "gross error: its residual is far outside those of its target"
 

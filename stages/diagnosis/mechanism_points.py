@@ -9,11 +9,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.nominal_mechanism import facing, nominal_legs
-from stages.common.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
-from stages.common.pose_conditions import pose_conditions
-from stages.diagnosis.judged_points import judged_points, swapped_targets
-from stages.diagnosis.shown import Channels
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
@@ -27,13 +22,18 @@ from truing.simulation.mechanisms.model import PointModel, nominal_leg_frames
 from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M, Conditions, Known
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+from truing.stages.common.nominal_mechanism import facing, nominal_legs
+from truing.stages.common.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
+from truing.stages.common.pose_conditions import pose_conditions
+from truing.stages.diagnosis.judged_points import judged_points, swapped_targets
+from truing.stages.diagnosis.shown import Channels
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism
     from truing.inference.selection import Diagnosis
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
 Leaves = Callable[["Diagnosis", Channels, "Campaign"], dict[str, Any]]
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import own_name
 from truing.estimation.design.rival_design import Candidates, Fitted, Instrument, candidates
+from truing.schemas.covariates import own_name
 from truing.simulation.bodies.causes.terms import CAME_FROM
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
     from truing.simulation.mechanisms.legs.geometry import Legs
 
 # Corners of what can be reached, places between them, and single actuators moved alone: what candidates there are.
@@ -134,11 +134,11 @@ def _of_six(low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:
 
 def _of_more(settings: Campaign, low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:
     """Return readings of more legs than six, which depend on each other, about within limits (L,) from reference."""
-    from stages.common.nominal_mechanism import plain_machine
     from truing.estimation.design.feasible_region import FeasibleRegion
     from truing.simulation.mechanisms.parameters import full_set
     from truing.simulation.mechanisms.pose_regressors import pose_regressors
     from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+    from truing.stages.common.nominal_mechanism import plain_machine
 
     machine, half = plain_machine(settings), np.maximum(np.abs(low), np.abs(high))
     structure, free = KinematicModel(machine.legs.closure.name), np.full(6, np.inf)

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import LOAD_COLUMNS
 from truing.estimation.design.rival_design import Candidates, Fitted
 from truing.estimation.design.run_candidates import Readout, Runs, run_candidates
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.load_cases import LoadLimits, bench_loads
 from truing.simulation.bench.known_readings import ReadingConditions, Zeros
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
     from truing.inference.fitted_model import FittedModel
+    from truing.schemas.campaign import Campaign
     from truing.simulation.bench.model import ReadingModel
 
 Array = NDArray[np.float64]

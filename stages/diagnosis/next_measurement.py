@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import own_name
-from stages.diagnosis.claims import claim_of
-from stages.diagnosis.next_candidates import possible
-from stages.diagnosis.next_plan import Plan, Reach, plan_table
 from truing.estimation.design.rival_design import Fitted, Instrument, narrowed, told_apart
 from truing.inference.observations import Frames, Observations
 from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import Advice, AdviceKind
+from truing.schemas.covariates import own_name
+from truing.stages.diagnosis.claims import claim_of
+from truing.stages.diagnosis.next_candidates import possible
+from truing.stages.diagnosis.next_plan import Plan, Reach, plan_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
     from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import Diagnosis
+    from truing.schemas.campaign import Campaign
 
 ODDS = 20.0
 _HALF = 0.5
@@ -89,7 +89,7 @@ def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
 
     What was found alone keeps the words of its cause, which ask for more than more loads; these are in the table.
     """
-    from stages.diagnosis.next_loads import next_run, possible_runs
+    from truing.stages.diagnosis.next_loads import next_run, possible_runs
 
     found, rivals = _asked(diagnosis, next_run)
     plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)

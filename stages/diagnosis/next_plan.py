@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
 from truing.estimation.design.rival_design import Candidates, Choice, Fitted
 from truing.report.wordings.claim import Advice, AdviceKind
+from truing.schemas.artifacts import ARTIFACTS
 
 if TYPE_CHECKING:
     import pyarrow as pa

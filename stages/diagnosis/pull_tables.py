@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.rows import Rows
 from truing.inference.pulls import Pulls, pulls
 from truing.simulation.mechanisms.identified import IdentifiedGeometry, identified_geometry
+from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -13,25 +13,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column
-from stages.common.point_errors import point_errors
-from stages.common.ray_statistics import effects_on_points
-from stages.diagnosis.mechanism_points import Gathered
-from stages.diagnosis.ray_points import gather_rays
-from stages.diagnosis.scale_height import scale_height
 from truing.estimation.bundle.shared_errors import shared_errors
 from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.simulation.catalogue import catalogue_of_rays
 from truing.simulation.effects_model import Photographed
 from truing.simulation.photographs.ray_poses import BAR
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.point_errors import point_errors
+from truing.stages.common.ray_statistics import effects_on_points
+from truing.stages.diagnosis.mechanism_points import Gathered
+from truing.stages.diagnosis.ray_points import gather_rays
+from truing.stages.diagnosis.scale_height import scale_height
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.declaration import Progress
     from truing.inference.observations import Epochs
     from truing.inference.selection import Diagnosis, Settings
+    from truing.schemas.campaign import Campaign
+    from truing.stages.declaration import Progress
 
 Array = NDArray[np.float64]
 

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, pose_ids, positions
-from stages.common.ray_statistics import information_and_score, shared_numbers
-from stages.diagnosis.body_points import known_of_poses
-from stages.diagnosis.mechanism_points import Gathered
-from stages.diagnosis.shown import Shown
 from truing.estimation.bundle.ray_channels import RayChannels, ray_channels
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.prediction import PredictionError
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
+from truing.stages.common.point_arrays import number_column, pose_ids, positions
+from truing.stages.common.ray_statistics import information_and_score, shared_numbers
+from truing.stages.diagnosis.body_points import known_of_poses
+from truing.stages.diagnosis.mechanism_points import Gathered
+from truing.stages.diagnosis.shown import Shown
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 # Poses that must tell of their rays before they can be held against each other.
 _FEWEST_POSES = 3

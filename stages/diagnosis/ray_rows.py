@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from stages.diagnosis.detectable_rows import detectable_table, detectable_words
-from stages.diagnosis.ray_findings import SHARE_OF_RAYS
-from stages.diagnosis.ray_points import RayShown
-from stages.diagnosis.rows import Words, diagnosis_table
-from stages.diagnosis.uncertainty_rows import uncertainty_table
 from truing.report.numbers import two_decimals
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.diagnosis.detectable_rows import detectable_table, detectable_words
+from truing.stages.diagnosis.ray_findings import SHARE_OF_RAYS
+from truing.stages.diagnosis.ray_points import RayShown
+from truing.stages.diagnosis.rows import Words, diagnosis_table
+from truing.stages.diagnosis.uncertainty_rows import uncertainty_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.diagnosis.ray_findings import RayFindings
     from truing.inference.selection import Settings
+    from truing.stages.diagnosis.ray_findings import RayFindings
 
 _ORDER = ("found", "indistinguishable", "rejected")
 _UM = 1e6

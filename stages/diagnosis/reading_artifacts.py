@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from stages.diagnosis.pull_tables import Belief, sensor_pull_tables
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.diagnosis.pull_tables import Belief, sensor_pull_tables
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from stages.diagnosis.shown import Channels
     from truing.inference.fitted_model import FittedModel
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import Diagnosis
+    from truing.schemas.campaign import Campaign
+    from truing.stages.diagnosis.shown import Channels
 
 
 def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, Any]:

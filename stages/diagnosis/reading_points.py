@@ -9,12 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.declared_optics import declared_optics
-from stages.common.overruled import decided, excluded_words, without_excluded
-from stages.common.reading_arrays import load_steps
-from stages.diagnosis.mechanism_points import Gathered
-from stages.diagnosis.shown import Channels
-from stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.estimation.interferometry.run_starts import zeros_of_runs
 from truing.inference.observations import Epochs, Frames, Observations
@@ -24,11 +18,17 @@ from truing.simulation.bench.known_readings import KnownReadings, ReadingConditi
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
+from truing.stages.common.declared_optics import declared_optics
+from truing.stages.common.overruled import decided, excluded_words, without_excluded
+from truing.stages.common.reading_arrays import load_steps
+from truing.stages.diagnosis.mechanism_points import Gathered
+from truing.stages.diagnosis.shown import Channels
+from truing.stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

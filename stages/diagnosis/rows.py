@@ -7,22 +7,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from schemas.artifacts import ARTIFACTS
-from schemas.covariates import listed, own_name
-from stages.diagnosis.claims import claim_of
-from stages.diagnosis.shown import POINTS, Channels, Shown
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.covariates import listed, own_name
 from truing.simulation.bodies.causes.terms import CAME_FROM
 from truing.simulation.inputs import ORDER, TIME
+from truing.stages.diagnosis.claims import claim_of
+from truing.stages.diagnosis.shown import POINTS, Channels, Shown
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.diagnosis.ray_points import RayShown
     from truing.inference.fitted_model import FittedModel
     from truing.inference.noise import NoiseDependence, NoiseLevel
     from truing.inference.selection import Diagnosis
     from truing.inference.verdicts import Verdict
     from truing.report.wordings.claim import Advice
+    from truing.stages.diagnosis.ray_points import RayShown
 
 
 @dataclass(frozen=True)

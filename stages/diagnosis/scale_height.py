@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, positions
+from truing.stages.common.point_arrays import number_column, positions
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.nominal_sensor import nominal_sensor
 from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
 from truing.simulation.bench.causes.rows_exchanged import Row, RowsExchanged, SignalsExchanged
 from truing.simulation.bench.exchanged_rows import put_right
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
+from truing.stages.common.nominal_sensor import nominal_sensor
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.sensor_mechanism import SensorMechanism
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sensor_mechanism import SensorMechanism
 
 Array = NDArray[np.float64]
 

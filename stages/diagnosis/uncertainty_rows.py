@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.common.rows import Rows
 from truing.inference.linear_problem import EARLIER, INPUTS, OBSERVATIONS, PLAUSIBLE, WIDE
+from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa

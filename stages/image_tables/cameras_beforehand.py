@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from stages.common.small_tables import SmallTable, once
-from stages.image_tables.known_beforehand import lacks
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import gather
 from truing.formats.shapes import CAMERAS
 from truing.formats.source import CampaignFiles
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.stages.common.small_tables import SmallTable, once
+from truing.stages.image_tables.known_beforehand import lacks
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.photographs import GivenCamera
+    from truing.schemas.photographs import GivenCamera
 
 Row = dict[str, Any]
 

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from schemas.photographs import FAMILIES, RINGS
-from stages.common.sigma_bounds import check_sigma
-from stages.common.small_tables import SmallTable, once
-from stages.image_tables.point_names import own_names
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
 from truing.formats.source import CampaignFiles
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.schemas.photographs import FAMILIES, RINGS
+from truing.stages.common.sigma_bounds import check_sigma
+from truing.stages.common.small_tables import SmallTable, once
+from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:
     import pyarrow as pa

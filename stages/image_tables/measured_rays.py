@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from stages.common.sigma_bounds import check_sigma, check_variance
-from stages.image_tables.point_names import Names, kind_of, own_names
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import IMAGE_POINTS
 from truing.formats.source import CampaignFiles
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.stages.common.sigma_bounds import check_sigma, check_variance
+from truing.stages.image_tables.point_names import Names, kind_of, own_names
 
 if TYPE_CHECKING:
     import pyarrow as pa

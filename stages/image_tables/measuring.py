@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.photographs import MARKERS, RINGS
 from truing.formats.image_pixels import read_grey
 from truing.formats.photographs import Photograph
 from truing.formats.raw import Unusable
+from truing.schemas.photographs import MARKERS, RINGS
 
 if TYPE_CHECKING:
-    from schemas.photographs import Photographs as PhotographSettings
     from truing.estimation.image_targets.boards import BoardCorners, BoardPlan
     from truing.estimation.image_targets.circles import ImageTargets
     from truing.estimation.image_targets.image_noise import ImageNoise
     from truing.estimation.image_targets.square_markers import MarkerCorners
+    from truing.schemas.photographs import Photographs as PhotographSettings
 
 Array = NDArray[np.float64]
 

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from schemas.photographs import FAMILIES, USUAL
-from stages.declaration import Progress
-from stages.image_tables.measuring import Measured, Piece, measure, target_plan
-from stages.image_tables.point_names import own_names
 from truing.formats.faultlog import FaultLog
 from truing.formats.image_pixels import read_grey
 from truing.formats.photographs import Photograph, Photographs, list_photographs
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.schemas.photographs import FAMILIES, USUAL
+from truing.stages.declaration import Progress
+from truing.stages.image_tables.measuring import Measured, Piece, measure, target_plan
+from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from schemas.faults import Fault
-from schemas.near_names import meant_by
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

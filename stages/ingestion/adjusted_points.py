@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Fault
-from schemas.mapping import FileMapping
 from truing.formats.dictionaries import strings
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import FileRows
 from truing.formats.source import RawFile
+from truing.schemas.faults import Fault
+from truing.schemas.mapping import FileMapping
 
 if TYPE_CHECKING:
     from pathlib import Path

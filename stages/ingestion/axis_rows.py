@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from schemas.near_names import meant
-from stages.common.axis_columns import AxisColumns, encoder_sigma
-from stages.common.small_tables import once
-from stages.declaration import Outcome
-from stages.ingestion.serving_roles import check_any_fitted
-from stages.ingestion.tables import as_artifact
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant
 from truing.simulation.axis.rows import MEASURED
+from truing.stages.common.axis_columns import AxisColumns, encoder_sigma
+from truing.stages.common.small_tables import once
+from truing.stages.declaration import Outcome
+from truing.stages.ingestion.serving_roles import check_any_fitted
+from truing.stages.ingestion.tables import as_artifact
 
 if TYPE_CHECKING:
     import pyarrow as pa

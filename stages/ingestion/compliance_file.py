@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from schemas.settings_text import read_settings_text
 from truing.formats.discretion import discreet
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles, RawFile
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.schemas.settings_text import read_settings_text
 
 if TYPE_CHECKING:
     import pyarrow as pa

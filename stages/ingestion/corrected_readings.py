@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Fault
-from stages.ingestion.gathered_columns import numbered, numbers, texts
 from truing.estimation.interferometry.readings import (
     Corrected,
     at_reference_temperature,
@@ -21,10 +19,12 @@ from truing.estimation.interferometry.readings import (
 )
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
+from truing.schemas.faults import Fault
 from truing.simulation.air import ciddor_index, edlen_slopes, index_sigma, saturation_vapour_pressure_pa
+from truing.stages.ingestion.gathered_columns import numbered, numbers, texts
 
 if TYPE_CHECKING:
-    from schemas.interferometer import Interferometer, SurroundingsSigma
+    from truing.schemas.interferometer import Interferometer, SurroundingsSigma
 
 Array = NDArray[np.float64]
 

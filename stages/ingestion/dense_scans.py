@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
 from truing.estimation.rotation import log_so3
 from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
 from truing.formats.dictionaries import codes
@@ -19,11 +17,13 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
 from truing.formats.shapes import COORDINATES, SCANS, SURFACES
 from truing.formats.source import CampaignFiles
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.declaration import Progress
+    from truing.stages.declaration import Progress
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Fault
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.units import UnknownUnit, conversion
+from truing.schemas.faults import Fault
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, points_and_cov, pose_ids, positions
-from stages.common.point_errors import point_errors
 from truing.estimation.rotation import skew
+from truing.stages.common.point_arrays import number_column, points_and_cov, pose_ids, positions
+from truing.stages.common.point_errors import point_errors
 
 if TYPE_CHECKING:
     import pyarrow as pa

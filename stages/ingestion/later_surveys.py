@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from schemas.near_names import meant
-from stages.common.sigma_bounds import check_sigma
-from stages.common.small_tables import SmallTable, once
-from stages.ingestion.gathered_columns import numbers, texts
-from stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
-from stages.ingestion.tables import check_legs, legs_of
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import COORDINATES, RESURVEYS
 from truing.formats.source import CampaignFiles
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant
+from truing.stages.common.sigma_bounds import check_sigma
+from truing.stages.common.small_tables import SmallTable, once
+from truing.stages.ingestion.gathered_columns import numbers, texts
+from truing.stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
+from truing.stages.ingestion.tables import check_legs, legs_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

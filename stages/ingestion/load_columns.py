@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Fault
-from stages.ingestion.gathered_columns import declared_missing, numbers, texts, unit_factors, without
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.shapes import WRENCH
+from truing.schemas.faults import Fault
+from truing.stages.ingestion.gathered_columns import declared_missing, numbers, texts, unit_factors, without
 
 Array = NDArray[np.float64]
 

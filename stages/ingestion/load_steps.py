@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.ingestion.gathered_columns import numbered, numbers
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
+from truing.stages.ingestion.gathered_columns import numbered, numbers
 
 Array = NDArray[np.float64]
 

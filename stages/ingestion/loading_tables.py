@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault, Unfit
-from stages.common.small_tables import SmallTable
-from stages.ingestion.compliance_file import read_compliance
-from stages.ingestion.corrected_readings import Corrections, positions_at_reference
-from stages.ingestion.gathered_columns import numbered, numbers, texts
-from stages.ingestion.load_steps import check_once
-from stages.ingestion.reading_table import ReadingTable, read_readings
-from stages.ingestion.serving_roles import check_any_fitted
-from stages.ingestion.signal_table import read_signals
-from stages.ingestion.tables import as_artifact
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault, Unfit
+from truing.stages.common.small_tables import SmallTable
+from truing.stages.ingestion.compliance_file import read_compliance
+from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
+from truing.stages.ingestion.gathered_columns import numbered, numbers, texts
+from truing.stages.ingestion.load_steps import check_once
+from truing.stages.ingestion.reading_table import ReadingTable, read_readings
+from truing.stages.ingestion.serving_roles import check_any_fitted
+from truing.stages.ingestion.signal_table import read_signals
+from truing.stages.ingestion.tables import as_artifact
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -135,9 +135,9 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
 
 def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:
     """Elements as long as the legs, a compliance that one can have."""
-    from stages.common.nominal_sensor import elastic_parts, given_matrix, sensor_joints
     from truing.simulation.bench.six_upur.elements import passive
     from truing.simulation.bench.six_upur.influence import influence_matrix
+    from truing.stages.common.nominal_sensor import elastic_parts, given_matrix, sensor_joints
 
     key = "elements" if section.elements else "legs"
     try:

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.faults import Fault
-from schemas.interferometer import Material
-from stages.ingestion.compliance_file import read_compliance
-from stages.ingestion.gathered_columns import numbers
-from stages.ingestion.loading_tables import check_sensor
-from stages.ingestion.reading_table import reading_table
-from stages.ingestion.signal_table import SIGNAL, signal_table
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import DISPLACEMENT, MOTION, PLANNED, SIGNALS
 from truing.formats.source import CampaignFiles
+from truing.schemas.faults import Fault
+from truing.schemas.interferometer import Material
+from truing.stages.ingestion.compliance_file import read_compliance
+from truing.stages.ingestion.gathered_columns import numbers
+from truing.stages.ingestion.loading_tables import check_sensor
+from truing.stages.ingestion.reading_table import reading_table
+from truing.stages.ingestion.signal_table import SIGNAL, signal_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 _LEGS = 6
 _NOISE = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Fault
+from truing.schemas.faults import Fault
 
 Array = NDArray[np.float64]
 

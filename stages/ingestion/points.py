@@ -10,13 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
-from schemas.faults import Fault
-from schemas.near_names import meant, meant_by
-from stages.ingestion.point_sizes import Geometry, size_faults
-from stages.ingestion.relabelling import Relabelling
-from stages.ingestion.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_ledger import PointLedger
@@ -24,12 +17,19 @@ from truing.formats.read import FileRows, ahead, read_table
 from truing.formats.shapes import COORDINATES, POINTS
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant, meant_by
+from truing.stages.ingestion.point_sizes import Geometry, size_faults
+from truing.stages.ingestion.relabelling import Relabelling
+from truing.stages.ingestion.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.declaration import Progress
-    from stages.ingestion.adjusted_points import AdjustedPoints
+    from truing.stages.declaration import Progress
+    from truing.stages.ingestion.adjusted_points import AdjustedPoints
 
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _EXPECTED_SIGMA = f"a standard deviation above 0, from {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm"

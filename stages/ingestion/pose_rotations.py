@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Fault
-from stages.ingestion.gathered_columns import numbers
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.shapes import EULER, QUATERNION, ROTATION_VECTOR
+from truing.schemas.faults import Fault
+from truing.stages.ingestion.gathered_columns import numbers
 
 Array = NDArray[np.float64]
 

@@ -10,30 +10,30 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from schemas.near_names import meant_by
-from stages.common.sigma_bounds import check_sigma, check_variance
-from stages.common.small_tables import once
-from stages.ingestion.gathered_columns import declared_missing, numbers, texts, without
-from stages.ingestion.pose_rotations import (
+from truing.estimation.rotation import log_so3
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered, gather
+from truing.formats.shapes import COORDINATES, EULER, POSE_COVARIANCE, POSES, ROTATION_VECTOR
+from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant_by
+from truing.stages.common.sigma_bounds import check_sigma, check_variance
+from truing.stages.common.small_tables import once
+from truing.stages.ingestion.gathered_columns import declared_missing, numbers, texts, without
+from truing.stages.ingestion.pose_rotations import (
     check_last_row,
     euler_axes,
     rotation_columns,
     rotations,
     vector_slopes,
 )
-from truing.estimation.rotation import log_so3
-from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
-from truing.formats.shapes import COORDINATES, EULER, POSE_COVARIANCE, POSES, ROTATION_VECTOR
-from truing.report.numbers import count as counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.ingestion.points import Expected
     from truing.formats.source import CampaignFiles
+    from truing.stages.ingestion.points import Expected
 
 Array = NDArray[np.float64]
 

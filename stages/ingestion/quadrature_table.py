@@ -8,12 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.column import SIGMA_BOUNDS
-from schemas.faults import Fault
-from stages.ingestion.gathered_columns import numbered, numbers, texts
-from stages.ingestion.load_steps import times_from_order
-from stages.ingestion.step_samples import averaged
 from truing.estimation.interferometry.fringes import count_fringes, length_from_phase
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.quadrature import (
@@ -26,6 +20,12 @@ from truing.estimation.interferometry.quadrature import (
 )
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.column import SIGMA_BOUNDS
+from truing.schemas.faults import Fault
+from truing.stages.ingestion.gathered_columns import numbered, numbers, texts
+from truing.stages.ingestion.load_steps import times_from_order
+from truing.stages.ingestion.step_samples import averaged
 
 if TYPE_CHECKING:
     import pyarrow as pa

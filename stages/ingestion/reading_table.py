@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Fault
-from stages.common.sigma_bounds import check_sigma
-from stages.common.small_tables import SmallTable
-from stages.ingestion.corrected_readings import Corrections, corrected
-from stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, unit_factors
-from stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
-from stages.ingestion.load_steps import check_once, check_roles, check_times
-from stages.ingestion.quadrature_table import lengths
-from stages.ingestion.step_samples import averaged, without_transit
-from stages.ingestion.tables import as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH
 from truing.formats.source import CampaignFiles
+from truing.schemas.faults import Fault
+from truing.stages.common.sigma_bounds import check_sigma
+from truing.stages.common.small_tables import SmallTable
+from truing.stages.ingestion.corrected_readings import Corrections, corrected
+from truing.stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, unit_factors
+from truing.stages.ingestion.load_columns import check_one_load, six_loads, with_known_loads
+from truing.stages.ingestion.load_steps import check_once, check_roles, check_times
+from truing.stages.ingestion.quadrature_table import lengths
+from truing.stages.ingestion.step_samples import averaged, without_transit
+from truing.stages.ingestion.tables import as_artifact, since_first
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.interferometer import Interferometer
+    from truing.schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import Fault
-from schemas.near_names import meant
 from truing.formats.dictionaries import as_dictionary, codes
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from schemas.faults import Fault
 from truing.formats.faultlog import FaultLog
+from truing.schemas.faults import Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.columns import COLUMNS
-from schemas.faults import Fault
-from stages.common.small_tables import SmallTable
-from stages.ingestion.gathered_columns import numbered, numbers, texts
-from stages.ingestion.load_columns import check_same_loads, six_loads, with_known_loads
-from stages.ingestion.load_steps import check_once, check_roles, check_times, times_from_order
-from stages.ingestion.step_samples import without_transit
-from stages.ingestion.tables import as_artifact, since_first
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
 from truing.formats.source import CampaignFiles
+from truing.schemas.columns import COLUMNS
+from truing.schemas.faults import Fault
+from truing.stages.common.small_tables import SmallTable
+from truing.stages.ingestion.gathered_columns import numbered, numbers, texts
+from truing.stages.ingestion.load_columns import check_same_loads, six_loads, with_known_loads
+from truing.stages.ingestion.load_steps import check_once, check_roles, check_times, times_from_order
+from truing.stages.ingestion.step_samples import without_transit
+from truing.stages.ingestion.tables import as_artifact, since_first
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -128,8 +128,8 @@ def with_leg_signals(found: Gathered, settings: Any, log: FaultLog) -> Gathered:
         log.add(Fault("campaign.toml", expected, column="mechanism.type", value=settings.mechanism.type))
     if log:
         return found
-    from stages.common.nominal_sensor import sensor_joints
     from truing.simulation.bench.six_upur.influence import influence_matrix
+    from truing.stages.common.nominal_sensor import sensor_joints
 
     G = influence_matrix(sensor_joints(settings.mechanism))
     if np.linalg.cond(G) > _SINGULAR:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from schemas.faults import Fault
-from schemas.settings_text import parsed_toml, read_settings_text
+from truing.schemas.faults import Fault
+from truing.schemas.settings_text import parsed_toml, read_settings_text
 
 if TYPE_CHECKING:
     from truing.formats.faultlog import FaultLog

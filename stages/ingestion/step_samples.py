@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, without
-from stages.ingestion.load_columns import EMPTY_LOAD, with_known_loads
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.shapes import TRANSIT, WRENCH
+from truing.stages.ingestion.gathered_columns import declared_missing, numbered, numbers, texts, without
+from truing.stages.ingestion.load_columns import EMPTY_LOAD, with_known_loads
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
-from schemas.faults import Fault
-from schemas.near_names import meant
-from stages.common.small_tables import SmallTable, once
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.point_ledger import Names
 from truing.formats.read import read_table
 from truing.formats.shapes import CONFIGURATIONS, TARGETS, Shape
 from truing.formats.source import CampaignFiles
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant
+from truing.stages.common.small_tables import SmallTable, once
 
 if TYPE_CHECKING:
     import pyarrow as pa

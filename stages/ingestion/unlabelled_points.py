@@ -19,7 +19,7 @@ from truing.formats.shapes import COORDINATES
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from stages.declaration import Progress
+    from truing.stages.declaration import Progress
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.interferometer import LINEAR
-from stages.common.declared_optics import channel_rows
-from stages.common.reading_arrays import LOAD_COLUMNS
-from stages.quality.belonging_of_parts import of_parts, rows_of_parts
-from stages.quality.loading_view import simulated_compliance
 from truing.belonging import loads_of_readings, signals_of_loads
 from truing.belonging.copied_rows import Values, copied_runs
 from truing.belonging.equal_columns import equal_columns
@@ -33,13 +28,18 @@ from truing.belonging.relation import (
 from truing.belonging.row_order import can_reverse, row_slips
 from truing.belonging.signals_of_loads import Recorded
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI
+from truing.schemas.interferometer import LINEAR
+from truing.stages.common.declared_optics import channel_rows
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.quality.belonging_of_parts import of_parts, rows_of_parts
+from truing.stages.quality.loading_view import simulated_compliance
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.sensor_mechanism import SensorMechanism
     from truing.quality.loading import LoadingView
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sensor_mechanism import SensorMechanism
 
 Array = NDArray[np.float64]
 
@@ -219,8 +219,8 @@ def _seen(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
 
 def _leg_forces(section: SensorMechanism) -> Array | None:
     """The forces (6, 6) along the legs by the loads; None where the legs do not carry every load."""
-    from stages.common.nominal_sensor import elastic_parts, sensor_joints
     from truing.simulation.bench.six_upur.influence import influence_matrix
+    from truing.stages.common.nominal_sensor import elastic_parts, sensor_joints
 
     elastic = elastic_parts(section)
     if elastic is not None:

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.columns import COLUMNS
-from stages.common.point_arrays import number_column, pose_points, positions
 from truing.belonging.leg_hypotheses import Motion
 from truing.belonging.points_in_poses import AsAnother, BodyPoints
 from truing.belonging.points_of_bodies import poses_with_slips, relate_copies, relate_survey, together
@@ -18,13 +16,15 @@ from truing.belonging.readings_of_poses import READINGS, Names, relate_readings
 from truing.belonging.relation import State, Tested
 from truing.estimation.covariance import relative
 from truing.quality.bodies import BodyView, Surroundings
+from truing.schemas.columns import COLUMNS
 from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M
+from truing.stages.common.point_arrays import number_column, pose_points, positions
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
     from truing.simulation.mechanisms.legs.geometry import Legs
 
 Array = NDArray[np.float64]
@@ -179,7 +179,7 @@ def _groups(configurations: pa.Table, rows: NDArray[np.int64]) -> Groups:
 
 def _legs(section: LeggedMechanism, p: Array) -> Legs:
     """The legs of the description; those without a direction of their own point to where the platform was measured."""
-    from stages.common.nominal_mechanism import nominal_legs
+    from truing.stages.common.nominal_mechanism import nominal_legs
 
     legs = nominal_legs(section)
     if "u" in legs.closure.geometry or not len(p):

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.columns import COLUMNS
-from stages.common.point_arrays import number_column, pose_ids, pose_points, survey_points
 from truing.belonging.counted_times import merely_counts
 from truing.quality.bodies import BodyView, Surroundings, body_view, first_shape
+from truing.schemas.columns import COLUMNS
+from truing.stages.common.point_arrays import number_column, pose_ids, pose_points, survey_points
 
 if TYPE_CHECKING:
     import pyarrow as pa

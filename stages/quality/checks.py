@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column
-from stages.common.repeats import repeated_poses
-from stages.quality.check import Check
-from stages.quality.limits import CampaignLimits
-from stages.quality.of_names import due
-from stages.quality.of_noise import noise, noise_by_pose
-from stages.quality.of_repeats import repeatability
-from stages.quality.of_targets import (
+from truing.quality.bodies import BodyView, Surroundings
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.repeats import repeated_poses
+from truing.stages.quality.check import Check
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.of_names import due
+from truing.stages.quality.of_noise import noise, noise_by_pose
+from truing.stages.quality.of_repeats import repeatability
+from truing.stages.quality.of_targets import (
     attachment_labels,
     completeness,
     exchanged_labels,
@@ -29,14 +30,13 @@ from stages.quality.of_targets import (
     moved_targets,
     unobserved_poses,
 )
-from stages.quality.of_time import base_drift, temperature_span, time_gaps, time_unit
-from stages.quality.temperature_units import temperature_columns, temperature_units
-from truing.quality.bodies import BodyView, Surroundings
+from truing.stages.quality.of_time import base_drift, temperature_span, time_gaps, time_unit
+from truing.stages.quality.temperature_units import temperature_columns, temperature_units
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip
 

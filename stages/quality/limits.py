@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from schemas.quality_checks import in_force, settable
-from schemas.sections import SetLimits
-from stages.quality.check import FAIL, PASS, WARN, Check
+from truing.schemas.quality_checks import in_force, settable
+from truing.schemas.sections import SetLimits
+from truing.stages.quality.check import FAIL, PASS, WARN, Check
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from stages.quality.check import Check, without
-from stages.quality.limits import CampaignLimits
-from stages.quality.of_decisions import overruled
-from stages.quality.of_labels import exchanged_channels
-from stages.quality.of_readings import drift, gross_errors, jumps, noise, repeatability, signs, units
-from stages.quality.of_signals import signal_checks
-from stages.quality.of_steps import load_range, pauses, readings_there, runs_whole, steps_there
-from stages.quality.of_surroundings import surroundings_checks
-from stages.quality.of_time import time_unit
-from stages.quality.of_zeros import run_zeros, zero_return
 from truing.quality.answers import answers, signal_answers, turned_round
 from truing.quality.loading import LoadingView
+from truing.stages.quality.check import Check, without
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.of_decisions import overruled
+from truing.stages.quality.of_labels import exchanged_channels
+from truing.stages.quality.of_readings import drift, gross_errors, jumps, noise, repeatability, signs, units
+from truing.stages.quality.of_signals import signal_checks
+from truing.stages.quality.of_steps import load_range, pauses, readings_there, runs_whole, steps_there
+from truing.stages.quality.of_surroundings import surroundings_checks
+from truing.stages.quality.of_time import time_unit
+from truing.stages.quality.of_zeros import run_zeros, zero_return
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 _CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chance can trip
 

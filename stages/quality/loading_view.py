@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.declared_optics import channel_rows
-from stages.common.reading_arrays import load_steps
 from truing.quality.loading import ExpectedReadings, LoadingView
+from truing.stages.common.declared_optics import channel_rows
+from truing.stages.common.reading_arrays import load_steps
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingV
 
 def simulated_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
     """The simulated compliance (6, 6), SI; None where campaign.toml tells of none."""
-    from stages.common.nominal_sensor import elastic_parts, given_matrix
+    from truing.stages.common.nominal_sensor import elastic_parts, given_matrix
 
     if settings.mechanism.type != "6-upur":
         return None

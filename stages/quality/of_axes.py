@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.axis_columns import AxisColumns, columns_of, command_sigma
-from stages.common.point_arrays import number_column
-from stages.common.words import listed
-from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.quality.limits import CampaignLimits
 from truing.report.numbers import count
+from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.stages.quality.limits import CampaignLimits
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check, without
 from truing.belonging.relation import State, Tested
 from truing.report.belonging import message
+from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check, without
 
 _VERDICTS = {State.OK: PASS, State.ATTENTION: WARN, State.FAILS: FAIL, State.NOT_TESTED: NOT_EVALUATED}
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.photograph_artifacts import BENT, SHARED
-from stages.common.words import listed
-from stages.quality.bundle_figures import Figures
-from stages.quality.check import FAIL, PASS, WARN, Check, without
 from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
 from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
+from truing.schemas.photograph_artifacts import BENT, SHARED
+from truing.stages.common.words import listed
+from truing.stages.quality.bundle_figures import Figures
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from stages.common.overruled import decided
-from stages.common.words import listed
-from stages.quality.check import FAIL, PASS, WARN, Check
 from truing.quality.loading import LoadingView
+from truing.stages.common.overruled import decided
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, Check
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.sections import Acceptance, Overrule
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sections import Acceptance, Overrule
 
 _VERBS = {"exclude": "excluded", "keep": "kept"}
 _KEYS = ("run", "step", "channel", "pose", "body", "target")

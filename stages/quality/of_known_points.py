@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stages.common.words import listed
-from stages.quality.bundle_figures import rows_of
-from stages.quality.check import FAIL, PASS, Check, without
 from truing.report.numbers import count as counted
+from truing.stages.common.words import listed
+from truing.stages.quality.bundle_figures import rows_of
+from truing.stages.quality.check import FAIL, PASS, Check, without
 
 if TYPE_CHECKING:
     import pyarrow as pa

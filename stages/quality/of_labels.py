@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.quality.check import FAIL, PASS, Check, without
 from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.quality.answers import FEWEST, slope_of
 from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
+from truing.stages.quality.check import FAIL, PASS, Check, without
 
 Index = NDArray[np.int64]
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.near_names import meant_by
-from stages.common.point_arrays import pose_points
-from stages.common.words import listed
-from stages.quality.check import PASS, WARN, Check, without
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.quality.bodies import BodyView, Surroundings
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.near_names import meant_by
+from truing.stages.common.point_arrays import pose_points
+from truing.stages.common.words import listed
+from truing.stages.quality.check import PASS, WARN, Check, without
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.quality.unit_slips import unit_slip
 from truing.estimation.quality import (
     Scatter,
     unexplained_scatter,
@@ -17,6 +15,8 @@ from truing.estimation.quality import (
 from truing.estimation.rigid_poses.frame import redundancy
 from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count as counted
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.stages.quality.unit_slips import unit_slip
 
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes

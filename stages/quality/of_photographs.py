@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.common.point_arrays import number_column, text_column
-from stages.common.words import listed
-from stages.quality.bundle_figures import Figures, rows_of
-from stages.quality.check import PASS, WARN, Check, without
-from stages.quality.limits import CampaignLimits
-from stages.quality.of_cameras import camera_stability
-from stages.quality.of_known_points import known_points
-from stages.quality.of_scale import bar_lengths, scale, target_sizes
 from truing.report.numbers import count as counted
+from truing.stages.common.point_arrays import number_column, text_column
+from truing.stages.common.words import listed
+from truing.stages.quality.bundle_figures import Figures, rows_of
+from truing.stages.quality.check import PASS, WARN, Check, without
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.of_cameras import camera_stability
+from truing.stages.quality.of_known_points import known_points
+from truing.stages.quality.of_scale import bar_lengths, scale, target_sizes
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,11 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.belonging import subject_of
-from stages.common.point_arrays import number_column
-from stages.common.words import listed
-from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.quality.limits import CampaignLimits
 from truing.belonging.approaches import TargetMatch, match_targets
 from truing.estimation.interferometry.approaches import (
     copied_series,
@@ -28,6 +23,11 @@ from truing.estimation.interferometry.approaches import (
 from truing.estimation.interferometry.log_quality import temperatures_out_of_reach
 from truing.report.belonging import slip_words
 from truing.report.numbers import count as counted
+from truing.stages.common.belonging import subject_of
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.stages.quality.limits import CampaignLimits
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from stages.quality.check import Check
-from stages.quality.limits import CampaignLimits
 from truing.report.numbers import percent
+from truing.stages.quality.check import Check
+from truing.stages.quality.limits import CampaignLimits
 
 if TYPE_CHECKING:
     import pyarrow as pa

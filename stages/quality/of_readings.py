@@ -9,10 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from stages.common.words import listed
-from stages.quality.check import COUNTED, FAIL, PASS, WARN, Check, without
-from stages.quality.limits import CampaignLimits
-from stages.quality.unit_slips import unit_slip
 from truing.estimation.interferometry.log_quality import units_mistaken
 from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
@@ -20,6 +16,10 @@ from truing.quality.answers import Answers, beyond_simulation, same_sign, turned
 from truing.quality.loading import ChannelView, LoadingView
 from truing.report.numbers import count as counted
 from truing.report.numbers import handy
+from truing.stages.common.words import listed
+from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, Check, without
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.unit_slips import unit_slip
 
 _TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
 _NOTED = 1.1

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.repeats import DECLARED
-from stages.quality.check import FAIL, PASS, WARN, Check, without
 from truing.estimation.pure_error import at_one_reading, equal_scatter
 from truing.estimation.quality import Scatter
 from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count as counted
+from truing.stages.common.repeats import DECLARED
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
-from stages.common.point_arrays import number_column, text_column
-from stages.common.words import listed
-from stages.quality.bundle_figures import Figures, rows_of
-from stages.quality.check import FAIL, PASS, Check, without
-from stages.quality.limits import CampaignLimits
-from stages.quality.scale_contradiction import scale_contradiction
 from truing.estimation.bundle.length_errors import LengthErrors, length_errors
 from truing.report.numbers import count as counted
+from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
+from truing.stages.common.point_arrays import number_column, text_column
+from truing.stages.common.words import listed
+from truing.stages.quality.bundle_figures import Figures, rows_of
+from truing.stages.quality.check import FAIL, PASS, Check, without
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.scale_contradiction import scale_contradiction
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.words import listed
-from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.quality.unit_slips import FAR, unit_slip
 from truing.estimation.design.combinations import inseparable
 from truing.estimation.design.observability import Observability, observe
 from truing.estimation.interferometry.flexible_response import fit_channel, response_columns
@@ -20,9 +17,12 @@ from truing.estimation.sensor.exchanged_loads import RowExchange, least_seen, se
 from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.quality.loading import LoadingView
 from truing.report.numbers import count as counted
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.stages.quality.unit_slips import FAR, unit_slip
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

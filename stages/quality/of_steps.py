@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import LOAD_COLUMNS
-from stages.common.words import listed
-from stages.quality.check import COUNTED, PASS, WARN, Check, without
-from stages.quality.limits import CampaignLimits
 from truing.estimation.interferometry.log_quality import runs_cut_short, steps_missing
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.quality.loading import LoadingView
 from truing.report.numbers import count as counted
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.common.words import listed
+from truing.stages.quality.check import COUNTED, PASS, WARN, Check, without
+from truing.stages.quality.limits import CampaignLimits
 
 if TYPE_CHECKING:
-    from schemas.sections import Loading
+    from truing.schemas.sections import Loading
 
 _FEW = 0.1  # of a run's steps: where a table says nothing at more, it was not meant to
 _RUNS_ALIKE = 3

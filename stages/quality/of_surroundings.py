@@ -8,10 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.common.words import listed
-from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.quality.limits import CampaignLimits
-from stages.quality.temperature_units import temperature_columns, temperature_units
 from truing.estimation.interferometry.log_quality import (
     pressures_out_of_reach,
     surroundings,
@@ -21,9 +17,13 @@ from truing.estimation.interferometry.log_quality import (
 from truing.estimation.interferometry.pressure_units import likely_pressure_unit
 from truing.quality.loading import TEMPERATURES, LoadingView
 from truing.simulation.air import ciddor_index, vapour_pressure_pa
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.temperature_units import temperature_columns, temperature_units
 
 if TYPE_CHECKING:
-    from schemas.interferometer import Interferometer
+    from truing.schemas.interferometer import Interferometer
 
 
 _HUMIDITY_PCT = 50.0  # where it was not recorded: it hardly changes the index

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.sections import Overrule
-from stages.quality.check import FAIL, Check, without
-from stages.quality.limits import CampaignLimits
 from truing.estimation.rigid_poses.rigid import FitStatus
+from truing.schemas.sections import Overrule
+from truing.stages.quality.check import FAIL, Check, without
+from truing.stages.quality.limits import CampaignLimits
 
 if TYPE_CHECKING:
     import pyarrow as pa

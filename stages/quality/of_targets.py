@@ -7,9 +7,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.words import listed
-from stages.quality.check import FAIL, PASS, WARN, Check, without
-from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import (
     body_shape,
     exchanged_pairs,
@@ -19,6 +16,9 @@ from truing.estimation.quality import (
 )
 from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.stages.quality.limits import CampaignLimits
 
 Array = NDArray[np.float64]
 

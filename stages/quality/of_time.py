@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.quality.check import COUNTED, PASS, WARN, Check, without
-from stages.quality.limits import CampaignLimits
 from truing.estimation.quality import find_drift
 from truing.estimation.time_units import FEWEST, SECONDS, MistakenTimes, mistaken_times
 from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import duration
+from truing.stages.quality.check import COUNTED, PASS, WARN, Check, without
+from truing.stages.quality.limits import CampaignLimits
 
 _LEAST_POSES = 8  # that tell a walk from chance
 _UNITS = {"d": "days", "h": "hours", "min": "minutes", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}

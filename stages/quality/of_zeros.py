@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from stages.common.words import listed
-from stages.quality.check import PASS, WARN, Check, without
 from truing.estimation.interferometry.run_starts import zeros_of_runs
 from truing.quality.loading import ChannelView, LoadingView
 from truing.report.numbers import count as counted
+from truing.stages.common.words import listed
+from truing.stages.quality.check import PASS, WARN, Check, without
 
 
 def run_zeros(view: LoadingView) -> Iterator[Check]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.photograph_artifacts import LENGTH, LENGTH_SIGMA
-from stages.common.words import listed
-from stages.quality.bundle_figures import Figures
-from stages.quality.check import FAIL, NOT_EVALUATED, WARN, Check
+from truing.schemas.photograph_artifacts import LENGTH, LENGTH_SIGMA
+from truing.stages.common.words import listed
+from truing.stages.quality.bundle_figures import Figures
+from truing.stages.quality.check import FAIL, NOT_EVALUATED, WARN, Check
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.words import listed
-from stages.quality.check import FAIL, PASS, WARN, Check, without
 from truing.estimation.mixed_temperature_units import MistakenRows, mistaken_rows
 from truing.estimation.temperature_units import MistakenUnit, mistaken_unit
 from truing.report.numbers import count
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
 
 _WORDS = {"K": "kelvin", "degF": "degrees Fahrenheit"}
 

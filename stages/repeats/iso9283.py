@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, pose_points, positions, text_column
-from stages.common.repeats import Index
-from stages.common.rows import Rows
 from truing.estimation.repeatability import (
     FEWEST,
     Figure,
@@ -19,6 +16,9 @@ from truing.estimation.repeatability import (
     position_sigma,
 )
 from truing.estimation.rotation import exp_so3
+from truing.stages.common.point_arrays import number_column, pose_points, positions, text_column
+from truing.stages.common.repeats import Index
+from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.overruled import without_excluded
-from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import load_steps
-from stages.common.repeats import SAME_LOADS, Index
-from stages.common.rows import Rows
-from stages.repeats.tables import Repeated
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps, repeated_runs
 from truing.estimation.pure_error import Squares, known_mean, lack_of_fit, within_groups, within_runs
+from truing.stages.common.overruled import without_excluded
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.reading_arrays import load_steps
+from truing.stages.common.repeats import SAME_LOADS, Index
+from truing.stages.common.rows import Rows
+from truing.stages.repeats.tables import Repeated
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

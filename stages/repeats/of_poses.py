@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import number_column, positions, residual_points, text_column, used_targets
-from stages.common.repeats import DECLARED, Index, drive_readings, repeated_poses
-from stages.common.rows import Rows
-from stages.repeats.iso9283 import repeatability_rows
-from stages.repeats.tables import Repeated
 from truing.estimation.pure_error import Squares, at_one_reading, known_mean, lack_of_fit, within_groups
 from truing.estimation.repeatability import turned_from_first
 from truing.estimation.rotation import exp_so3
+from truing.stages.common.point_arrays import number_column, positions, residual_points, text_column, used_targets
+from truing.stages.common.repeats import DECLARED, Index, drive_readings, repeated_poses
+from truing.stages.common.rows import Rows
+from truing.stages.repeats.iso9283 import repeatability_rows
+from truing.stages.repeats.tables import Repeated
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

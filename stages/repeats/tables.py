@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.rows import Rows
 from truing.estimation.pure_error import LackOfFit, Squares, equal_scatter
+from truing.stages.common.rows import Rows
 
 Array = NDArray[np.float64]
 

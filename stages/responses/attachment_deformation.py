@@ -8,21 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import (
-    default_rotations,
-    number_column,
-    pose_ids,
-    pose_points,
-    residual_points,
-    survey_points,
-    used_targets,
-)
-from stages.common.rows import Rows
-from stages.common.words import gross_errors
-from stages.declaration import Outcome
-from stages.responses.correlated_shifts import handed_on
-from stages.responses.framed_points import framed_points
-from stages.responses.tables import error_rows
 from truing.estimation.deformation.attachments import AttachmentModels, Shifts, attachment_models, attachment_shifts
 from truing.estimation.response import ResponseFit, residual_sets
 from truing.estimation.response_structure import (
@@ -35,6 +20,21 @@ from truing.estimation.response_structure import (
     symmetry,
 )
 from truing.report.numbers import count as counted
+from truing.stages.common.point_arrays import (
+    default_rotations,
+    number_column,
+    pose_ids,
+    pose_points,
+    residual_points,
+    survey_points,
+    used_targets,
+)
+from truing.stages.common.rows import Rows
+from truing.stages.common.words import gross_errors
+from truing.stages.declaration import Outcome
+from truing.stages.responses.correlated_shifts import handed_on
+from truing.stages.responses.framed_points import framed_points
+from truing.stages.responses.tables import error_rows
 
 if TYPE_CHECKING:
     import pyarrow as pa

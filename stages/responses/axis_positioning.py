@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.belonging import subject_of
-from stages.common.positioning import SEED, deviations, instrument
-from stages.common.rows import Rows
 from truing.estimation.interferometry.iso230 import Positioning, positioning, positioning_uncertainty
+from truing.stages.common.belonging import subject_of
+from truing.stages.common.positioning import SEED, deviations, instrument
+from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.interferometer import Interferometer
+    from truing.schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.rows import Rows
 from truing.estimation.deformation.correlated_shifts import CorrelatedShifts
 from truing.estimation.measured_numbers import shift_number
+from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa

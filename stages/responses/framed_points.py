@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import (
+from truing.estimation.rigid_poses.joint_frames import FramedBody, FramedPoints, mean_shape
+from truing.stages.common.point_arrays import (
     default_motions,
     observation_rows,
     pose_points,
@@ -17,8 +18,7 @@ from stages.common.point_arrays import (
     text_column,
     used_targets,
 )
-from stages.common.point_errors import common_correlation, point_errors
-from truing.estimation.rigid_poses.joint_frames import FramedBody, FramedPoints, mean_shape
+from truing.stages.common.point_errors import common_correlation, point_errors
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,15 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from stages.common.loaded_steps import loaded_steps
-from stages.common.nominal_sensor import simulated_compliance
-from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import LOAD_COLUMNS
-from stages.common.rows import Rows
-from stages.common.words import gross_errors
-from stages.declaration import Outcome
-from stages.responses.tables import error_rows
 from truing.estimation.interferometry.compliance import (
     Comparison,
     Compliance,
@@ -37,12 +28,21 @@ from truing.estimation.response_structure import (
     symmetry,
 )
 from truing.report.numbers import count
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
+from truing.stages.common.loaded_steps import loaded_steps
+from truing.stages.common.nominal_sensor import simulated_compliance
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.common.rows import Rows
+from truing.stages.common.words import gross_errors
+from truing.stages.declaration import Outcome
+from truing.stages.responses.tables import error_rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.rows import Rows
 from truing.estimation.response import ResponseFit
+from truing.stages.common.rows import Rows
 
 Array = NDArray[np.float64]
 

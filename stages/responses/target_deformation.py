@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import (
+from truing.estimation.deformation.correlated_shifts import correlated_residuals
+from truing.estimation.deformation.targets import BodyShifts, body_shifts, target_models, with_common_errors
+from truing.estimation.response import ResponseFit, residual_sets
+from truing.estimation.response_structure import entry_tests, gain_p_value
+from truing.report.numbers import count as counted
+from truing.stages.common.point_arrays import (
     default_rotations,
     number_column,
     pose_ids,
@@ -16,15 +21,10 @@ from stages.common.point_arrays import (
     residual_points,
     used_targets,
 )
-from stages.common.rows import Rows
-from stages.declaration import Outcome
-from stages.responses.framed_points import framed_points
-from stages.responses.tables import error_rows
-from truing.estimation.deformation.correlated_shifts import correlated_residuals
-from truing.estimation.deformation.targets import BodyShifts, body_shifts, target_models, with_common_errors
-from truing.estimation.response import ResponseFit, residual_sets
-from truing.estimation.response_structure import entry_tests, gain_p_value
-from truing.report.numbers import count as counted
+from truing.stages.common.rows import Rows
+from truing.stages.declaration import Outcome
+from truing.stages.responses.framed_points import framed_points
+from truing.stages.responses.tables import error_rows
 
 if TYPE_CHECKING:
     import pyarrow as pa

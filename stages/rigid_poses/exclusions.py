@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.rows import Rows
 from truing.estimation.rigid_poses.body_poses import BodyPoses, PointDecisions, fit_body, largest_motion
 from truing.estimation.rigid_poses.points import PosePoints
+from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
-    from schemas.sections import Overrule
     from truing.estimation.rigid_poses.points import SurveyPoints
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sections import Overrule
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from stages.common.point_arrays import decisions
 from truing.estimation.covariance import relative_slope
 from truing.estimation.measured_numbers import pose_numbers
 from truing.estimation.rigid_poses.body_poses import BodyPoses, seen_from
 from truing.estimation.rotation import log_so3
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.common.point_arrays import decisions
 
 if TYPE_CHECKING:
     import pyarrow as pa

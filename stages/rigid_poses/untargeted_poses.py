@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.common.point_arrays import number_column, positions, text_column
 from truing.estimation.rigid_poses.body_poses import BodyPoses, without_targets
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rotation import exp_so3
+from truing.stages.common.point_arrays import number_column, positions, text_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

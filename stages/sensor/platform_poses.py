@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.overruled import Decided, decided, excluded_words, matched, without_excluded
-from stages.common.point_arrays import decisions
-from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
-from stages.common.rows import Rows
-from stages.common.words import gross_errors
-from stages.declaration import Outcome
 from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.report.numbers import count as counted
 from truing.simulation.bench.seen_motion import BeamGeometry
+from truing.stages.common.overruled import Decided, decided, excluded_words, matched, without_excluded
+from truing.stages.common.point_arrays import decisions
+from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
+from truing.stages.common.rows import Rows
+from truing.stages.common.words import gross_errors
+from truing.stages.declaration import Outcome
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from schemas.covariates import own_name, stand_in
-from schemas.faults import CampaignFaults, Fault
-from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import LOAD_COLUMNS
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.covariates import own_name, stand_in
+from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.bench.extended_sensor import ExtendedSensor, predict_readings
 from truing.simulation.bench.known_readings import ReadingConditions
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.rows import Rows
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate
 from truing.estimation.sensor.contenders import SensorCalibrations
@@ -19,6 +18,7 @@ from truing.estimation.sensor.figures_of_merit import (
 )
 from truing.simulation.bench.six_upur.influence import merit
 from truing.simulation.bench.six_upur.theory import Theory
+from truing.stages.common.rows import Rows
 
 Array = NDArray[np.float64]
 

@@ -8,14 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from stages.common.nominal_sensor import nominal_sensor
-from stages.common.point_arrays import number_column
-from stages.common.reading_arrays import LOAD_COLUMNS
-from stages.common.recorded_signals import ranges_of, recorded
-from stages.common.rows import Rows
-from stages.declaration import Outcome, Progress
-from stages.sensor_calibration.matrix_rows import leg_matrix, matrix_rows, merit_rows
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.axis_errors import CREEP_S, axis_errors
 from truing.estimation.sensor.contenders import SensorCalibrations, calibrations
@@ -24,14 +16,22 @@ from truing.estimation.sensor.held_out_loads import HeldOut, predicted_loads
 from truing.estimation.sensor.recorded_signals import Recorded
 from truing.report.numbers import count as counted
 from truing.report.numbers import percent
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
 from truing.simulation.bench.six_upur.theory import Theory, farthest, theory_of
+from truing.stages.common.nominal_sensor import nominal_sensor
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.common.recorded_signals import ranges_of, recorded
+from truing.stages.common.rows import Rows
+from truing.stages.declaration import Outcome, Progress
+from truing.stages.sensor_calibration.matrix_rows import leg_matrix, matrix_rows, merit_rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.sensor_mechanism import SensorMechanism
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sensor_mechanism import SensorMechanism
 
 LEAVES = ("sensor_matrix", "sensor_merit", "sensor_choice", "error_classes")
 Array = NDArray[np.float64]

@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.artifacts import ARTIFACTS
-from stages.common.nominal_mechanism import facing, nominal_legs
-from stages.common.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
-from stages.common.pose_conditions import pose_conditions
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.mechanisms.legs.geometry import Legs
 from truing.simulation.mechanisms.model import PointModel
@@ -20,12 +17,15 @@ from truing.simulation.mechanisms.simulation import Layout, draw_campaign
 from truing.simulation.mechanisms.unknowns import Conditions, Known
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+from truing.stages.common.nominal_mechanism import facing, nominal_legs
+from truing.stages.common.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
+from truing.stages.common.pose_conditions import pose_conditions
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
-    from schemas.mechanism import LeggedMechanism
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
 
 _FEWEST_POSES = 3
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.point_arrays import positions
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.photographs.causes.ray_causes import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses
+from truing.stages.common.point_arrays import positions
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.reading_arrays import load_steps
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.simulation.bench.simulation import draw_readings
 from truing.simulation.cause import Effect, Scene
+from truing.stages.common.reading_arrays import load_steps
 
 if TYPE_CHECKING:
     import pyarrow as pa

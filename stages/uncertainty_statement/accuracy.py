@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.common.positioning import SEED, deviations, instrument
-from stages.uncertainty_statement.statement import Statement
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
 from truing.estimation.uncertainty_budget import Budget, Source, root_mean_square
+from truing.stages.common.positioning import SEED, deviations, instrument
+from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 
 LEAST_POSES = 2

@@ -7,9 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stages.common.calibration_data import gather
-from stages.uncertainty_statement.found_causes import DEFORMATION, found_causes
-from stages.uncertainty_statement.statement import Statement
 from truing.calibration.budget import Answered, budget_of_answer
 from truing.calibration.every_case import screened_poses
 from truing.calibration.fits import answer
@@ -17,11 +14,14 @@ from truing.calibration.question import cases, question, with_targets
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget
 from truing.simulation.mechanisms.parameters import SHARED, Parameter
 from truing.simulation.mechanisms.structures.catalogue import structures
+from truing.stages.common.calibration_data import gather
+from truing.stages.uncertainty_statement.found_causes import DEFORMATION, found_causes
+from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 
 _CLOSES = 1e-3  # relative: a fit from where the first one ended ends there again, within its own tolerance

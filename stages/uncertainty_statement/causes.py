@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stages.uncertainty_statement.statement import Statement
 from truing.estimation.uncertainty_budget import Budget, Source
+from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Parts = dict[tuple[str, str, str], dict[Source, float]]  # by cause, subject and parameter
 

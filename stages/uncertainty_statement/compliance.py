@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.loaded_steps import loaded_steps
-from stages.common.nominal_sensor import simulated_compliance
-from stages.uncertainty_statement.found_causes import found_causes
-from stages.uncertainty_statement.statement import Statement
 from truing.estimation.interferometry.compliance_budget import budget_of_entries, compliance_budgets
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
+from truing.stages.common.loaded_steps import loaded_steps
+from truing.stages.common.nominal_sensor import simulated_compliance
+from truing.stages.uncertainty_statement.found_causes import found_causes
+from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.calibration_data import body_poses
-from stages.common.point_arrays import (
+from truing.calibration.measured import BodyPoses
+from truing.estimation.covariance import relative
+from truing.estimation.rigid_poses.pose_budget import body_parts
+from truing.estimation.rotation import left_jacobian_so3, log_so3
+from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
+from truing.stages.common.calibration_data import body_poses
+from truing.stages.common.point_arrays import (
     default_motions,
     number_column,
     pose_ids,
@@ -19,19 +24,14 @@ from stages.common.point_arrays import (
     survey_points,
     used_targets,
 )
-from stages.common.point_errors import common_correlation
-from stages.uncertainty_statement.found_causes import found_causes, of_instrument
-from stages.uncertainty_statement.statement import Statement
-from truing.calibration.measured import BodyPoses
-from truing.estimation.covariance import relative
-from truing.estimation.rigid_poses.pose_budget import body_parts
-from truing.estimation.rotation import left_jacobian_so3, log_so3
-from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
+from truing.stages.common.point_errors import common_correlation
+from truing.stages.uncertainty_statement.found_causes import found_causes, of_instrument
+from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 Parts = Mapping[Source, Array]  # covariances (B, 6, 6)

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.recorded_signals import ranges_of, recorded
-from stages.uncertainty_statement.found_causes import found_causes
-from stages.uncertainty_statement.statement import Statement
 from truing.estimation.sensor.budget import Calibrated, coefficient_parts, matrix_parts
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
 from truing.estimation.sensor.contenders import by_cases, contenders
 from truing.estimation.sensor.held_out_loads import covariance_by_case, hold_out
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget
+from truing.stages.common.recorded_signals import ranges_of, recorded
+from truing.stages.uncertainty_statement.found_causes import found_causes
+from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from schemas.campaign import Campaign
+    from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 

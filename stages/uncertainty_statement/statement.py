@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.common.rows import Rows
 from truing.estimation.uncertainty_budget import Budget
+from truing.stages.common.rows import Rows
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from schemas.faults import CampaignFaults
 from tests.belonging.load_slips import SLIPS, Tables
 from tests.belonging.load_slips_told import RIGHT, counted, judge
 from tests.blind.generator.sensor.case import hide, layouts_for
+from truing.schemas.faults import CampaignFaults
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "force-sensor"
 

@@ -15,7 +15,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stages.common.belonging import withheld
 from tests.belonging.load_slips import SLIPS, Tables
 from tests.belonging.load_slips_told import RIGHT, judge
 from tests.conftest import PROJECT
@@ -29,6 +28,7 @@ from truing.belonging.plausible_slips import Column
 from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, SlipKind, State
 from truing.belonging.row_order import row_slips
 from truing.belonging.signals_of_loads import Recorded
+from truing.stages.common.belonging import withheld
 
 SAMPLE = PROJECT / "sample_data" / "force-sensor"
 RELATIONS = ("loads-against-readings", "signals-against-loads", "copied-runs")

@@ -12,10 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
-from stages.common.belonging import withheld
-from stages.declaration import Outcome
 from tests.belonging import point_slips
 from tests.belonging.point_slips import ROUNDED_SLIPS, Files, PointSlip, read_files, write_files
 from tests.belonging.pose_slips import POSE_SLIPS
@@ -23,6 +19,10 @@ from tests.blind.generator.case import hide
 from tests.made_once import made_once
 from tests.stages.line import run_line
 from truing.belonging.relation import SlipKind
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
+from truing.stages.common.belonging import withheld
+from truing.stages.declaration import Outcome
 
 # Two machines, with effects in them that a good campaign may have: the slip has to be found beside these.
 MACHINES = {"6-pus": ("platform-deformation-matrix", "telescope"), "ups": ("actuator-gain", "hexapod")}

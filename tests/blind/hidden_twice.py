@@ -14,12 +14,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pipeline.settings_view import SettingsView
-from schemas.campaign import Campaign as Settings
-from stages import pose
-from stages.diagnose import gathered_of
-from stages.power import completed
-from stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 from tests.blind.generator import effects as hidden
 from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.folder import write_campaign
@@ -27,7 +21,13 @@ from tests.blind.generator.layout import Layout
 from tests.blind.generator.quaternions import Array
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
+from truing.pipeline.settings_view import SettingsView
+from truing.schemas.campaign import Campaign as Settings
 from truing.simulation.cause import Effect
+from truing.stages import pose
+from truing.stages.diagnose import gathered_of
+from truing.stages.power import completed
+from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 
 _PLAN, _GENERATOR, _POWER = 0, 1, 2  # what is drawn from a seed, apart
 

@@ -239,7 +239,7 @@ def _call_another(words: list[str]) -> tuple[int, str]:
 def _call_here(words: list[str]) -> tuple[int, str]:
     from typer.testing import CliRunner
 
-    from pipeline.command_line import app
+    from truing.pipeline.command_line import app
 
     with warnings.catch_warnings():
         warnings.resetwarnings()  # as in a process of its own, where they end nothing

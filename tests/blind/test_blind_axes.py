@@ -13,14 +13,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from schemas.campaign import Campaign, read_campaign
-from schemas.settings_text import parsed_toml
-from stages.diagnose import decided
-from stages.diagnosis.axis_points import gather
 from tests.blind.generator.axis import CAUSES, AxisCampaign, Hidden, draw_layout, draw_one, record, settings_text
 from tests.blind.judging import fewest_of
 from truing.inference.selection import Diagnosis
 from truing.inference.verdicts import Verdict
+from truing.schemas.campaign import Campaign, read_campaign
+from truing.schemas.settings_text import parsed_toml
+from truing.stages.diagnose import decided
+from truing.stages.diagnosis.axis_points import gather
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 CLEAN, HIDDEN = 40, 30

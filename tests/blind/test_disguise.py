@@ -10,8 +10,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from schemas.campaign import read_campaign
-from stages import ingest
 from tests.blind.generator import disguise
 from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.folder import write_campaign
@@ -19,6 +17,8 @@ from tests.blind.generator.layout import DataFaults, Layout, Surroundings
 from tests.blind.generator.schedule import published_moves
 from tests.tolerance import assert_close
 from truing.formats.source import CampaignFiles
+from truing.schemas.campaign import read_campaign
+from truing.stages import ingest
 
 KEY = ("pose", "body", "target")
 PLACE = ("x_mm", "y_mm", "z_mm")

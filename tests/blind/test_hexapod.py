@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from schemas.campaign import read_campaign
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.closure import platform_pose
 from tests.blind.generator.effects import ActuatorGain, Effect, LegDrift, LinearDeformation, MatrixDeformation
@@ -20,6 +19,7 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.generator.quaternions import Array, fit_motion, from_vector, rotate, to_vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
+from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.legs.kinematics import forward, inverse
 

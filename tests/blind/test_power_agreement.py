@@ -13,12 +13,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pipeline.settings_view import SettingsView
-from schemas.campaign import Campaign
-from stages import pose
-from stages.diagnose import gathered_of
-from stages.power import completed
-from stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import ActuatorGain as HiddenGain
 from tests.blind.generator.effects import LinearDeformation
@@ -28,9 +22,15 @@ from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
 from truing.inference.fitted_model import Fitter
 from truing.inference.rounds import score_round
+from truing.pipeline.settings_view import SettingsView
+from truing.schemas.campaign import Campaign
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.stages import pose
+from truing.stages.diagnose import gathered_of
+from truing.stages.power import completed
+from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 
 CAMPAIGNS = 4
 LAYOUT = Layout(

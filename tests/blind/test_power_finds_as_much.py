@@ -14,8 +14,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from schemas.campaign import Campaign
-from stages.diagnose import gathered_of, rule_of
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
 from tests.blind.hidden_twice import Ground, as_hidden
 from tests.blind.judging import UNLUCKY
@@ -25,6 +23,7 @@ from truing.inference.fitted_model import Fitter
 from truing.inference.search import search_of
 from truing.inference.selection import Acceptance
 from truing.inference.verdicts import FOUND
+from truing.schemas.campaign import Campaign
 from truing.simulation.cause import Effect
 from truing.simulation.detection_trials import questions
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
@@ -32,6 +31,7 @@ from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.targets import TargetMoved
 from truing.simulation.mechanisms.causes.warmth import LegThermal
+from truing.stages.diagnose import gathered_of, rule_of
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 EACH = 4

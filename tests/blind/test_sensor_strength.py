@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from schemas.campaign import Campaign as Settings
 from tests.blind.generator.sensor.case import Case, Measure, hide, layouts_for
 from tests.blind.generator.sensor.draw import LAYOUTS, Plan, draw_plan
 from tests.blind.generator.sensor.effects import Effect, LoadEccentricity, StiffnessScale
@@ -17,6 +16,7 @@ from tests.blind.generator.sensor.layout import LOADS, Layout, Noise, Programme,
 from tests.blind.generator.sensor.recording import FringeSlip, ZeroDrift
 from tests.blind.generator.sensor.schedule import COLUMNS
 from tests.tolerance import assert_between
+from truing.schemas.campaign import Campaign as Settings
 
 EXACTLY_MADE = Tolerance(1e-12, 1e-12, 1e-12, 1e-12, 1e-12)
 DZ, HALF_WAVE = 2, 632.990577e-9 / 2

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from pipeline.problems import ExitCode
 from tests.broken.spoiling import Broken, Spoil, cell, cells, every, replaced, scaled, without
+from truing.pipeline.problems import ExitCode
 
 _TABLE = "positioning.csv"
 _STEP_MM = 1e-4

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-from pipeline.problems import ExitCode
 from tests.broken.spoiling import Broken, appended, cut, gone, replaced, toml, whole
+from truing.pipeline.problems import ExitCode
 
 _A1 = "a_mm = [-119.341451, -97.332513, 0.0]"
 _B1 = "b_mm = [-14.111343, -134.260456, 0.0]"

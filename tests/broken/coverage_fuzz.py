@@ -16,11 +16,11 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["truing", "schemas", "pipeline", "tests"]):
-    from pipeline.campaign_folder import open_campaign
-    from schemas.faults import CampaignFaults
     from tests.broken.more_subjects import more_files
     from tests.formats.reading import read
     from truing.formats.sniff import sniff_file
+    from truing.pipeline.campaign_folder import open_campaign
+    from truing.schemas.faults import CampaignFaults
     from truing.simulation.bench.model_text import read_sensor
     from truing.simulation.mechanisms.model_text import read_model
 

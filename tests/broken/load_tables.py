@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pipeline.problems import ExitCode
 from tests.broken.spoiling import (
     Broken,
     both,
@@ -15,6 +14,7 @@ from tests.broken.spoiling import (
     without,
     without_column,
 )
+from truing.pipeline.problems import ExitCode
 
 _LOG, _SIGNALS = "interferometer.csv", "signals.csv"
 

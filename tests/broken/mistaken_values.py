@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.problems import ExitCode
 from tests.broken.spoiling import Broken, Spoil, appended, both, cells, every, toml
+from truing.pipeline.problems import ExitCode
 
 _LOG, _POSES, _TEMPERATURE = "interferometer.csv", "configurations.csv", "temperature_c"
 _REFERENCE = "reference_temperature_c = 20.0"

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
 from tests.broken.good import CAMPAIGNS
 from tests.broken.network_subjects import NETWORKS, network_files
 from tests.broken.subjects import SUBJECTS, Subject, good_files
 from truing.open3d_library import load_open3d
+from truing.pipeline.command_line import app
 
 _TOML = '[campaign]\nname = "c"\nkind = "{kind}"\n{more}'
 _POINTS = '[files.points]\npath = "{file}"\n{more}\n[noise]\npoint_mm = 0.1\n'

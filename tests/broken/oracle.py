@@ -15,10 +15,10 @@ import pyarrow.parquet as pq
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
 from tests.broken.mutations import column_damages, damaged, damages
 from tests.broken.subjects import Subject, good_files
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 _MAY_END = (ExitCode.DONE, ExitCode.UNUSABLE_CAMPAIGN)
 _SECONDS = 5.0  # of the processor; a good campaign takes a tenth of one

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.problems import ExitCode
 from tests.broken.spoiling import Broken, Spoil, appended
+from truing.pipeline.problems import ExitCode
 
 _TOML = "campaign.toml"
 

@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from pipeline.problems import ExitCode
 from tests.broken.spoiling import (
     Broken,
     appended,
@@ -26,6 +25,7 @@ from tests.broken.spoiling import (
     without,
     without_column,
 )
+from truing.pipeline.problems import ExitCode
 
 _HEAD = b"pose,body,target,x_mm,y_mm,z_mm\n"
 

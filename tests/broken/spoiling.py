@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.problems import ExitCode
+from truing.pipeline.problems import ExitCode
 
 Spoil = Callable[[Path], None]
 

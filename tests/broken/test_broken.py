@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
 from tests.broken.cases import CASES, write_broken
 from tests.broken.good import CAMPAIGNS
 from tests.broken.spoiling import Broken
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 
 def _contents(folder: Path) -> dict[str, bytes]:

@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
 from tests.broken.oracle import contents, lay_out, misbehaviour
 from tests.broken.subjects import SUBJECTS, Subject, good_files
+from truing.pipeline.command_line import app
 
 _EACH = 1  # `python -m tests.broken.fuzz` goes on for as long as is wished
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 _POINTS = b"pose,body,target,x_mm,y_mm,z_mm\n1,base,A,1,2,3\n"
 _ANNOUNCES = b"ply\nformat ascii 1.0\nelement vertex 999999999999\nend_header\n"
@@ -73,7 +73,7 @@ def test_a_template_that_cannot_be_written_leaves_none(tmp_path: Path, monkeypat
             return _Full(file, written)
         return file
 
-    monkeypatch.setattr("pipeline.init_campaign.open", full, raising=False)
+    monkeypatch.setattr("truing.pipeline.init_campaign.open", full, raising=False)
     done = CliRunner().invoke(app, ["init", str(tmp_path)])
     assert done.exit_code == ExitCode.ENVIRONMENT
     assert "the disk is full" in done.output

@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
 from tests.broken.good import telescope
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 Odd = Callable[[Path], Path]
 

@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.campaign_run import CampaignRun
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
 from tests.cut_telescope import cut_telescope
+from truing.pipeline.campaign_run import CampaignRun
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 Act = Callable[[Path, Path], object]  # on the campaign's folder and the run's
 _DURING = CampaignRun.outcome

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from schemas import mechanism
-from schemas.campaign import Campaign
-from schemas.quality_checks import limit_faults
+from truing.schemas import mechanism
+from truing.schemas.campaign import Campaign
+from truing.schemas.quality_checks import limit_faults
 
 _KINDS = ("photogrammetry", "interferometer")
 _TYPES = ("6-pus", "ups", "6-upur")

@@ -12,9 +12,9 @@ from typing import Any
 
 import typer
 
-from pipeline.command_line import app
-from pipeline.stage_order import ORDER
 from tests.conftest import PROJECT
+from truing.pipeline.command_line import app
+from truing.pipeline.stage_order import ORDER
 
 # What a reader's shell or a cluster brings along, and what is not ours to check.
 FOREIGN = {"cat", "cd", "cp", "dask", "git", "ls", "mkdir", "pip", "rm", "sbatch", "srun"}

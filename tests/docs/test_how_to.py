@@ -9,10 +9,10 @@ import math
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.in_memory import stage_line
-from schemas.faults import CampaignFaults
 from tests.docs.how_to_pages import FOLDER, Example, Slip, examples, slips, write_listing
+from truing.pipeline.command_line import app
+from truing.pipeline.in_memory import stage_line
+from truing.schemas.faults import CampaignFaults
 
 PAGES = sorted(FOLDER.glob("*.md"))
 EXAMPLES = [example for page in PAGES for example in examples(page)]

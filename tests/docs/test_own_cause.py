@@ -16,8 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.faults import CampaignFaults
-from stages.predict import predict
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import Effect, Setting
 from tests.blind.generator.folder import write_campaign
@@ -30,7 +28,9 @@ from tests.docs.shown import shown
 from tests.simulation.mechanisms.telescope import readings, telescope
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.mechanisms.state import State
+from truing.stages.predict import predict
 
 PAGE = (PROJECT / "docs" / "own-cause.md").read_text(encoding="utf-8")
 CODE, CHECK = re.findall(r"```python\n(.*?)```", PAGE, re.S)

@@ -45,7 +45,7 @@ def test_the_example_gives_its_table(tmp_path, title):
 
 
 def test_every_key_of_a_mapping_is_shown():
-    from schemas.mapping import FileMapping
+    from truing.schemas.mapping import FileMapping
 
     shown = set(re.findall(r"^(\w+) = ", "".join(re.findall(r"```toml\n(.*?)```", PAGE, re.S)), re.M))
     told = set(re.findall(r"`(\w+)(?: = [^`]*)?`", PAGE))

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from schemas.campaign import read_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.hexapod import draw_hexapod, hexapod_geometry, random_places
 from tests.blind.generator.layout import Layout, Targets
@@ -20,6 +19,7 @@ from tests.conftest import PROJECT
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
+from truing.schemas.campaign import read_campaign
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.legs.geometry import Legs

@@ -8,9 +8,9 @@ import tomllib
 import pytest
 
 from docs.experiments.quality_checks import PAGE, TABLES
-from schemas.campaign import read_campaign
-from schemas.quality_checks import CHECKS
 from tests.docs.shown import shown
+from truing.schemas.campaign import read_campaign
+from truing.schemas.quality_checks import CHECKS
 
 TEXT = PAGE.read_text(encoding="utf-8")
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
 from tests.conftest import PROJECT
+from truing.pipeline.command_line import app
 
 PAGE = (PROJECT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"\d[\d,.]*")

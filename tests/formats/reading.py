@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from schemas.campaign import read_campaign
-from schemas.faults import Fault
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
 from truing.formats.shapes import (
@@ -28,6 +26,8 @@ from truing.formats.shapes import (
     TARGETS,
 )
 from truing.formats.source import CampaignFiles
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import Fault
 
 _OF_BENCHES = (DISPLACEMENT, INTERFEROMETER, SIGNALS, QUADRATURE, POSITIONING)
 _ALL = (POINTS, POSES, TARGETS, CONFIGURATIONS, SCANS, SURFACES, *_OF_BENCHES, IMAGE_POINTS, CAMERAS, SCALE_BARS)

@@ -7,13 +7,13 @@ import subprocess
 
 import pytest
 
-from schemas.campaign import read_campaign
 from tests.formats.reading import SHAPES, read
 from tests.formats.test_other_formats import write_c3d
 from truing.formats.faultlog import FaultLog
 from truing.formats.pcd import lzf_decompressed
 from truing.formats.read import read_table
 from truing.formats.source import CampaignFiles
+from truing.schemas.campaign import read_campaign
 
 PLY = "ply\nformat {form} 1.0\nelement vertex {count}\n{more}end_header\n"
 XYZ = "property float x\nproperty float y\nproperty float z\n"

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.mapping import FileMapping
 from tests.formats.reading import read, written
 from tests.tolerance import assert_close
 from truing.formats.text import Lines, OpenQuotation, line_numbers, record_blocks, split_lines, utf8_chunks
+from truing.schemas.mapping import FileMapping
 
 ROWS = [(1, "B01", 1234.5, -0.25, 12.0), (1, "P°2", -1.0, 2.0, 1e-3), (2, "B01", 1234567.125, 0.0, -7.5)]
 NAMES = ("Messung", "Zielmarke", "X-Achse", "y", "z")

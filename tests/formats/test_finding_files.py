@@ -7,11 +7,11 @@ import sys
 
 import pytest
 
-from schemas.settings_text import read_settings_text
 from tests.formats.reading import read, written
 from truing.formats import file_search
 from truing.formats.discretion import discreet
 from truing.formats.file_search import TooManyEntries, find_files
+from truing.schemas.settings_text import read_settings_text
 
 HEAD = "pose,body,target,x_mm,y_mm,z_mm\n"
 ROW = "1,b,T,1,2,3\n"

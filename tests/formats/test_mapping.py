@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
 from tests.formats.reading import read, written
 from tests.tolerance import assert_close
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
 
 XYZ = {"x_mm": 1, "y_mm": 2, "z_mm": 3}
 BASE = {"header": False, "columns": XYZ, "constants": {"body": "base", "target": "T"}}

@@ -6,11 +6,11 @@ import re
 
 import pytest
 
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
 from tests.formats.reading import read, written
 from truing.formats.origins import joined_by
 from truing.formats.patterns import BoundedPattern, TooSlow
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
 
 ENDLESS = r"(?P<{}>(?:a|aa)+)"  # every way of making a row of these letters from one and two
 LETTERS = "a" * 60 + "!"

@@ -14,7 +14,6 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 
-from schemas.campaign import read_campaign
 from tests.tolerance import assert_close
 from truing.formats.faultlog import FaultLog
 from truing.formats.image_heads import read_head
@@ -22,6 +21,7 @@ from truing.formats.image_pixels import read_grey
 from truing.formats.photographs import list_photographs
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles, has_photographs, raw_files
+from truing.schemas.campaign import read_campaign
 
 MODEL, ORIENTATION, EXIF, FOCAL, FOCAL_35, SERIAL = 0x110, 0x112, 0x8769, 0x920A, 0xA405, 0xA431
 PLANE_X, PLANE_UNIT, WIDTH_TAKEN, TAKEN, SPLIT = 0xA20E, 0xA210, 0xA002, 0x9003, 0x9291

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.mapping import FileMapping
 from truing.formats import point_ledger
 from truing.formats.evaluation import TableBatch
 from truing.formats.point_ledger import PointLedger
 from truing.formats.read import FileRows
 from truing.formats.source import RawFile
+from truing.schemas.mapping import FileMapping
 
 
 def file(name: str) -> FileRows:

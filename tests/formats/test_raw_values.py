@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
 from tests.formats.reading import read, written
 from tests.tolerance import assert_close
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
 
 POINT = {"path": "a.csv", "constants": {"pose": 1, "body": "b"}}
 

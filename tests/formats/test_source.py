@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.campaign import read_campaign
 from tests.formats.reading import read, written
 from truing.formats.source import CampaignFiles, raw_files
+from truing.schemas.campaign import read_campaign
 
 POINTS = "pose,body,target,x_mm,y_mm,z_mm\n1,b,T,1,2,3\n"
 

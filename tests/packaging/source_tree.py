@@ -8,6 +8,7 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
 ROOMS = ("schemas", "truing", "stages", "pipeline")  # from the ground up
+BESIDE = ("schemas", "stages", "pipeline")  # installed as packages of `truing`
 FOLDERS = (*ROOMS, "tests", "benchmarks", "docs", "requirements", "sample_data", ".ci")
 TEXT = {"", ".cfg", ".css", ".html", ".jinja", ".js", ".md", ".py", ".toml", ".txt", ".yml"}
 
@@ -28,6 +29,7 @@ def text_files() -> Iterator[Path]:
 def module_name(path: Path) -> str:
     """The dotted name of a Python file of the project: `truing.estimation.rigid_poses.rigid`."""
     parts = path.relative_to(PROJECT).with_suffix("").parts
+    parts = ("truing", *parts) if parts[0] in BESIDE else parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -59,7 +61,8 @@ def _origin(node: ast.ImportFrom, path: Path) -> str:
     """What stands after `from`, with leading dots resolved."""
     if not node.level:
         return node.module or ""
-    package = list(path.relative_to(PROJECT).parts[: -node.level])
+    package = module_name(path).split(".")
+    package = package[: len(package) + (path.name == "__init__.py") - node.level]
     return ".".join([*package, *([node.module] if node.module else [])])
 
 

@@ -7,18 +7,18 @@ from functools import cache
 
 import pytest
 
-from pipeline.remembered import RememberedDigests
-from pipeline.source_digest import SourceTree
 from tests.packaging.source_tree import PROJECT, imported_names, module_name, modules, within
+from truing.pipeline.remembered import RememberedDigests
+from truing.pipeline.source_digest import SourceTree
 
-SHARED = ("stages.common", "stages.declaration")
+SHARED = ("truing.stages.common", "truing.stages.declaration")
 ROOMS = sorted({path.parent.name for path in modules("stages") if path.parent != PROJECT / "stages"})
 CAUSES, SEARCH = re.compile(r"truing/simulation/\w+/causes/"), re.compile(r"truing/inference/")
 
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_a_room_of_stages_imports_only_itself_and_what_is_shared(room: str) -> None:
-    allowed = (f"stages.{room}", *SHARED)
+    allowed = (f"truing.stages.{room}", *SHARED)
     faults = {
         module_name(path): strange
         for path in modules(f"stages/{room}")
@@ -28,14 +28,14 @@ def test_a_room_of_stages_imports_only_itself_and_what_is_shared(room: str) -> N
 
 
 def _of_stages(names: set[str]) -> list[str]:
-    """What of the stages is named; of `from stages.a import b` the module alone."""
-    return sorted(name for name in names if within(name, "stages"))
+    """What of the stages is named; of `from truing.stages.a import b` the module alone."""
+    return sorted(name for name in names if within(name, "truing.stages"))
 
 
 @cache
 def closure(stage: str) -> tuple[str, ...]:
     """The files that decide whether a stage is stale."""
-    return tuple(SourceTree(PROJECT, RememberedDigests(None)).digests(f"stages.{stage}"))
+    return tuple(SourceTree(PROJECT, RememberedDigests(None)).digests(f"truing.stages.{stage}"))
 
 
 @pytest.mark.parametrize("stage", ["images", "ingest", "bundle", "qa", "pose", "deformation"])

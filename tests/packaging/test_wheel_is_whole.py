@@ -22,11 +22,17 @@ SETUPTOOLS = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-
 PATTERNS = SETUPTOOLS["package-data"]["*"]
 _BUILD = "import sys; from setuptools import build_meta as b; to = sys.argv[1]; b.build_wheel(to); b.build_sdist(to)"
 _WHEEL = f"truing-{truing.__version__}-py3-none-any.whl"
-_CALL = "import truing; assert 'installed' in truing.__file__; from pipeline.entry import main; main()"
+_CALL = "import truing; assert 'installed' in truing.__file__; from truing.pipeline.entry import main; main()"
 
 
 def _kept(room: Path) -> list[Path]:
     return [path for path in room.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+
+
+def _installed(path: Path) -> str:
+    """Where a file of the checkout stands in the wheel: everything below the one name."""
+    place = path.relative_to(PROJECT)
+    return place.as_posix() if place.parts[0] == "truing" else f"truing/{place.as_posix()}"
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +42,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for room in ROOMS:
         shutil.copytree(PROJECT / room, place / "source" / room, ignore=shutil.ignore_patterns("__pycache__"))
     for file in PROJECT.iterdir():
-        if file.suffix in (".md", ".toml", ".cff", ".in") or file.name == "LICENSE":
+        if file.suffix in (".md", ".toml", ".cff", ".in") or file.name in ("LICENSE", "setup.py"):
             shutil.copy(file, place / "source")
     words = [sys.executable, "-c", _BUILD, str(place)]
     done = subprocess.run(words, cwd=place / "source", capture_output=True, text=True, check=False)
@@ -58,7 +64,7 @@ def test_every_data_file_is_named_by_a_pattern() -> None:
 def test_the_wheel_holds_the_rooms_and_nothing_else(built: Path) -> None:
     with zipfile.ZipFile(built / _WHEEL) as wheel:
         names = wheel.namelist()
-    rooms = {path.relative_to(PROJECT).as_posix() for room in ROOMS for path in _kept(PROJECT / room)}
+    rooms = {_installed(path) for room in ROOMS for path in _kept(PROJECT / room)}
     about = {name for name in names if name.startswith(f"truing-{truing.__version__}.dist-info/")}
     assert set(names) - about == rooms
     assert "truing/py.typed" in names
@@ -74,7 +80,7 @@ def test_the_wheel_tells_what_the_project_tells(built: Path) -> None:
     assert (told["License-Expression"], told["Requires-Python"]) == (project["license"], project["requires-python"])
     assert f"\nlicense: {project['license']}\n" in (PROJECT / "CITATION.cff").read_text(encoding="utf-8")
     assert told.get_payload() == (PROJECT / "README.md").read_text(encoding="utf-8")
-    assert "truing = pipeline.entry:main" in commands
+    assert "truing = truing.pipeline.entry:main" in commands
 
 
 def test_the_source_archive_builds_and_tells_of_its_changes(built: Path) -> None:

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.in_memory import StageLine, stage_line
 from tests.blind.generator.folder import truth_path
 from tests.blind.generator.quaternions import fit_motion, rotate
+from truing.pipeline.in_memory import StageLine, stage_line
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "telescope-images"
 POSES, STATIONS = ("0", "1"), 7

@@ -13,7 +13,9 @@ from tests.pipeline.warm_python import WarmPython
 
 PROJECT = Path(__file__).resolve().parents[2]
 
-_DECLARED = "from stages.declaration import Stage\n\nDECLARATION = Stage({!r}, (), ({!r},), (), {!r})\n"
+# Rooms beside `truing` are its packages, as an installation makes them.
+_ONE_NAME = '__version__ = "0"\n__path__.append(__path__[0].removesuffix("truing"))\n'
+_DECLARED = "from truing.stages.declaration import Stage\n\nDECLARATION = Stage({!r}, (), ({!r},), (), {!r})\n"
 # They are listed, and no campaign of this project has photographs.
 OF_PHOTOGRAPHS = {
     "images": _DECLARED.format("images", "image_points", "finds targets"),
@@ -24,9 +26,9 @@ STAGES = {
     "ingest": """
 import csv
 import pyarrow as pa
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults, Fault
-from stages.declaration import Outcome, Stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.stages.declaration import Outcome, Stage
 
 DECLARATION = Stage("ingest", (), ("observations", "survey?", "exclusions"), ("files",), "reads points.csv")
 
@@ -60,8 +62,8 @@ def run(tables, settings, progress, source):
     "qa": """
 import pyarrow as pa
 import pyarrow.compute as pc
-from schemas.artifacts import ARTIFACTS
-from stages.declaration import Outcome, Stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.declaration import Outcome, Stage
 
 DECLARATION = Stage("qa", ("observations",), ("qa",), ("qa.false_alarm",), "checks the points")
 
@@ -79,8 +81,8 @@ import os
 import time
 import pyarrow as pa
 import pyarrow.compute as pc
-from schemas.artifacts import ARTIFACTS
-from stages.declaration import Outcome, Stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.declaration import Outcome, Stage
 
 DECLARATION = Stage("pose", ("observations", "survey?"), ("poses", "residuals"), ("noise.point_mm",), "fits")
 
@@ -119,8 +121,8 @@ def run(tables, settings, progress):
 """,
     "deformation": """
 import pyarrow as pa
-from schemas.artifacts import ARTIFACTS
-from stages.declaration import Outcome, Stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.declaration import Outcome, Stage
 
 DECLARATION = Stage(
     "deformation", ("residuals",), ("deformation", "deformation_models", "deformation_errors"),
@@ -136,8 +138,8 @@ def run(tables, settings, progress):
     return Outcome({"deformation": table, **empty}, "rows", "nothing", settings.mechanism.type)
 """,
     "diagnose": """
-from schemas.artifacts import ARTIFACTS
-from stages.declaration import Outcome, Stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.declaration import Outcome, Stage
 
 DECLARATION = Stage(
     "diagnose", ("qa", "deformation"), ("diagnosis", "model"), ("diagnosis.false_alarm",), "names the cause"
@@ -149,8 +151,8 @@ def run(tables, settings, progress):
     return Outcome({"diagnosis": ARTIFACTS["diagnosis"].empty(), "model": model}, "rows", "nothing", "nothing found")
 """,
     "calibrate": """
-from schemas.artifacts import ARTIFACTS
-from stages.declaration import Outcome, Stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.declaration import Outcome, Stage
 
 DECLARATION = Stage("calibrate", ("deformation_models",), ("calibration",), ("mechanism.tolerance",), "identifies")
 
@@ -159,8 +161,8 @@ def run(tables, settings, progress):
     return Outcome({"calibration": ARTIFACTS["calibration"].empty()}, "models", "nothing", "nothing identified")
 """,
     "uncertainty": """
-from schemas.artifacts import ARTIFACTS
-from stages.declaration import Outcome, Stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.declaration import Outcome, Stage
 
 LEFT = ("uncertainty", "uncertainty_budget")
 DECLARATION = Stage("uncertainty", ("observations",), LEFT, ("noise.load_n",), "states")
@@ -170,7 +172,7 @@ def run(tables, settings, progress):
     return Outcome({name: ARTIFACTS[name].empty() for name in LEFT}, "points", "nothing", "nothing stated")
 """,
     "report": """
-from stages.declaration import Outcome, Stage
+from truing.stages.declaration import Outcome, Stage
 
 DECLARATION = Stage(
     "report", ("observations", "survey?", "qa", "residuals", "diagnosis", "model"), ("report",), ("requirement",),
@@ -281,7 +283,7 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
     for room in ("pipeline", "schemas"):
         shutil.copytree(PROJECT / room, root / room, ignore=shutil.ignore_patterns("__pycache__"))
     files = {f"stages/{name}.py": text for name, text in {**STAGES, **OF_PHOTOGRAPHS}.items()}
-    files |= {"stages/__init__.py": "", "truing/__init__.py": '__version__ = "0"\n', "truing/formats/__init__.py": ""}
+    files |= {"stages/__init__.py": "", "truing/__init__.py": _ONE_NAME, "truing/formats/__init__.py": ""}
     files |= {
         "stages/prospects.py": _PROSPECTS,
         "stages/common/__init__.py": "",

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.artifacts import (
+from truing.pipeline.artifacts import (
     ROWS_PER_GROUP,
     SchemaBreach,
     Stamp,
@@ -22,7 +22,7 @@ from pipeline.artifacts import (
     read_provenance,
     write_artifacts,
 )
-from schemas.artifacts import ARTIFACTS
+from truing.schemas.artifacts import ARTIFACTS
 
 STAMP = Stamp("ingest", "d" * 64, "bench -- 1", "0.1", ("observations",), ("size",))
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.campaign_check import check_campaign
-from pipeline.campaign_folder import open_campaign
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
-from schemas.faults import CampaignFaults
 from tests.broken.good import CAMPAIGNS
+from truing.pipeline.campaign_check import check_campaign
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
+from truing.schemas.faults import CampaignFaults
 
 HEAD = '[campaign]\nname = "c"\nkind = "photogrammetry"\n'
 TOML = f"{HEAD}[noise]\npoint_mm = 0.01\n"
@@ -252,12 +252,12 @@ def test_a_faulty_survey_is_told_before_photographs_are_measured(
 ) -> None:
     from PIL import Image
 
-    import stages.images
+    import truing.stages.images
 
     (tmp_path / "images" / "1").mkdir(parents=True)
     Image.new("L", (120, 160), 128).save(tmp_path / "images" / "1" / "a.png")
     folder = written(tmp_path, targets=survey("A").replace("100,37", "100,abc"))
-    monkeypatch.setattr(stages.images, "run", lambda *_: pytest.fail("photographs were measured first"))
+    monkeypatch.setattr(truing.stages.images, "run", lambda *_: pytest.fail("photographs were measured first"))
     done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
     assert done.exit_code == ExitCode.UNUSABLE_CAMPAIGN
     assert "targets.csv, row 2, column y_mm: found 'abc'" in done.output
@@ -268,12 +268,12 @@ def test_a_survey_without_noise_is_told_before_photographs_are_measured(
 ) -> None:
     from PIL import Image
 
-    import stages.images
+    import truing.stages.images
 
     (tmp_path / "images" / "1").mkdir(parents=True)
     Image.new("L", (120, 160), 128).save(tmp_path / "images" / "1" / "a.png")
     folder = written(tmp_path, campaign=HEAD, targets=survey("A"))
-    monkeypatch.setattr(stages.images, "run", lambda *_: pytest.fail("photographs were measured first"))
+    monkeypatch.setattr(truing.stages.images, "run", lambda *_: pytest.fail("photographs were measured first"))
     done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
     assert (done.exit_code, "noise.point_mm" in done.output) == (ExitCode.UNUSABLE_CAMPAIGN, True)
 
@@ -295,9 +295,9 @@ RAYS = {
 def test_rays_to_targets_that_no_survey_knows_are_a_fault(
     tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import stages.bundle
+    import truing.stages.bundle
 
-    monkeypatch.setattr(stages.bundle, "run", lambda *_: pytest.fail("the rays were adjusted first"))
+    monkeypatch.setattr(truing.stages.bundle, "run", lambda *_: pytest.fail("the rays were adjusted first"))
     folder = written(tmp_path / "c", **RAYS, image_points=rays("Q"))
     to = ["--out", str(tmp_path / "run")] if command == "run" else []
     done = CliRunner().invoke(app, [command, str(folder), *to])

@@ -25,7 +25,7 @@ _DRIVER = """
 import json, sys
 
 if __name__ == "__main__":
-    from pipeline.entry import main
+    from truing.pipeline.entry import main
 
     codes = []
     for words in json.loads(sys.argv[1]):

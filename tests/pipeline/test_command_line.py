@@ -10,8 +10,8 @@ import time
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
 from tests.pipeline.fake_project import STAGES, FakeProject
+from truing.pipeline.command_line import app
 
 COMMANDS = ("run", "stages", "check", "init", "predict", "design", "power", "plan", "export", "compare")
 
@@ -30,7 +30,7 @@ def test_help_lists_every_command_there_is() -> None:
 def test_help_imports_nothing_heavy() -> None:
     code = (
         "import sys; sys.argv = ['truing', '--help']\n"
-        "from pipeline.entry import main\n"
+        "from truing.pipeline.entry import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "heavy = {'pydantic', 'pyarrow', 'pandas', 'rich', 'numpy', 'scipy', 'plotly'} & set(sys.modules)\n"
@@ -43,10 +43,11 @@ def test_help_imports_nothing_heavy() -> None:
 def test_nothing_to_do_imports_nothing_heavy(ran: FakeProject) -> None:
     code = (
         f"import sys; sys.argv = ['truing', 'run', {str(ran.campaign)!r}]\n"
-        "from pipeline.entry import main\n"
+        "from truing.pipeline.entry import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "heavy = {'pyarrow', 'pandas', 'rich', 'numpy', 'scipy', 'plotly', 'schemas.campaign'} & set(sys.modules)\n"
+        "heavy = {'pyarrow', 'pandas', 'rich', 'numpy', 'scipy', 'plotly', 'truing.schemas.campaign'}\n"
+        "heavy &= set(sys.modules)\n"
         "sys.exit(f'imported {heavy}' if heavy else 0)"
     )
     done = subprocess.run(
@@ -126,7 +127,7 @@ def test_a_listener_who_goes_does_not_end_the_run(fake: FakeProject) -> None:
 
 
 def test_a_long_stage_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    from pipeline.voice import Voice
+    from truing.pipeline.voice import Voice
 
     clock = iter(range(0, 100, 3))
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))

@@ -16,7 +16,7 @@ import tomli_w
 from click.testing import Result
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
+from truing.pipeline.command_line import app
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "telescope"
 READINGS = [f"rho{leg}_mm" for leg in range(1, 7)]

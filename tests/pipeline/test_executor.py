@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.executor import results
-from pipeline.problems import EnvironmentProblem
-from pipeline.workforce import LOCAL, TRIES, Workforce
 from tests.pipeline import pieces_of_work as work
+from truing.pipeline.executor import results
+from truing.pipeline.problems import EnvironmentProblem
+from truing.pipeline.workforce import LOCAL, TRIES, Workforce
 
 PROJECT = Path(__file__).resolve().parents[2]
 LOST = -1
@@ -120,8 +120,8 @@ def test_what_is_closed_early_leaves_no_worker_behind(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_workers_end_with_the_process_that_asked_for_work(number: signal.Signals, tmp_path: Path) -> None:
     code = (
-        "from pipeline.executor import Workforce, results\n"
-        "from pipeline.interruption import interruptible\n"
+        "from truing.pipeline.executor import Workforce, results\n"
+        "from truing.pipeline.interruption import interruptible\n"
         "from tests.pipeline.pieces_of_work import wait_for_the_end\n"
         "if __name__ == '__main__':\n"
         "    with interruptible():\n"
@@ -145,7 +145,7 @@ def test_workers_end_with_the_process_that_asked_for_work(number: signal.Signals
 
 
 def test_where_no_scheduler_answers_the_environment_is_to_blame(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.dask_workers._SECONDS_TO_ANSWER", 0.3)
+    monkeypatch.setattr("truing.pipeline.dask_workers._SECONDS_TO_ANSWER", 0.3)
     with pytest.raises(EnvironmentProblem, match=r"tcp://127\.0\.0\.1:9: no scheduler with a worker answers"):
         list(results(work.square, range(2), Workforce(scheduler="tcp://127.0.0.1:9"), lost))
 

@@ -15,18 +15,18 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner, Result
 
-from pipeline.campaign_run import PROJECT
-from pipeline.command_line import app
-from schemas import campaign as sections
-from schemas import interferometer
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from schemas.mapping import FileMapping
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.disguise import dense_scans, german
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
+from truing.pipeline.campaign_run import PROJECT
+from truing.pipeline.command_line import app
+from truing.schemas import campaign as sections
+from truing.schemas import interferometer
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.mapping import FileMapping
 
 TEMPLATE = (PROJECT / "pipeline" / "campaign_template.toml").read_text(encoding="utf-8")
 SAMPLE = PROJECT / "sample_data" / "telescope"

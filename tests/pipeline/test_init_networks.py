@@ -6,9 +6,9 @@ import tomllib
 
 import pytest
 
-from pipeline.init_campaign import init_campaign
 from tests.docs.how_to_pages import FOLDER, examples
 from tests.formats.colmap_files import binary
+from truing.pipeline.init_campaign import init_campaign
 
 ADJUSTED = "".join(
     f"{n:10d}    573.0039    -49.{n}291   -121.6922      0.0026      0.0029      0.0035 66  1  1  0\n"

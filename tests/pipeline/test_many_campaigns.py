@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.lock import hold
-from pipeline.run_folder import PRIVATE
 from tests.pipeline.fake_project import FakeProject
+from truing.pipeline.lock import hold
+from truing.pipeline.run_folder import PRIVATE
 
 WAYS = {"processes": ("--workers", "2"), "dask": ("--workers", "2", "--scheduler", "local")}
 
@@ -71,7 +71,7 @@ def test_workers_that_meet_a_limit_of_memory_end_and_say_so(fresh: FakeProject, 
         "import resource, sys;"
         f"resource.setrlimit(resource.RLIMIT_AS, ({2500 << 20}, resource.RLIM_INFINITY));"
         "sys.argv = ['truing', *sys.argv[1:]];"
-        "from pipeline.entry import main; main()"
+        "from truing.pipeline.entry import main; main()"
     )
     done = subprocess.run(
         [sys.executable, "-c", limited, "run", campaigns[0], campaigns[-1], "--out", "several", "--workers", "2"],

@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.campaign_folder import open_campaign
-from pipeline.command_line import app
-from pipeline.plan_command import known_cameras
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.command_line import app
+from truing.pipeline.plan_command import known_cameras
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "telescope-images"
 
@@ -134,8 +134,8 @@ UNNAMED = CAMPAIGN.partition("[[cameras]]")[0].replace("image_px = 0.05", "point
 
 def left_by_a_run(folder, c_px):
     """The camera as a run adjusted it, and rays with their sigmas, one of them rejected."""
-    from schemas.artifacts import ARTIFACTS
     from truing.estimation.bundle.camera import PARAMETERS
+    from truing.schemas.artifacts import ARTIFACTS
 
     folder.mkdir(parents=True)
     form = {"width_px": 4000, "height_px": 3000, "balancing_radius_px": 1600.0, "sigma": 0.1, "pixel_um": None}

@@ -11,21 +11,21 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.campaign_folder import open_campaign
-from pipeline.command_line import app
-from pipeline.executor import results
-from pipeline.power_command import PowerWish, _plan, diagnosed_trial
-from pipeline.problems import Interrupted
-from pipeline.workforce import LOCAL, Workforce
-from schemas.campaign import Campaign
-from stages.simulated_campaigns.plan import CampaignPlan
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.command_line import app
+from truing.pipeline.executor import results
+from truing.pipeline.power_command import PowerWish, _plan, diagnosed_trial
+from truing.pipeline.problems import Interrupted
+from truing.pipeline.workforce import LOCAL, Workforce
+from truing.schemas.campaign import Campaign
 from truing.simulation.cause import Effect
 from truing.simulation.detection_trials import Answer, Trial
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.stages.simulated_campaigns.plan import CampaignPlan
 
 LAYOUT = Layout("small", targets=Targets(base=4, platform=4, per_leg=0))
 
@@ -73,7 +73,7 @@ def told_at_once(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer
 
 
 def test_campaigns_are_counted_by_size(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.power_command.diagnosed_trial", told_at_once)
+    monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", told_at_once)
     out = tmp_path / "power.parquet"
     code, said = call(measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", out)
     assert code == 0, said
@@ -93,7 +93,7 @@ def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, m
             raise Interrupted("SIGTERM")
         return told_at_once(plan, settings, trial)
 
-    monkeypatch.setattr("pipeline.power_command.diagnosed_trial", interrupted)
+    monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", interrupted)
     code, said = call(
         measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", tmp_path / "power.parquet"
     )

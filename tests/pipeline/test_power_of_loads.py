@@ -11,12 +11,12 @@ import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.campaign_folder import open_campaign
-from pipeline.command_line import app
-from pipeline.power_command import PowerWish, _plan
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.command_line import app
+from truing.pipeline.power_command import PowerWish, _plan
 
 SIGNALS = [f"v{leg}_mv" for leg in range(1, 7)]
 LAYOUT = Layout("planned", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)

@@ -7,11 +7,11 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from pipeline.artifacts import Stamp, write_table
-from pipeline.campaign_folder import CampaignFolder
-from pipeline.power_of_photographs import HEADS, of_photographs
-from schemas.artifacts import ARTIFACTS
+from truing.pipeline.artifacts import Stamp, write_table
+from truing.pipeline.campaign_folder import CampaignFolder
+from truing.pipeline.power_of_photographs import HEADS, of_photographs
 from truing.report.power_page import section_of_photographs
+from truing.schemas.artifacts import ARTIFACTS
 
 DETECTABLE = ARTIFACTS["detectable"]
 

@@ -16,18 +16,6 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner, Result
 
-from pipeline import campaign_run
-from pipeline.campaign_folder import open_campaign
-from pipeline.campaign_run import PROJECT, CampaignRun, open_run
-from pipeline.command_line import app
-from pipeline.freshness import State
-from pipeline.problems import ExitCode
-from pipeline.run_campaign import Wish, run_campaign
-from pipeline.selection import Selection
-from pipeline.settings_view import SettingsView
-from pipeline.stage_order import ORDER, makers, stage_module
-from pipeline.voice import Voice
-from schemas.artifacts import ARTIFACTS
 from tests.blind.generator.axis import AxisLayout, record, write
 from tests.blind.generator.schedule import random_moves
 from tests.broken.good import axis
@@ -36,6 +24,18 @@ from tests.photographs.ray_folder import write_rays
 from tests.photographs.rays import Shooting, draw_rays
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.tolerance import assert_close
+from truing.pipeline import campaign_run
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.campaign_run import PROJECT, CampaignRun, open_run
+from truing.pipeline.command_line import app
+from truing.pipeline.freshness import State
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.run_campaign import Wish, run_campaign
+from truing.pipeline.selection import Selection
+from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.stage_order import ORDER, makers, stage_module
+from truing.pipeline.voice import Voice
+from truing.schemas.artifacts import ARTIFACTS
 
 BODIES = """[campaign]
 name = "bodies"

@@ -6,8 +6,8 @@ from operator import attrgetter
 
 import pytest
 
-from pipeline.settings_view import SettingsView, UndeclaredSetting
-from schemas.campaign import Campaign
+from truing.pipeline.settings_view import SettingsView, UndeclaredSetting
+from truing.schemas.campaign import Campaign
 
 CAMPAIGN = Campaign.model_validate(
     {

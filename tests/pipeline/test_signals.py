@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.endings import end_all
-from pipeline.problems import ExitCode
-from pipeline.voice import Recorder
 from tests.cut_telescope import cut_telescope
+from truing.pipeline.endings import end_all
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.voice import Recorder
 
 PROJECT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
@@ -157,7 +157,7 @@ def test_a_signal_after_the_last_word_leaves_the_exit_code(number: signal.Signal
         "import atexit, os, sys, time\n"
         f"atexit.register(lambda: [os.kill(os.getpid(), {int(number)}), time.sleep(1.0)])\n"
         "sys.argv = ['truing', '--version']\n"
-        "from pipeline.entry import main\n"
+        "from truing.pipeline.entry import main\n"
         "main()\n"
     )
     done = subprocess.run(

@@ -106,7 +106,7 @@ def test_a_full_disk_ends_with_4_and_leaves_what_was_whole(ran: FakeProject) -> 
         "import resource, signal, sys;"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (900, resource.RLIM_INFINITY));"
         "sys.argv = ['truing', 'run', sys.argv[1], '--force'];"
-        "from pipeline.entry import main; main()"
+        "from truing.pipeline.entry import main; main()"
     )
     done = subprocess.run(
         [sys.executable, "-c", limited, str(ran.campaign)],
@@ -149,7 +149,7 @@ def test_a_limit_that_lets_no_library_load_is_said(command: str, megabytes: int,
         "import resource, sys;"
         f"resource.setrlimit(resource.RLIMIT_AS, ({megabytes << 20}, resource.RLIM_INFINITY));"
         f"sys.argv = ['truing', {command!r}, sys.argv[1]];"
-        "from pipeline.entry import main; main()"
+        "from truing.pipeline.entry import main; main()"
     )
     done = subprocess.run(
         [sys.executable, "-c", limited, str(fake.campaign)],

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
+from truing.pipeline.command_line import app
 
 
 def call(*words: object) -> tuple[int, str]:

@@ -68,7 +68,7 @@ def _become_the_command(words: list[str], cwd: str, environment: dict[str, str],
         os.environ.update(environment)
         sys.path[0] = environment["PYTHONPATH"]
         sys.argv = ["truing", *words]
-        from pipeline.entry import main
+        from truing.pipeline.entry import main
 
         main()
     except SystemExit as end:

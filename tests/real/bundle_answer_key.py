@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew, table
-from schemas.campaign import read_campaign
 from tests.real.aicon_report import Report, read_report
 from tests.real.campaigns import PROJECT, data_folder
 from truing.estimation.bundle.adjustment import Adjustment, adjust
@@ -28,6 +27,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
 from truing.formats.shapes import CAMERAS, IMAGE_POINTS, SCALE_BARS, Shape
 from truing.formats.source import CampaignFiles
+from truing.schemas.campaign import read_campaign
 
 Array = NDArray[np.float64]
 

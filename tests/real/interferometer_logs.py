@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.quality_checks import settable
 from truing.estimation.interferometry.iso230 import FORWARD, Positioning, positioning, positioning_uncertainty
 from truing.estimation.interferometry.log_quality import saturated, surroundings
 from truing.estimation.interferometry.quadrature import (
@@ -21,6 +20,7 @@ from truing.estimation.interferometry.quadrature import (
     residual_radius,
     uncorrected_error,
 )
+from truing.schemas.quality_checks import settable
 from truing.simulation.air import ciddor_index, vapour_pressure_pa
 
 AXES = ("X", "Y", "Z")

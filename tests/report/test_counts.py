@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 
-from stages.common.words import gross_errors
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
@@ -15,6 +14,7 @@ from tests.blind.generator.schedule import random_moves
 from tests.conftest import PROJECT
 from tests.stages.line import run_line
 from truing.report.numbers import count, percent
+from truing.stages.common.words import gross_errors
 
 # Words in the singular that end in s.
 SINGULAR = {"times", "is", "was", "has", "axis", "pass", "s", "across", "as", "less", "gas", "bus", "this"}

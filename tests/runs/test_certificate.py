@@ -21,16 +21,16 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import truing
-from pipeline import export_command
-from pipeline.command_line import app
-from pipeline.export_command import certificate_files
-from pipeline.problems import ExitCode
-from schemas.certificate import Certificate
-from schemas.faults import CampaignFaults
 from truing.estimation.uncertainty_budget import NOT_HELD
+from truing.pipeline import export_command
+from truing.pipeline.command_line import app
+from truing.pipeline.export_command import certificate_files
+from truing.pipeline.problems import ExitCode
 from truing.runs.exports.certificate.document import certificate
 from truing.runs.exports.certificate.elements import one_line, one_word, rounded
 from truing.runs.exports.certificate.units import si_unit
+from truing.schemas.certificate import Certificate
+from truing.schemas.faults import CampaignFaults
 
 _NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 _TOML = (Path(__file__).parent / "certificate.toml").read_text()

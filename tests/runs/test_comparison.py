@@ -12,15 +12,15 @@ import pytest
 from scipy.stats import binom, kstest
 from typer.testing import CliRunner
 
-from pipeline.artifacts import Stamp, write_artifacts
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
-from schemas.artifacts import ARTIFACTS
 from tests.blind.generator.effects import ActuatorGain
 from tests.stages.two_campaigns import fitted, gathered, longer, measured, model_text
+from truing.pipeline.artifacts import Stamp, write_artifacts
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 from truing.runs.comparison.mechanisms import mechanism_step
 from truing.runs.comparison.sensors import matrix_step, sensor_step
 from truing.runs.comparison.step import FALSE_ALARM, NAMES
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain
 from truing.simulation.mechanisms.extended_model import ExtendedModel

@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 _WRITTEN = "expected the file as its stage has written it; `truing run` makes it again"
 

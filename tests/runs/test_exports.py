@@ -16,8 +16,8 @@ import pytest
 from typer.testing import CliRunner
 
 import truing
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 from truing.runs.exports import workbook as workbook_module
 from truing.runs.exports.controller import controller
 from truing.runs.exports.summary import summary

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import truing
-from schemas.artifacts import ARTIFACTS
+from truing.schemas.artifacts import ARTIFACTS
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import errno
 import pyarrow as pa
 import pytest
 
-from schemas.faults import CampaignFaults
-from schemas.memory import raise_shortage, shortage
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.memory import raise_shortage, shortage
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from schemas.near_names import alike, meant, meant_by, nearest
+from truing.schemas.near_names import alike, meant, meant_by, nearest
 
 
 @pytest.mark.parametrize(("name", "known"), [("p1", "P01"), ("P 01", "P01"), ("platform", "Platform"), ("p_1", "P1")])

@@ -7,12 +7,12 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import read_campaign
-from schemas.campaign_page import campaign_page
-from schemas.columns import COLUMNS, find_column
-from schemas.faults import CampaignFaults, Fault
-from schemas.page import artifacts_page
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import read_campaign
+from truing.schemas.campaign_page import campaign_page
+from truing.schemas.columns import COLUMNS, find_column
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.page import artifacts_page
 
 TABLES = [artifact for artifact in ARTIFACTS.values() if artifact.is_table]
 SUFFIXES = {"_mm": "mm", "_um": "um", "_rad": "rad", "_s": "s", "_c": "degC", "_n": "N", "_nm": "N m"}

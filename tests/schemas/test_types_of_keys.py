@@ -11,11 +11,11 @@ from typing import Any, Literal
 import pytest
 from pydantic import BaseModel
 
-from schemas.campaign import Campaign, read_campaign
-from schemas.faults import CampaignFaults
-from schemas.mechanism import LeggedMechanism, NoMechanism
-from schemas.section import LONGEST_NAME, LONGEST_TEXT
-from schemas.sensor_mechanism import SensorMechanism
+from truing.schemas.campaign import Campaign, read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.mechanism import LeggedMechanism, NoMechanism
+from truing.schemas.section import LONGEST_NAME, LONGEST_TEXT
+from truing.schemas.sensor_mechanism import SensorMechanism
 
 Place = tuple[str | int, ...]
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stages.declaration import Outcome
 from tests.blind.generator.sensor.campaign import Campaign, draw_campaign
 from tests.blind.generator.sensor.effects import Effect
 from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import ARCSEC, CHANNELS, LOADS, Layout, Programme, Tolerance
 from tests.stages.line import run_line
+from truing.stages.declaration import Outcome
 
 MOVED = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
 SI = np.array([1e-3] * 3 + [1.0] * 3)

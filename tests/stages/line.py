@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from pipeline.campaign_folder import open_campaign
-from pipeline.in_memory import stage_line
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import Campaign
-from stages.declaration import Outcome
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.in_memory import stage_line
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import Campaign
+from truing.stages.declaration import Outcome
 
 
 def run_line(folder: Path, *stages: str) -> tuple[dict[str, pa.Table], dict[str, Outcome]]:

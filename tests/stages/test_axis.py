@@ -12,14 +12,14 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from schemas.settings_text import parsed_toml
-from stages.common.axis_columns import AxisColumns
-from stages.predict import predict
 from tests.blind.generator.axis import AxisCampaign, AxisLayout, Hidden, record, write
+from truing.pipeline.command_line import app
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.settings_text import parsed_toml
 from truing.simulation.axis.rows import directions_of_approach
+from truing.stages.common.axis_columns import AxisColumns
+from truing.stages.predict import predict
 
 BACKLASH, SHIFT, EVENT_ROW = 0.012, 0.02, 26
 

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from schemas.interferometer import Interferometer
-from stages.common.declared_optics import declared_optics
 from tests.simulation.bench.sensor_benches import ARCSEC, SIGMA, bench
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.selection import Acceptance, Settings
 from truing.inference.verdicts import FOUND, Verdict
+from truing.schemas.interferometer import Interferometer
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.load_path import LoadEccentricity
 from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, PERIOD, SO_FAR, WAY, NonparametricReadingEffect
@@ -21,6 +20,7 @@ from truing.simulation.bench.load_steps import AIR
 from truing.simulation.bench.optics import Optics
 from truing.simulation.catalogue import catalogue_of_readings
 from truing.simulation.cause import Cause
+from truing.stages.common.declared_optics import declared_optics
 
 
 def _found(

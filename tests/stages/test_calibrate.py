@@ -15,14 +15,14 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.settings_view import SettingsView
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import Campaign, read_campaign
 from tests.tolerance import assert_between
+from truing.pipeline.settings_view import SettingsView
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import Campaign, read_campaign
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE = PROJECT / "sample_data" / "telescope"
-STAGE = import_module("stages.calibrate")
+STAGE = import_module("truing.stages.calibrate")
 GIVEN = ("configurations", "survey", "poses", "deformation_models")
 SURE = np.log(1e3)  # of evidence: a thousand to one
 UNLUCKY = 1e-3  # a right calibration fails a two-sided bound this rarely

@@ -14,11 +14,6 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.stats import chi2
 
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from stages import diagnose
-from stages.predict import predict
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import ActuatorGain, Effect, LinearDeformation
 from tests.blind.generator.folder import truth_path, write_campaign
@@ -28,7 +23,12 @@ from tests.blind.generator.strange import CrossCoupling
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.estimation.rotation import exp_so3, log_so3
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.catalogue import catalogue
+from truing.stages import diagnose
+from truing.stages.predict import predict
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "telescope"
 LINE = ("ingest", "pose", "diagnose")

@@ -16,20 +16,20 @@ import pytest
 from scipy.stats import chi2
 
 from docs.experiments import force_sensor_campaign
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from stages.common.belonging import withheld
-from stages.common.reading_arrays import load_steps
-from stages.diagnosis.reading_points import reading_model
-from stages.predict import predict
 from tests.blind.generator.folder import truth_path
 from tests.docs.shown import assert_told, shown
 from tests.sensor_campaign import CHANNELS, campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.bench.extended_sensor import predict_readings
 from truing.simulation.bench.known_readings import ReadingConditions
 from truing.simulation.bench.model_text import read_sensor, write_sensor
+from truing.stages.common.belonging import withheld
+from truing.stages.common.reading_arrays import load_steps
+from truing.stages.diagnosis.reading_points import reading_model
+from truing.stages.predict import predict
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "force-sensor"
 CERTAINTY = 0.999

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from pipeline.problems import ExitCode
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 

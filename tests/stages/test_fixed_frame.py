@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from schemas.faults import CampaignFaults
 from tests.cut_telescope import SAMPLE
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
+from truing.schemas.faults import CampaignFaults
 
 FIXED = '[measurement]\nframe = "campaign"\n\n[noise]'
 PLACE = [*(f"p{a}_mm" for a in "xyz"), *(f"r{a}_rad" for a in "xyz")]

@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.campaign_check import check_campaign
-from pipeline.campaign_folder import open_campaign
-from pipeline.campaign_run import detached_run
-from pipeline.in_memory import call_stage, stage_line
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from schemas.photographs import USUAL
-from stages.image_tables import photographs as tables
-from stages.image_tables.measuring import target_plan
-from stages.image_tables.photographs import families_of
 from tests.estimation.image_targets.pictures import ring_target_picture
 from tests.estimation.image_targets.planes import exposed, homography, marker_pattern, plane_picture
 from tests.tolerance import assert_close
+from truing.pipeline.campaign_check import check_campaign
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.campaign_run import detached_run
+from truing.pipeline.in_memory import call_stage, stage_line
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.photographs import USUAL
+from truing.stages.image_tables import photographs as tables
+from truing.stages.image_tables.measuring import target_plan
+from truing.stages.image_tables.photographs import families_of
 
 CAMPAIGN = '[campaign]\nname = "c"\nkind = "photogrammetry"\n'
 # The smallest word of twelve bits with an even number of ones and two of them opposite each other: number 1.

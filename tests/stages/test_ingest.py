@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.settings_view import SettingsView
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from stages import ingest
 from tests.tolerance import assert_close
 from truing.formats.source import CampaignFiles
+from truing.pipeline.settings_view import SettingsView
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.stages import ingest
 
 LEGS = """
 [mechanism]

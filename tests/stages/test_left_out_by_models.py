@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from stages.common.words import gross_errors
 from tests.stages.line import run_line
 from truing.report.exclusion_section import excluded
+from truing.stages.common.words import gross_errors
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "force-sensor"
 

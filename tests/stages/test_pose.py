@@ -6,14 +6,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pipeline.settings_view import SettingsView
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import read_campaign
-from stages import pose
 from tests.estimation.scatter import body, move, pose_error, random_motions, squared_pulls
 from tests.tolerance import assert_close
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
+from truing.pipeline.settings_view import SettingsView
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import read_campaign
+from truing.stages import pose
 
 SIGMA_MM = 0.005
 

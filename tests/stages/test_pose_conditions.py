@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from stages.common.pose_conditions import pose_conditions
 from tests.tolerance import assert_close
 from truing.simulation.inputs import approach, order_in_time, remembered
 from truing.simulation.mechanisms.extended_model import some_of
+from truing.stages.common.pose_conditions import pose_conditions
 
 TIME = np.array([30.0, 0.0, 10.0, 20.0])  # so that the second pose was the first
 READINGS = np.array([[3.0], [1.0], [2.0], [2.0000001]])

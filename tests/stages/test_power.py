@@ -11,23 +11,23 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from pipeline.settings_view import SettingsView
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import Campaign
-from stages import pose
-from stages.diagnosis.mechanism_points import gather
-from stages.power import completed
-from stages.simulated_campaigns.plan import CampaignPlan, bare_plan
-from stages.simulated_campaigns.tables import rates_table, sizes_table
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
 from truing.inference.detectable import Rule, Sight
+from truing.pipeline.settings_view import SettingsView
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import Campaign
 from truing.simulation.detection_trials import FACTORS, Answer, Question, Trial, answer, curve, false_alarms, trials
 from truing.simulation.hidden_effects import Size, Sort
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.stages import pose
+from truing.stages.diagnosis.mechanism_points import gather
+from truing.stages.power import completed
+from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
+from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
 
 POSES, HELD = 14, 3
 LAYOUT = Layout(

@@ -6,12 +6,12 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from schemas.faults import CampaignFaults
-from stages.predict import predict
 from tests.simulation.mechanisms.made_models import OFFERED, made_model
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import acts_on_poses
 from truing.simulation.mechanisms.model_text import write_model
+from truing.stages.predict import predict
 
 RHO = [f"rho{leg}_mm" for leg in range(1, 7)]
 

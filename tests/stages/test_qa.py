@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from schemas.checks_of_points import OF_POINTS
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.effects import MatrixDeformation, TargetMoved, TargetsSwapped
 from tests.blind.generator.folder import write_campaign
@@ -17,6 +16,7 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.generator.schedule import published_moves, random_moves
 from tests.stages.line import run_line
 from truing.report.quality_section import quality
+from truing.schemas.checks_of_points import OF_POINTS
 
 PLAIN = Layout(name="plain", targets=Targets(per_leg=0))
 K = 0.01 * np.random.default_rng(0).standard_normal((6, 6))

@@ -11,11 +11,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from schemas.faults import CampaignFaults
-from stages.common.repeats import DECLARED, SAME_LOADS, SAME_READINGS, repeated_poses
-from stages.repeats.of_loads import repeats_of_loads
-from stages.repeats.of_poses import repeats_of_poses
-from stages.repeats.tables import POOLED
 from tests import sensor_campaign
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
@@ -26,6 +21,11 @@ from truing.estimation.pure_error import Squares
 from truing.report.during_section import during
 from truing.report.exclusion_section import excluded
 from truing.report.measured_section import measured
+from truing.schemas.faults import CampaignFaults
+from truing.stages.common.repeats import DECLARED, SAME_LOADS, SAME_READINGS, repeated_poses
+from truing.stages.repeats.of_loads import repeats_of_loads
+from truing.stages.repeats.of_poses import repeats_of_poses
+from truing.stages.repeats.tables import POOLED
 
 REPEATED = 6
 # Chance that a right ratio of scatters falls outside, with the degrees of freedom that each test has.

@@ -47,7 +47,7 @@ def test_without_a_survey_the_shape_is_what_was_measured(line):
 def test_without_tables_there_is_a_page_all_the_same():
     from types import SimpleNamespace
 
-    from stages.report import run
+    from truing.stages.report import run
 
     noise = SimpleNamespace(signal_mv=None)
     settings = SimpleNamespace(campaign=SimpleNamespace(name="nothing"), mechanism=None, noise=noise)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from pipeline.in_memory import stage_line
 from tests.docs.how_to_pages import FOLDER, examples
+from truing.pipeline.in_memory import stage_line
 
 
 @pytest.mark.parametrize(

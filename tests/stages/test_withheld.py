@@ -9,17 +9,17 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from schemas.campaign import read_campaign
-from schemas.quality_checks import CHECKS, WITHHOLDING
-from stages import calibrate, deformation, diagnose, pose
-from stages.common.belonging import withheld
-from stages.declaration import Outcome
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import published_moves
 from tests.stages.line import run_line
 from truing.report.head import build_head
+from truing.schemas.campaign import read_campaign
+from truing.schemas.quality_checks import CHECKS, WITHHOLDING
+from truing.stages import calibrate, deformation, diagnose, pose
+from truing.stages.common.belonging import withheld
+from truing.stages.declaration import Outcome
 
 OF_MODELS = (deformation, diagnose, calibrate)
 CAMPAIGN = read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}})

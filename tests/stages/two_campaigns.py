@@ -11,8 +11,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from schemas.campaign import read_campaign
-from stages.diagnosis.mechanism_points import Gathered, gather
 from tests.blind.generator import campaign as generator
 from tests.blind.generator.effects import Effect
 from tests.blind.generator.folder import write_campaign
@@ -20,9 +18,11 @@ from tests.blind.generator.layout import Geometry, Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
 from truing.inference.fitted_model import FittedModel, Fitter
+from truing.schemas.campaign import read_campaign
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import extended
 from truing.simulation.mechanisms.model_text import write_model
+from truing.stages.diagnosis.mechanism_points import Gathered, gather
 
 LAYOUT = Layout(name="machine", targets=Targets(base=8, platform=8, per_leg=0))
 POSES = 24

@@ -15,11 +15,11 @@ from typing import IO, TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from schemas.mapping import FileMapping
 from truing.formats.faultlog import CellFaults
 from truing.formats.numbers import Notation
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
 from truing.formats.text import Lines, record_blocks, skip_lines, split_lines, take_record, utf8_chunks
+from truing.schemas.mapping import FileMapping
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.column import LARGEST, Column
 from truing.formats.dictionaries import (
     as_dictionary,
     codes,
@@ -33,6 +32,7 @@ from truing.formats.raw_values import as_meant
 from truing.formats.reshaping import spread_arrays, widen
 from truing.formats.row_groups import RowNumber
 from truing.formats.shapes import COORDINATES
+from truing.schemas.column import LARGEST, Column
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import CampaignFaults, Fault
+from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa

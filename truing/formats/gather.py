@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.covariates import marked
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import CellFaults, FaultLog, Records
 from truing.formats.read import FileRows, read_table
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles
+from truing.schemas.covariates import marked
 
 if TYPE_CHECKING:
     import pyarrow as pa

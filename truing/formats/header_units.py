@@ -6,8 +6,8 @@ import math
 import re
 from dataclasses import dataclass
 
-from schemas.column import Column
 from truing.formats.units import UnknownUnit, conversion
+from truing.schemas.column import Column
 
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\[\](){}]+?)\s*[\])}]$")
 _BEHIND = re.compile(

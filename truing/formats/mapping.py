@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from schemas.column import Column
-from schemas.mapping import FileMapping, is_uncertainty
 from truing.formats.header_units import expanded, unit_in_brackets
 from truing.formats.numbers import is_plain_number
 from truing.formats.origins import (
@@ -28,6 +26,8 @@ from truing.formats.raw import Kind
 from truing.formats.row_groups import RowNumber, is_side_by_side
 from truing.formats.shapes import COORDINATES, Shape
 from truing.formats.units import UnknownUnit, conversion
+from truing.schemas.column import Column
+from truing.schemas.mapping import FileMapping, is_uncertainty
 
 _TOLD = {"pose", "body", "target", "run", "step", "channel"}  # often said by a file's name, or by the order of its rows
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.mapping import FileMapping
 from truing.formats.dictionaries import as_dictionary, strings
 from truing.formats.matlab_variables import Opaque, Variable, open_variables
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
+from truing.schemas.mapping import FileMapping
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.memory import raise_shortage
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.raw import Unusable
+from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
     import h5py

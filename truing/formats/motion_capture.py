@@ -8,10 +8,10 @@ from typing import IO
 
 import numpy as np
 
-from schemas.mapping import FileMapping
 from truing.formats.c3d_file import read_trajectories
 from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
 from truing.formats.text import BLOCK, utf8_chunks
+from truing.schemas.mapping import FileMapping
 
 _C3D_COLUMNS = ("frame", "time_s", "label", "x", "y", "z", "residual")
 _TRC_HEADER_LINES = 5

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.memory import raise_shortage
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
+from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,14 +10,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 
-from schemas.faults import Fault
-from schemas.mapping import FileMapping
 from truing.formats.faultlog import FaultLog
 from truing.formats.image_heads import Head, read_head
 from truing.formats.passed_over import PassedOver, passed_over, why_not_read
 from truing.formats.patterns import TooSlow, bounded
 from truing.formats.raw import Unusable
 from truing.formats.source import PICTURES, CampaignFiles, RawFile
+from truing.schemas.faults import Fault
+from truing.schemas.mapping import FileMapping
 
 _COLUMN = "files.images"
 _KEYS = {"path", "from_name", "constants", "rename", "offset"}

@@ -10,12 +10,12 @@ from typing import IO
 
 import numpy as np
 
-from schemas.mapping import FileMapping
 from truing.formats.cloud_layout import CloudLayout
 from truing.formats.delimited import read_delimited
 from truing.formats.pcd import pcd_layout, pcd_points
 from truing.formats.ply import ply_layout, ply_vertices
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
+from truing.schemas.mapping import FileMapping
 
 _LINES = 1 << 20  # bytes of lines that are looked at together
 

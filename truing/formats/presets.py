@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from schemas.mapping import FileMapping
 from truing.formats.source import RawFile
+from truing.schemas.mapping import FileMapping
 
 _AXES = {"x_mm": "x", "y_mm": "y", "z_mm": "z"}
 _SIGMAS = {"sigma_x_mm": "sx", "sigma_y_mm": "sy", "sigma_z_mm": "sz"}

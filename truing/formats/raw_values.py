@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.raw_value import RawValue
+from truing.schemas.raw_value import RawValue
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
-from schemas.faults import Fault
-from schemas.mapping import FileMapping
 from truing.formats.compression import DAMAGED, Refused, open_plain, plain_path
 from truing.formats.delimited import read_delimited, separator_of
 from truing.formats.discretion import discreet, discreet_cells
@@ -24,6 +22,8 @@ from truing.formats.row_groups import RowCount, is_side_by_side
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
+from truing.schemas.faults import Fault
+from truing.schemas.mapping import FileMapping
 
 if TYPE_CHECKING:
     from truing.formats.cloud_layout import CloudLayout

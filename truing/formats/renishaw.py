@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from schemas.mapping import FileMapping
 from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
+from truing.schemas.mapping import FileMapping
 
 _COLUMNS = ("pass", "number", "target", "direction", "cycle", "deviation", "position")
 _LARGEST = 16 << 20

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.mapping import FileMapping
 from truing.formats.faultlog import CellFaults, Records
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
+from truing.schemas.mapping import FileMapping
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from schemas.artifacts import ARTIFACTS
-from schemas.column import Column
-from schemas.columns import COLUMNS, find_column
-from schemas.covariates import OF_LOADS, is_marked
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.column import Column
+from truing.schemas.columns import COLUMNS, find_column
+from truing.schemas.covariates import OF_LOADS, is_marked
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _SPREAD = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")

@@ -12,9 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.columns import find_column
-from schemas.mapping import FileMapping, is_uncertainty
-from schemas.memory import raise_shortage
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.guess import Guess
@@ -27,6 +24,9 @@ from truing.formats.pose_columns import Poses, bare_poses, is_one_motion, pose_c
 from truing.formats.presets import format_of
 from truing.formats.shapes import COORDINATES
 from truing.formats.source import RawFile
+from truing.schemas.columns import find_column
+from truing.schemas.mapping import FileMapping, is_uncertainty
+from truing.schemas.memory import raise_shortage
 
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _CONTRACTS = {"fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm", "load", "x_mm"}  # names that need no guess

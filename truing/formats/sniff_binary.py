@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.mapping import FileMapping
 from truing.formats.guess import Guess
 from truing.formats.raw import Unusable
+from truing.schemas.mapping import FileMapping
 
 if TYPE_CHECKING:
     from truing.formats.matlab_variables import Variable

@@ -10,14 +10,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from schemas.special_files import NOTHING_SPECIAL
 from truing.formats.companions import companions, plain_ending
 from truing.formats.file_search import TooManyEntries, find_files, is_raw_file
+from truing.schemas.special_files import NOTHING_SPECIAL
 
 if TYPE_CHECKING:
-    from schemas.campaign import Campaign
-    from schemas.mapping import FileMapping
     from truing.formats.colmap_network import Estimate
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mapping import FileMapping
 
 OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
 OTHERS = (
@@ -62,7 +62,7 @@ class CampaignFiles:
             if table == "images":
                 return tuple(_with_pictures_of_folders(self.folder, entry) for entry in entries)
             return tuple(one for entry in entries for one in entry.by_channel) if table == _BY_CHANNEL else entries
-        from schemas.mapping import FileMapping
+        from truing.schemas.mapping import FileMapping
 
         if table == "images":
             patterns = tuple(name for name in _contract_names(table) if _expand(self.folder, name))

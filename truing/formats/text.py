@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO
 
-from schemas.mapping import FileMapping
 from truing.formats.patterns import BoundedPattern
+from truing.schemas.mapping import FileMapping
 
 BLOCK = 4 << 20
 _LONGEST_RECORD = 64 << 20

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.mapping import FileMapping
-from schemas.memory import raise_shortage
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary, strings
 from truing.formats.faultlog import CellFaults
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
+from truing.schemas.mapping import FileMapping
+from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from schemas.quality_checks import WITHHOLDING
 from truing.report.calibration.calibrations import chosen_calibration, figures_by_calibration
 from truing.report.calibration.requirement_section import chosen_requirements, tally
 from truing.report.diagnosis.changes import change_words, has_changed
@@ -16,6 +15,7 @@ from truing.report.quality_section import accepted_verdicts
 from truing.report.reasons import why_absent, why_no_quality, why_no_requirement
 from truing.report.sensor.positioning import not_stated
 from truing.report.tables import Tables, filled
+from truing.schemas.quality_checks import WITHHOLDING
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
 _BENCH_WORDS = {"none": "rms response", "linear": "left by its own axis", "matrix": "left by a full compliance"}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from schemas.columns import COLUMNS
 from truing.report.tables import Tables, filled
+from truing.schemas.columns import COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd

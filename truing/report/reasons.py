@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from schemas.columns import COLUMNS
 from truing.report.load_steps import is_bench
 from truing.report.tables import Tables, filled, reason
+from truing.schemas.columns import COLUMNS
 
 
 def why_no_quality(tables: Tables) -> str:

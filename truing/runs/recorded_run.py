@@ -9,11 +9,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from schemas.artifacts import ARTIFACTS
-from schemas.memory import raise_shortage
-from schemas.settings_text import parsed_toml, read_settings_text, regular_size
-from schemas.whole_table import whole_table
 from truing.runs.page_parts import page_parts, provenance_of
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.memory import raise_shortage
+from truing.schemas.settings_text import parsed_toml, read_settings_text, regular_size
+from truing.schemas.whole_table import whole_table
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.settings_text import parsed_toml
+from truing.schemas.settings_text import parsed_toml
 from truing.simulation.cause import Cause, Effect
 
 FORMAT = 2

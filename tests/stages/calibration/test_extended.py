@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from stages.calibration.choice import accuracy_rows
-from stages.calibration.extended import extended_correlations, extended_figures, extended_of, extended_parameters
-from stages.common.calibration_data import gather
 from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.line import run_line, settings_of
 from tests.stages.two_campaigns import fitted, gathered, measured, model_text
 from truing.calibration.extended import MODEL, Extended
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.stages.calibration.choice import accuracy_rows
+from truing.stages.calibration.extended import extended_correlations, extended_figures, extended_of, extended_parameters
+from truing.stages.common.calibration_data import gather
 
 GAIN, LEG = 0.06, 3
 

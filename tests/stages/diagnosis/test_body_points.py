@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from schemas.campaign import read_campaign
-from stages.diagnosis.body_points import gather_bodies
-from stages.diagnosis.body_targets import moved_for_certain
-from stages.diagnosis.mechanism_points import Gathered
 from tests.blind.generator.bodies import Body, Hidden, Layout, draw, without_survey, write
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.estimation.rigid_poses.points import PosePoints
+from truing.schemas.campaign import read_campaign
+from truing.stages.diagnosis.body_points import gather_bodies
+from truing.stages.diagnosis.body_targets import moved_for_certain
+from truing.stages.diagnosis.mechanism_points import Gathered
 
 LAYOUT = Layout(poses=40)
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from stages.diagnosis.claims import claim_of
 from tests.simulation.bench.sensor_benches import bench
 from tests.simulation.test_catalogue import LegsTooLong, sample_scene
 from truing.report.wordings.catalogue import WORDINGS, cause_words, clause, confirming
@@ -22,6 +21,7 @@ from truing.simulation.photographs.causes.camera_instability import CameraInstab
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
 from truing.simulation.photographs.causes.refraction import Refraction
 from truing.simulation.photographs.causes.scale_bar_temperature import OneBar
+from truing.stages.diagnosis.claims import claim_of
 
 OWN = (
     *causes.OWN_CAUSES,

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults
-from stages import diagnose
-from stages.diagnosis.earlier_campaign import changes_table, started, with_earlier
 from tests.blind.generator.effects import ActuatorGain
 from tests.stages.line import run_line
 from tests.stages.two_campaigns import MACHINE, fitted, gathered, longer, measured, model_text, rows_by_name
 from tests.tolerance import assert_close
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain
 from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.identified import identified_geometry
 from truing.simulation.mechanisms.model_text import read_model
 from truing.simulation.mechanisms.prior import mechanism_prior
+from truing.stages import diagnose
+from truing.stages.diagnosis.earlier_campaign import changes_table, started, with_earlier
 
 GAIN, LEG, LONGER_MM = 0.01, 3, 0.15
 

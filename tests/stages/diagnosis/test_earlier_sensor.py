@@ -11,11 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults
-from stages.diagnose import gathered_of
-from stages.diagnosis.earlier_campaign import changes_table
-from stages.diagnosis.mechanism_points import Gathered
 from tests.blind.generator.sensor import campaign as generator
 from tests.blind.generator.sensor.effects import Effect, LoadEccentricity
 from tests.blind.generator.sensor.folder import write_campaign
@@ -24,10 +19,15 @@ from tests.stages.line import run_line, settings_of
 from tests.tolerance import assert_close
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.inference.observations import Epochs, Frames, Observations
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.bench.causes.load_path import LoadEccentricity as Eccentricity
 from truing.simulation.bench.extended_sensor import ExtendedSensor, extended_sensor
 from truing.simulation.bench.known_readings import zeros_of
 from truing.simulation.bench.model_text import read_sensor, write_sensor
+from truing.stages.diagnose import gathered_of
+from truing.stages.diagnosis.earlier_campaign import changes_table
+from truing.stages.diagnosis.mechanism_points import Gathered
 
 LAYOUT = Layout(
     "sensor",

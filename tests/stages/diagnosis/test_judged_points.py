@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from schemas.campaign import read_campaign
-from stages.diagnosis.mechanism_points import Gathered, gather
 from tests.blind.generator.campaign import Campaign, draw_campaign
 from tests.blind.generator.effects import TargetMoved, TargetsSwapped
 from tests.blind.generator.folder import write_campaign
@@ -18,7 +16,9 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
+from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped as Swapped
+from truing.stages.diagnosis.mechanism_points import Gathered, gather
 
 SHIFT_MM = (0.3, -0.2, 0.1)
 

@@ -8,13 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import Campaign
-from stages.common.reading_arrays import LOAD_COLUMNS
-from stages.diagnose import decided, gathered_of
-from stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
-from stages.diagnosis.next_measurement import Rivals, next_loads_of, planned
-from stages.diagnosis.next_plan import Plan
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import Creep, StiffnessScale
 from tests.blind.generator.sensor.folder import write_campaign
@@ -26,11 +19,18 @@ from truing.inference.fit import Fit, fit_model
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.inference.observations import Frames, Observations
 from truing.inference.selection import Diagnosis
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import Campaign
 from truing.simulation.bench.causes.stiffness import Hysteresis
 from truing.simulation.bench.causes.stiffness import StiffnessNonlinear as Nonlinear
 from truing.simulation.bench.causes.stiffness import StiffnessScale as Scale
 from truing.simulation.bench.known_readings import ReadingConditions, zeros_of
 from truing.simulation.bench.model import ReadingModel
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.diagnose import decided, gathered_of
+from truing.stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
+from truing.stages.diagnosis.next_measurement import Rivals, next_loads_of, planned
+from truing.stages.diagnosis.next_plan import Plan
 
 LEVELS = (0, 300, 600, 900, 900, 900, 900, 0, 0, 0, 0)
 LAYOUT = Layout(

@@ -9,11 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import Campaign, read_campaign
-from stages.diagnosis.claims import claim_of
-from stages.diagnosis.next_candidates import Possible, possible
-from stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements
 from tests.conftest import PROJECT
 from tests.simulation.mechanisms.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_between
@@ -24,6 +19,8 @@ from truing.inference.observations import Frames, Observations
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import AdviceKind
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import Campaign, read_campaign
 from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
@@ -33,6 +30,9 @@ from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.unknowns import Conditions
 from truing.simulation.survey import shape_unknowns
 from truing.simulation.targets import Targets
+from truing.stages.diagnosis.claims import claim_of
+from truing.stages.diagnosis.next_candidates import Possible, possible
+from truing.stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements
 
 SIGMA_M = 5e-6
 POSES = 14

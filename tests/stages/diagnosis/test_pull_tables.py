@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from schemas.artifacts import ARTIFACTS
-from stages.diagnosis.pull_tables import Fitted, pull_tables
 from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.two_campaigns import fitted, gathered, measured
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.stages.diagnosis.pull_tables import Fitted, pull_tables
 
 LEG, UNLUCKY = 3, 1e-3
 

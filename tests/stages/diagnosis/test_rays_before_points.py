@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stages import diagnose
 from tests.blind.generator.schedule import random_moves
 from tests.photographs.hidden import UnstableCamera
 from tests.photographs.ray_folder import write_rays
 from tests.photographs.rays import BARS, Shooting, draw_rays
 from tests.photographs.stations import Round
 from tests.stages.line import run_line, settings_of
+from truing.stages import diagnose
 
 # The bars' certificates allow 170 ppm, and they are told wrong accordingly.
 MOVES = random_moves(9, 0, np.random.default_rng(5))

@@ -6,10 +6,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from stages.diagnosis.scale_height import scale_height
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.mechanisms.unknowns import Conditions
+from truing.stages.diagnosis.scale_height import scale_height
 
 RNG = np.random.default_rng(4)
 INSIDE = RNG.normal(size=(6, 3))  # four ends of bars and two targets, in the model's frame, m

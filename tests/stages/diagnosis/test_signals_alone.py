@@ -9,14 +9,14 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from schemas.campaign import read_campaign
-from stages import diagnose
-from stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 from tests.sensor_campaign import GAIN, HEIGHT_MM, LARGEST, LOWER_MM, SIGNAL_MV, UPPER_MM, campaign_toml
 from tests.tolerance import assert_between, assert_close
+from truing.schemas.campaign import read_campaign
 from truing.simulation.bench.exchanged_rows import exchanged_rows, put_right
 from truing.simulation.bench.six_upur.geometry import joint_centres
 from truing.simulation.bench.six_upur.influence import influence_matrix
+from truing.stages import diagnose
+from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 
 
 @pytest.fixture

@@ -9,13 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pipeline.campaign_folder import open_campaign
-from pipeline.in_memory import call_stage
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults
-from stages.ingestion.adjusted_points import OF_NO_BODY, ONE_BODY, AdjustedPoints
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.in_memory import call_stage
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults
+from truing.stages.ingestion.adjusted_points import OF_NO_BODY, ONE_BODY, AdjustedPoints
 
 SURVEY: dict[str, dict[str, object]] = {"base": {"ring12-1": 0, "both": 0}, "platform": {"P1": 0, "both": 0}}
 

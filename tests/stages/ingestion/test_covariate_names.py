@@ -11,11 +11,6 @@ import pyarrow as pa
 import pyarrow.csv
 import pytest
 
-from schemas.columns import COLUMNS
-from schemas.covariates import listed, named, own_name, stand_in
-from stages.common.pose_conditions import pose_conditions
-from stages.common.reading_arrays import load_steps
-from stages.predict import predict
 from tests.blind.generator.draw import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Surroundings, Targets
@@ -24,9 +19,14 @@ from tests.blind.generator.strange import ReadingsFollow
 from tests.cut_telescope import cut_telescope
 from tests.stages.line import run_line
 from truing.formats.shapes import CONFIGURATIONS, INTERFEROMETER, Shape
+from truing.schemas.columns import COLUMNS
+from truing.schemas.covariates import listed, named, own_name, stand_in
 from truing.simulation import inputs
 from truing.simulation.bench import load_steps as steps_of_loads
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
+from truing.stages.common.pose_conditions import pose_conditions
+from truing.stages.common.reading_arrays import load_steps
+from truing.stages.predict import predict
 
 BENCH = Path(__file__).resolve().parents[3] / "sample_data" / "force-sensor"
 OF_LABORATORIES = [

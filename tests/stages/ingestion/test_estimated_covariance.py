@@ -7,10 +7,10 @@ import struct
 import numpy as np
 import pytest
 
-from pipeline.campaign_folder import open_campaign
-from pipeline.in_memory import call_stage, stage_line
 from tests.tolerance import assert_close
 from truing.formats.source import CampaignFiles
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.in_memory import call_stage, stage_line
 
 SIGMA_PX = 0.2
 FOCAL, CENTRE = 2000.0, (1000.0, 800.0)

@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from schemas.artifacts import ARTIFACTS
 from tests.stages.test_ingest import PLACES, Folder, plain
 from tests.tolerance import assert_close
+from truing.schemas.artifacts import ARTIFACTS
 
 HEAD = "survey,body,target,x_mm,y_mm,z_mm,leg"
 MORE = np.array([[60.0, -40.0, 30.0], [-20.0, -70.0, 12.0]])

@@ -9,18 +9,18 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pipeline.settings_view import SettingsView
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from schemas.interferometer import Interferometer
-from stages import ingest
-from stages.declaration import Outcome
-from stages.quality.limits import CampaignLimits
-from stages.quality.of_quadrature import quadrature_checks
-from stages.responses.axis_positioning import positioning_rows
 from tests.tolerance import assert_between, assert_close
 from truing.formats.source import CampaignFiles, raw_files
+from truing.pipeline.settings_view import SettingsView
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.interferometer import Interferometer
+from truing.stages import ingest
+from truing.stages.declaration import Outcome
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.of_quadrature import quadrature_checks
+from truing.stages.responses.axis_positioning import positioning_rows
 
 HEAD = "run,step,time_s,load_axis,load,channel,reading"
 AXES = "dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"

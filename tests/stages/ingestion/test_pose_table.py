@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from schemas.faults import CampaignFaults
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
 from truing.report.measured_section import measured
 from truing.report.poses.section import poses as poses_section
+from truing.schemas.faults import CampaignFaults
 
 RNG = np.random.default_rng(3)
 COUNT = 6

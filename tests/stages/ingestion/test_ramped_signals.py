@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.in_memory import stage_line
 from tests.tolerance import assert_between, assert_close
+from truing.pipeline.in_memory import stage_line
 
 STEPS, SAMPLES, PACE = 24, 6, 10.0  # load per sample, N
 COMPLIANCE = 4e-3  # um per N

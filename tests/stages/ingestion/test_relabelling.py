@@ -7,8 +7,8 @@ from collections import Counter
 
 import pytest
 
-from schemas.artifacts import ARTIFACTS
 from tests.stages.test_ingest import Folder, plain
+from truing.schemas.artifacts import ARTIFACTS
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.in_memory import stage_line
-from schemas.faults import CampaignFaults
 from tests.tolerance import assert_close
+from truing.pipeline.in_memory import stage_line
+from truing.schemas.faults import CampaignFaults
 
 HEAD = '[campaign]\nname = "s"\nkind = "interferometer"\n[noise]\nlinear_um = 0.1\n'
 

@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.campaign_run import PROJECT
-from pipeline.command_line import app
 from tests.blind.generator.disguise import write_ply
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
+from truing.pipeline.campaign_run import PROJECT
+from truing.pipeline.command_line import app
 
 SAMPLE = PROJECT / "sample_data" / "telescope"
 # Every third pose, so that ingest takes a second.

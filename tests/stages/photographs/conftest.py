@@ -7,10 +7,10 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from pipeline.in_memory import call_stage
 from tests.photographs.machine import LINE, drawn_again, photograph
 from tests.photographs.rays import Photographed
 from tests.stages.line import run_line, settings_of
+from truing.pipeline.in_memory import call_stage
 
 
 @pytest.fixture(scope="session")

@@ -12,8 +12,6 @@ import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.in_memory import call_stage
-from stages.common.calibration_data import gather
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.schedule import random_moves
 from tests.photographs.machine import copied, moved, stated_covariance
@@ -23,7 +21,9 @@ from truing.calibration.fits import Calibration, maximum_likelihood
 from truing.calibration.measured import Gathered
 from truing.calibration.question import Case, cases
 from truing.estimation.rotation import exp_so3, log_so3
+from truing.pipeline.in_memory import call_stage
 from truing.simulation.mechanisms.structures.catalogue import structures
+from truing.stages.common.calibration_data import gather
 
 Array = NDArray[np.float64]
 Tables = dict[str, pa.Table]

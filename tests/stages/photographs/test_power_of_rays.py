@@ -9,21 +9,21 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from pipeline.artifacts import Stamp, write_table
-from pipeline.campaign_folder import open_campaign
-from pipeline.power_command import PowerWish, power_campaign
-from pipeline.power_of_rays import plan_of_rays, wants_rays
-from pipeline.problems import ExitCode
-from pipeline.workforce import Workforce
-from schemas.artifacts import ARTIFACTS
-from schemas.faults import CampaignFaults
-from stages.diagnosis.ray_points import gather_rays
-from stages.power import ray_plan_of
-from stages.simulated_campaigns.ray_plan import NEEDS, RayPlan
 from tests.stages.line import settings_of
+from truing.pipeline.artifacts import Stamp, write_table
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.power_command import PowerWish, power_campaign
+from truing.pipeline.power_of_rays import plan_of_rays, wants_rays
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.workforce import Workforce
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.cause import Effect
 from truing.simulation.hidden_effects import concerned
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
+from truing.stages.diagnosis.ray_points import gather_rays
+from truing.stages.power import ray_plan_of
+from truing.stages.simulated_campaigns.ray_plan import NEEDS, RayPlan
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +83,8 @@ def run(adjusted: Any, tmp_path: Path) -> Path:
 
 
 def test_a_run_s_network_is_drawn_from(adjusted: Any, run: Path, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("pipeline.power_command.folder_beside_run", lambda *_, **__: run)
-    monkeypatch.setattr("stages.power._THRESHOLD_DRAWS", 100)
+    monkeypatch.setattr("truing.pipeline.power_command.folder_beside_run", lambda *_, **__: run)
+    monkeypatch.setattr("truing.stages.power._THRESHOLD_DRAWS", 100)
     wish = PowerWish(("scale-bar-temperature", "camera-instability"), draws=0)
     assert power_campaign(adjusted[1], wish, Workforce(1), tmp_path / "power.csv") is ExitCode.DONE
     sizes = (tmp_path / "power.csv").read_text(encoding="utf-8").splitlines()

@@ -11,11 +11,11 @@ import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.in_memory import call_stage
 from tests.photographs.hidden import UnstableCamera
 from tests.photographs.machine import LINE, photograph, stated_covariance
 from tests.photographs.rays import Photographed
 from tests.stages.line import run_line, settings_of
+from truing.pipeline.in_memory import call_stage
 
 Array = NDArray[np.float64]
 Tables = dict[str, pa.Table]
@@ -165,7 +165,7 @@ def test_the_budget_of_a_pose_tells_what_is_common_to_all(adjusted: Any) -> None
 
 
 def test_a_good_campaign_fails_no_check_and_warns_of_nothing_in_its_photographs(adjusted: Any) -> None:
-    from schemas.checks_of_photographs import OF_PHOTOGRAPHS
+    from truing.schemas.checks_of_photographs import OF_PHOTOGRAPHS
 
     _, _, tables = adjusted
     rows = [row for row in tables["qa"].to_pylist() if row["check"] in OF_PHOTOGRAPHS]
@@ -336,12 +336,12 @@ def test_circles_are_brought_to_their_centres_where_ellipses_are_told(tmp_path: 
 
 def _as_ellipses(folder: Path, tables: Tables, radius_m: float) -> Array:
     """Write the folder's rays anew as the ellipses of circles that face upwards; returns what that shifts them by."""
-    from stages.bundle_adjustment.given_cameras import given_cameras
-    from stages.bundle_adjustment.rays_as_network import image_points, named_network
     from truing.estimation.bundle.eccentricity import network_eccentricity
     from truing.estimation.bundle.network import State
     from truing.estimation.bundle.projection import linearise
     from truing.estimation.rotation import exp_so3
+    from truing.stages.bundle_adjustment.given_cameras import given_cameras
+    from truing.stages.bundle_adjustment.rays_as_network import image_points, named_network
 
     rays = image_points(tables["image_points"], tables["photographs"])
     cameras = given_cameras(tables["photographs"], tables.get("cameras_given"))

@@ -10,11 +10,11 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from schemas.photograph_artifacts import LENGTH, LENGTH_SIGMA
-from stages.quality.bundle_figures import Figures
-from stages.quality.scale_contradiction import Contradiction, scale_contradiction
 from tests.photographs.machine import photograph
 from tests.stages.line import run_line
+from truing.schemas.photograph_artifacts import LENGTH, LENGTH_SIGMA
+from truing.stages.quality.bundle_figures import Figures
+from truing.stages.quality.scale_contradiction import Contradiction, scale_contradiction
 
 TOO_LONG = 2e-3
 

@@ -8,8 +8,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from schemas.photographs import Board
-from stages.bundle_adjustment.survey_distances import Printed, Survey, never_seen, with_scale
+from truing.schemas.photographs import Board
+from truing.stages.bundle_adjustment.survey_distances import Printed, Survey, never_seen, with_scale
 
 NO_FILES: Any = SimpleNamespace(entries=lambda table: ())
 CORNERS = [f"plate/M.{corner}" for corner in range(4)]

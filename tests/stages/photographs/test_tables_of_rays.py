@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from schemas.faults import CampaignFaults
 from tests.stages.line import run_line
+from truing.schemas.faults import CampaignFaults
 
 TOML = """[campaign]
 name = "rays"

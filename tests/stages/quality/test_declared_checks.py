@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.init_campaign import RawGroup, campaign_text
-from schemas.artifacts import ARTIFACTS
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from schemas.quality_checks import CHECKS, settable
-from schemas.sections import SetLimits
-from stages.quality.limits import CampaignLimits
 from tests.conftest import PROJECT
 from truing.formats.guess import Guess
+from truing.pipeline.init_campaign import RawGroup, campaign_text
 from truing.report.belonging import RELATIONS
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.quality_checks import CHECKS, settable
+from truing.schemas.sections import SetLimits
+from truing.stages.quality.limits import CampaignLimits
 
 # What others may rely on: names are added here, never taken out or renamed.
 # fmt: off

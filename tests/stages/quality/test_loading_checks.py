@@ -10,15 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from schemas.checks_of_loads import OF_LOADS
-from stages.quality.check import FAIL
-from stages.quality.of_readings import noise
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.interferometry.flexible_response import ChannelFit
 from truing.quality.loading import ChannelView
 from truing.report.measured_loads import measured_loads
+from truing.schemas.checks_of_loads import OF_LOADS
+from truing.stages.quality.check import FAIL
+from truing.stages.quality.of_readings import noise
 
 Tables = tuple[pd.DataFrame, pd.DataFrame]
 Change = Callable[[pd.DataFrame, pd.DataFrame], Tables | None]

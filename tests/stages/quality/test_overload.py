@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from schemas.sections import Loading
-from stages.quality.limits import CampaignLimits
-from stages.quality.of_steps import load_range
 from tests.tolerance import assert_close
+from truing.schemas.sections import Loading
 from truing.simulation.bench.causes.stiffness import Hysteresis
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.of_steps import load_range
 
 
 def test_how_far_an_overload_test_went_is_said():

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.in_memory import StageLine, stage_line
-from stages.quality.limits import CampaignLimits
-from stages.quality.of_positions import PositioningRun, position_checks
 from tests.tolerance import assert_close
+from truing.pipeline.in_memory import StageLine, stage_line
+from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.of_positions import PositioningRun, position_checks
 
 WAYS = ("forward", "backward")
 LIMITS = CampaignLimits("interferometer")

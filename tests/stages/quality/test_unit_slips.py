@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.command_line import app
-from stages.quality.unit_slips import unit_slip
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
@@ -15,7 +13,9 @@ from tests.blind.generator.schedule import random_moves
 from tests.sensor_campaign import SIGNAL_MV, campaign_toml, measured
 from tests.sensor_campaign import write_campaign as write_bench
 from tests.stages.line import run_line
+from truing.pipeline.command_line import app
 from truing.report.numbers import percent
+from truing.stages.quality.unit_slips import unit_slip
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from schemas.interferometer import Interferometer
-from stages.common.declared_optics import channel_rows, declared_optics
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import Effect
 from tests.blind.generator.sensor.folder import write_campaign
@@ -18,8 +16,10 @@ from tests.blind.generator.sensor.recording import AbbeOffset, CosineError, acro
 from tests.stages.benches import DEFORMATION, Bench, case_errors, entry_errors, layout
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
+from truing.schemas.interferometer import Interferometer
 from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.seen_motion import BeamGeometry
+from truing.stages.common.declared_optics import channel_rows, declared_optics
 
 ANGLE = 0.02
 ASIDE = across(1, 0.7)

@@ -9,17 +9,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from schemas.campaign import read_campaign
-from schemas.faults import CampaignFaults
-from stages.common.recorded_signals import recorded
-from stages.diagnose import gathered_of
-from stages.diagnosis.mechanism_points import Gathered
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 from tests.stages.line import run_line, settings_of
 from truing.inference.fitted_model import Fitter
 from truing.report.exclusion_section import excluded
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.stages.common.recorded_signals import recorded
+from truing.stages.diagnose import gathered_of
+from truing.stages.diagnosis.mechanism_points import Gathered
 
 LAYOUT = Layout("by-hand", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)
 WRONG_UM = 40.0

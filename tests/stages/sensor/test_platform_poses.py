@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.common.words import gross_errors
 from tests.blind.generator.sensor.layout import CHANNELS, DataFaults, Programme
 from tests.blind.generator.sensor.recording import ZeroDrift
 from tests.stages.benches import READING_SI, Bench, bench, case_errors, layout
 from tests.stages.line import run_line
+from truing.stages.common.words import gross_errors
 
 POSE = ("ingest", "pose")
 

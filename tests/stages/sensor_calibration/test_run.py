@@ -12,16 +12,16 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from schemas.artifacts import ARTIFACTS
-from stages import calibrate
 from tests.blind.generator.sensor.campaign import bridges
 from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.layout import Noise, Programme
 from tests.stages.benches import Bench, bench, layout
 from tests.stages.line import settings_of
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.causes.load_path import LoadEccentricity as OffItsLine
 from truing.simulation.bench.extended_sensor import ExtendedSensor
 from truing.simulation.bench.model_text import write_sensor
+from truing.stages import calibrate
 
 WHOLE = ("ingest", "pose", "calibrate")
 LOADS = ["fx", "fy", "fz", "mx", "my", "mz"]

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from schemas.covariates import named
 from truing.report.diagnosis.findings import subject_words
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.claim import Claim, Size
 from truing.report.wordings.followed import columns_words
+from truing.schemas.covariates import named
 
 FOUND, RIVAL, REJECTED = "found", "indistinguishable", "rejected"
 # Odds below which two causes count as explaining the data equally well.

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from truing.report.numbers import count, handy, plain, printed, quantity, with_uncertainty
 from truing.report.numbers import count as counted
 from truing.report.page import Listing, Section
 from truing.report.photographs.network_figure import network_picture
 from truing.report.photographs.residual_figure import residual_picture
 from truing.report.tables import Tables, cell, filled
+from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 
 if TYPE_CHECKING:
     import pandas as pd

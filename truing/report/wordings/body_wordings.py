@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from schemas.covariates import own_name
 from truing.report.diagnosis.effect_units import told_size
 from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.claim import Claim, Wording
 from truing.report.wordings.followed import product_words
 from truing.report.wordings.parts import listed, with_sizes
+from truing.schemas.covariates import own_name
 
 _CAME_FROM, _TIMES, _TEMPERATURE = "approach ", "*", "temperature_c"
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from schemas.covariates import own_name
 from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.claim import Claim, Wording
 from truing.report.wordings.parts import moves
+from truing.schemas.covariates import own_name
 
 _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
 _COLUMNS = {

@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from schemas.artifacts import ARTIFACTS
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.model_text import toml_key, toml_value
 
 if TYPE_CHECKING:

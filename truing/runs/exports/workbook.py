@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from schemas.artifacts import ARTIFACTS
+from truing.schemas.artifacts import ARTIFACTS
 
 if TYPE_CHECKING:
     import pyarrow as pa

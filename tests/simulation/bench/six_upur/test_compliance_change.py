@@ -6,7 +6,6 @@ import numpy as np
 from hypothesis import given
 from numpy.typing import NDArray
 
-from schemas.sensor_mechanism import SensorTolerance
 from tests.simulation.bench.six_upur.sensors import (
     SEEDS,
     STEP,
@@ -19,6 +18,7 @@ from tests.simulation.bench.six_upur.sensors import (
 )
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
+from truing.schemas.sensor_mechanism import SensorTolerance
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.assembly import SOURCES
 from truing.simulation.bench.six_upur.closure import assembled

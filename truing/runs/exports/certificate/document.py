@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element, indent, tostring
 
-from schemas.certificate import Certificate, Contact, Item
 from truing.report.uncertainty.section import KINDS, statement
 from truing.runs.exports.certificate.elements import DCC, LANGUAGE, dcc, one_word, optional, rounded, si, text, words
 from truing.runs.exports.certificate.qualified import Qualified, qualified, temperature
 from truing.runs.exports.certificate.units import si_unit
+from truing.schemas.certificate import Certificate, Contact, Item
 
 if TYPE_CHECKING:
     import pandas as pd

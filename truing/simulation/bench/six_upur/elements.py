@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from schemas.faults import Unfit
+from truing.schemas.faults import Unfit
 from truing.simulation.bench.six_upur import flexible_parts as parts
 from truing.simulation.bench.six_upur.flexible_parts import moved_along
 

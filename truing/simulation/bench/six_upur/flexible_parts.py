@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Unfit
 from truing.estimation.rotation import skew
+from truing.schemas.faults import Unfit
 from truing.simulation.mechanisms.structures.beam_element import section
 
 # Nodes of the integrals over a notch; its integrands are nearly polynomials in the angle that is integrated over.

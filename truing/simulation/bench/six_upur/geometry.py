@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.faults import Unfit
+from truing.schemas.faults import Unfit
 
 _UP = np.array([0.0, 0.0, 1.0])
 # A leg that leans less than this has no horizontal normal of its own, rad.

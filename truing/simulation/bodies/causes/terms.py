@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from schemas.covariates import own_name
+from truing.schemas.covariates import own_name
 from truing.simulation.cause import Scene
 from truing.simulation.inputs import ORDER, TEMPERATURE, TIME
 
