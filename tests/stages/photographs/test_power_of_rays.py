@@ -57,7 +57,7 @@ def test_channels_of_drawn_rays_are_off_by_noise_alone(adjusted: Any, plan: RayP
     inverse = np.linalg.inv(np.eye(len(expected)) + by_known @ by_known.T)
     for _ in range(40):
         found = gather_rays(plan.drawn([effect], rng), settings)[0].calibration.measured
-        off = found.points[..., 0].ravel()[told] - expected
+        off = found.values[..., 0].ravel()[told] - expected
         squares.append(off @ inverse @ off / len(off))
     assert abs(np.mean(squares) - 1.0) < 4.0 * np.sqrt(2 / (40 * told.sum()))
 
