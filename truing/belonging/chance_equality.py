@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _RANGE = 10.0  # readings gather: they are equal so many times as often as if they were uniform over their range
-_PLACES = 10  # before and behind the point that a step is looked for in
-_PARTS = 10  # of the smallest difference, which few values may show several steps of
+_PLACES = 10  # decimal places before and after the point in which a step is sought
+_PARTS = 10  # steps that the smallest difference may hold where values are few
 _OFF_GRID = 0.01  # of a step: less is rounding
 _RESOLVED = 1.0  # steps of noise: less is no more than what rounding alone makes
 _FEWEST = 4  # windows of neighbours
