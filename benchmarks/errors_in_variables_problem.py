@@ -14,8 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from truing.estimation.rotation import exp_so3, skew
-from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import forward
 
 TOLERANCE = np.tile([5e-4, 5e-4, 5e-4, 5e-4, 2e-3, 2e-3, 5e-4], 6)  # m, 1

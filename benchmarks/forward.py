@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.timing import interleaved, pin, run_pinned, spread
 from tests.simulation.mechanisms.telescope import K, readings, telescope
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import Forward, closure_rows, forward, inverse, leg_vectors, unit
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at

@@ -16,10 +16,9 @@ import numpy as np
 
 from benchmarks.timing import interleaved, pin, run_pinned, spread
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
-from truing.simulation.bench.six_upur.closure import assembled
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres, outward
 from truing.simulation.bench.six_upur.influence import influence_matrix
-from truing.simulation.bench.six_upur.tolerances import sampled_errors, sigma_of
+from truing.simulation.bench.six_upur.tolerances import assembled, sampled_errors, sigma_of
 
 _SIGMA = 1e-6 * sigma_of([155.0, 130.0, 36.0, 36.0, 87.0])
 _FEW, _BLOCK = 200, 2048

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from truing.estimation.rigid_poses.body_poses import BodyPoses
     from truing.schemas.campaign import Campaign
-    from truing.simulation.bench.seen_motion import BeamGeometry
+    from truing.simulation.bench.optics import BeamGeometry
 
 DECLARATION = Stage(
     name="pose",
@@ -125,7 +125,7 @@ def _geometry(tables: Mapping[str, pa.Table], settings: Campaign) -> BeamGeometr
     beams = settings.interferometer.beams
     if beams.are_plain:
         return None
-    from truing.simulation.bench.seen_motion import BeamGeometry
+    from truing.simulation.bench.optics import BeamGeometry
     from truing.stages.common.declared_optics import beam_optics
     from truing.stages.common.nominal_sensor import simulated_compliance
 

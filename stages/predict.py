@@ -27,7 +27,7 @@ def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Ta
     Raises CampaignFaults where ``file`` lacks a column that is needed or holds no number in it, ValueError where the
     model is none.
     """
-    from truing.simulation.bench.model_text import is_sensor, read_sensor
+    from truing.simulation.bench.extended_model import is_sensor, read_sensor
 
     about = parsed_toml(model).get("model", {})
     if isinstance(about, dict) and (own := _OF_MECHANISMS.get(str(about.get("mechanism")))) is not None:
@@ -45,8 +45,7 @@ def _predicted_poses(model: str, configurations: pa.Table, file: str) -> pa.Tabl
 
     Needs the columns pose, rho1_mm .. rhoL_mm and those that the model's effects follow (a temperature, the time).
     """
-    from truing.simulation.mechanisms.extended_model import predict_poses
-    from truing.simulation.mechanisms.model_text import read_model
+    from truing.simulation.mechanisms.extended_model import predict_poses, read_model
 
     extended = read_model(model)
     conditions = _conditions(configurations, extended, file)

@@ -36,19 +36,16 @@ if TYPE_CHECKING:
     from truing.estimation.sensor.load_table import LoadTable, load_table
     from truing.runs.recorded_run import Run, load
     from truing.simulation.air import ciddor_index, edlen_index
-    from truing.simulation.bench.extended_sensor import ExtendedSensor, predict_readings
-    from truing.simulation.bench.model_text import read_sensor
+    from truing.simulation.bench.extended_model import ExtendedSensor, predict_readings, read_sensor
     from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
     from truing.simulation.bench.six_upur.influence import influence_matrix, merit
     from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
     from truing.simulation.cause import Cause, Parameter, Step
     from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-    from truing.simulation.mechanisms.extended_model import ExtendedModel, predict_poses
+    from truing.simulation.mechanisms.extended_model import ExtendedModel, predict_poses, read_model
     from truing.simulation.mechanisms.forward_pass import simulate
-    from truing.simulation.mechanisms.legs.closures import mechanism
-    from truing.simulation.mechanisms.legs.geometry import Closure, Legs
+    from truing.simulation.mechanisms.legs.closures import Closure, Legs, mechanism
     from truing.simulation.mechanisms.legs.kinematics import forward, inverse
-    from truing.simulation.mechanisms.model_text import read_model
     from truing.simulation.mechanisms.parameters import ParameterSet, full_set, report_set
     from truing.simulation.mechanisms.recalibration import recalibrate
     from truing.simulation.mechanisms.state import State
@@ -179,15 +176,12 @@ _ROOMS = {
     "truing.simulation.cause": ("Cause", "Parameter", "Step"),
     "truing.simulation.mechanisms.forward_pass": ("simulate",),
     "truing.simulation.mechanisms.state": ("State",),
-    "truing.simulation.mechanisms.extended_model": ("ExtendedModel", "predict_poses"),
-    "truing.simulation.bench.extended_sensor": ("ExtendedSensor", "predict_readings"),
+    "truing.simulation.mechanisms.extended_model": ("ExtendedModel", "predict_poses", "read_model"),
+    "truing.simulation.bench.extended_model": ("ExtendedSensor", "predict_readings", "read_sensor"),
     "truing.simulation.mechanisms.legs.kinematics": ("forward", "inverse"),
-    "truing.simulation.mechanisms.legs.geometry": ("Closure", "Legs"),
-    "truing.simulation.mechanisms.legs.closures": ("mechanism",),
-    "truing.simulation.mechanisms.model_text": ("read_model",),
+    "truing.simulation.mechanisms.legs.closures": ("Closure", "Legs", "mechanism"),
     "truing.simulation.mechanisms.parameters": ("ParameterSet", "full_set", "report_set"),
     "truing.simulation.mechanisms.recalibration": ("recalibrate",),
-    "truing.simulation.bench.model_text": ("read_sensor",),
     "truing.simulation.bench.six_upur.geometry": ("JointCentres", "joint_centres"),
     "truing.simulation.bench.six_upur.influence": ("influence_matrix", "merit"),
     "truing.simulation.bench.six_upur.stiffness": ("ElasticSensor", "elastic_sensor"),

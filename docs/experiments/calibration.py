@@ -26,7 +26,7 @@ from truing.calibration.measured import BodyPoses, Gathered, Measured
 from truing.calibration.question import Case
 from truing.calibration.screening import screened
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.stages.common.calibration_data import body_poses
@@ -151,7 +151,7 @@ def table_of_kappa() -> str:
 
 def directions() -> NDArray:
     """Directions (6, 3) of the nominal legs at home."""
-    from truing.simulation.mechanisms.legs.reference_pose import home_pose
+    from truing.simulation.mechanisms.legs.kinematics import home_pose
 
     home: NDArray = home_pose(nominal().legs).z[0]
     return home

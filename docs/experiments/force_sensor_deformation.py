@@ -20,8 +20,8 @@ from docs.experiments.force_sensor_sets import (
 )
 from docs.experiments.force_sensor_statics import row
 from docs.experiments.marked_tables import table
+from truing.simulation.bench.six_upur.assembly import follow, influence_coefficients, sensor_chains
 from truing.simulation.bench.six_upur.compliance_change import common_to_legs, compliance_change, compliance_covariance
-from truing.simulation.bench.six_upur.dh_chain import follow, influence_coefficients, sensor_chains
 from truing.simulation.bench.six_upur.influence import roll_pitch_yaw
 from truing.simulation.bench.six_upur.loading import LoadingUnits, two_units
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor

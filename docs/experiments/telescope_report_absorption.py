@@ -11,7 +11,7 @@ from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_machine import MODEL, Stand, stand, with_deformation
 from truing.estimation.least_squares.solver import Method, Solution, least_squares
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.parameters import ParameterSet, deformation_set, report_set
 from truing.simulation.mechanisms.structures.structure import Machine, Structure
 

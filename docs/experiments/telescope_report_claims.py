@@ -14,10 +14,9 @@ from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_machine import MODEL, stand, with_deformation
 from truing.estimation.design.observability import indices, observe
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.mechanisms.legs.flexure import circle_distance
-from truing.simulation.mechanisms.legs.kinematics import inverse, inverse_jacobian, leg_vectors, unit
-from truing.simulation.mechanisms.legs.reference_pose import home_pose
+from truing.simulation.mechanisms.legs.kinematics import home_pose, inverse, inverse_jacobian, leg_vectors, unit
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.structures.beam_model import circle_distance
 from truing.simulation.mechanisms.structures.structure import Machine
 
 AXES = ("x", "y", "z", "theta_x", "theta_y")

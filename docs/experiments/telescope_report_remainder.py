@@ -20,7 +20,7 @@ from docs.experiments.telescope_report_machine import MODEL, Stand, flexible, st
 from truing.estimation.rotation import log_so3
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
 from truing.simulation.mechanisms.structures.beam_model import BeamModel
-from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, Structure, poses_at
 

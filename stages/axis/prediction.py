@@ -8,7 +8,7 @@ import numpy as np
 
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.simulation.axis.extended_axis import predict_axis, read_axis
+from truing.simulation.axis.extended_model import predict_axis, read_axis
 from truing.simulation.axis.rows import ROTARY, AxisRows, directions_of_approach
 from truing.stages.common.axis_columns import SI
 from truing.stages.common.point_arrays import number_column

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from truing.calibration.extended import MODEL, Extended, errors_at, identifiable
 from truing.calibration.measured import Measured
 from truing.inference.pulls import pulls
-from truing.simulation.mechanisms.extended_model import ExtendedModel, some_of
+from truing.simulation.mechanisms.extended_model import ExtendedModel, read_model, some_of
 from truing.simulation.mechanisms.identified import name_and_leg
-from truing.simulation.mechanisms.model_text import read_model
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.common.rows import Rows

@@ -133,8 +133,7 @@ def _coefficients(rows: list[dict[str, Any]], legs: int) -> Deformation:
 
 def _surveyed_attachments(tables: Mapping[str, pa.Table], settings: Campaign) -> SurveyedAttachments | None:
     """Where the survey says that the attachments are; None where it cannot say so in the frame of the platform."""
-    from truing.simulation.survey import shape_unknowns
-    from truing.simulation.targets import PLATFORM, Targets
+    from truing.simulation.targets import PLATFORM, Targets, shape_unknowns
 
     if "survey" not in tables or settings.noise.point_mm is None:
         return None

@@ -8,10 +8,9 @@ import numpy as np
 
 from truing.estimation.rotation import exp_so3
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import unit
-from truing.simulation.mechanisms.structures.beam_element import section
+from truing.simulation.mechanisms.structures.beams import section
 from truing.simulation.mechanisms.structures.structure import Machine, Section
 from truing.stages.common.point_arrays import number_column
 

@@ -65,9 +65,8 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
 
 def _acting(tables: Mapping[str, pa.Table], steps: RecordedSteps) -> tuple[Array, tuple[str, ...]]:
     """The wrenches (B, 6) that act by the extended model, and its causes that make them differ from what is written."""
-    from truing.simulation.bench.extended_sensor import acting_wrenches, drives
+    from truing.simulation.bench.extended_model import acting_wrenches, drives, read_sensor
     from truing.simulation.bench.known_readings import ReadingConditions
-    from truing.simulation.bench.model_text import read_sensor
 
     text = tables.get("model")
     if not isinstance(text, str):

@@ -47,8 +47,7 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
 
 
 def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
-    from truing.simulation.mechanisms.extended_model import extended
-    from truing.simulation.mechanisms.model_text import write_model
+    from truing.simulation.mechanisms.extended_model import extended, write_model
     from truing.stages.diagnosis.pull_tables import Fitted, pull_tables
 
     plain, final = (

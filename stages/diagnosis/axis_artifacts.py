@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.schemas.artifacts import ARTIFACTS
-from truing.simulation.axis.extended_axis import extended_axis, write_axis
+from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.stages.common.axis_columns import SI
 
 if TYPE_CHECKING:

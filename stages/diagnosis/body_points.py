@@ -16,8 +16,7 @@ from truing.schemas.covariates import stand_in
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
 from truing.simulation.bodies.model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
 from truing.simulation.inputs import approach, order_in_time
-from truing.simulation.survey import shape_unknowns
-from truing.simulation.targets import Targets
+from truing.simulation.targets import Targets, shape_unknowns
 from truing.stages.common.point_arrays import number_column, pose_ids, positions
 from truing.stages.common.why_not import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
 from truing.stages.diagnosis.body_standing import Standing, standing

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from truing.inference.detectable import POWER, Sight, sight, sights
 from truing.schemas.artifacts import ARTIFACTS
-from truing.simulation.hidden_effects import told_size
+from truing.simulation.detection_trials import told_size
 
 if TYPE_CHECKING:
     import pyarrow as pa

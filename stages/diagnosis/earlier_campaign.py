@@ -14,11 +14,11 @@ from truing.inference.fit import fit_model
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml
-from truing.simulation.bench.model_text import is_sensor, read_sensor
+from truing.simulation.bench.extended_model import is_sensor, read_sensor
 from truing.simulation.bench.prior import sensor_prior
 from truing.simulation.cause import Cause
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.model_text import read_model
+from truing.simulation.mechanisms.extended_model import read_model
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.prior_campaign import CampaignPrior
 from truing.simulation.reported_numbers import alternatives, figures, numbers_of, told_numbers

@@ -17,11 +17,10 @@ from truing.simulation.cause import Cause
 from truing.simulation.inputs import ORDER
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.extended_model import some_of
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.model import PointModel, nominal_leg_frames
 from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M, Conditions, Known
-from truing.simulation.survey import shape_unknowns
-from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
 from truing.stages.common.pose_conditions import pose_conditions

@@ -15,7 +15,7 @@ from truing.simulation.bodies.causes.terms import CAME_FROM
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.simulation.mechanisms.legs.geometry import Legs
+    from truing.simulation.mechanisms.legs.closures import Legs
 
 # Corners of what can be reached, places between them, and single actuators moved alone: what candidates there are.
 _CORNERS, _BETWEEN = 36, 48

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
 def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, Any]:
     """Tables and text by artifact."""
-    from truing.simulation.bench.extended_sensor import extended_sensor
-    from truing.simulation.bench.model_text import write_sensor
+    from truing.simulation.bench.extended_model import extended_sensor, write_sensor
 
     final = diagnosis.final
     context = {"campaign": settings.campaign.name}

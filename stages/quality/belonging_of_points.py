@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
-    from truing.simulation.mechanisms.legs.geometry import Legs
+    from truing.simulation.mechanisms.legs.closures import Legs
 
 Array = NDArray[np.float64]
 Groups = tuple[tuple[str, tuple[str, ...]], ...]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.report.numbers import count as counted
-from truing.simulation.bench.seen_motion import BeamGeometry
+from truing.simulation.bench.optics import BeamGeometry
 from truing.stages.common.overruled import Decided, decided, excluded_words, matched, without_excluded
 from truing.stages.common.point_arrays import decisions
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps

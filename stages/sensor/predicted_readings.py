@@ -11,7 +11,7 @@ from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, REA
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name, stand_in
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.simulation.bench.extended_sensor import ExtendedSensor, predict_readings
+from truing.simulation.bench.extended_model import ExtendedSensor, predict_readings
 from truing.simulation.bench.known_readings import ReadingConditions
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import LOAD_COLUMNS

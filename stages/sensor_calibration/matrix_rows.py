@@ -17,7 +17,7 @@ from truing.estimation.sensor.figures_of_merit import (
     sensitivities,
 )
 from truing.simulation.bench.six_upur.influence import merit
-from truing.simulation.bench.six_upur.theory import Theory
+from truing.simulation.bench.six_upur.nominal_sensor import Theory
 from truing.stages.common.rows import Rows
 
 Array = NDArray[np.float64]

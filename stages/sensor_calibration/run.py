@@ -17,8 +17,7 @@ from truing.estimation.sensor.recorded_signals import Recorded
 from truing.report.numbers import count as counted
 from truing.report.numbers import percent
 from truing.schemas.artifacts import ARTIFACTS
-from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
-from truing.simulation.bench.six_upur.theory import Theory, farthest, theory_of
+from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor, Theory, farthest, theory_of
 from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import LOAD_COLUMNS

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Effect, Scene
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.simulation import Layout, draw_campaign
 from truing.simulation.mechanisms.unknowns import Conditions, Known
-from truing.simulation.survey import shape_unknowns
-from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
 from truing.stages.common.pose_conditions import pose_conditions

@@ -21,11 +21,10 @@ from tests.blind.generator.telescope import PUBLISHED_K
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.mechanisms.forward_pass import simulate
-from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import forward, inverse, leg_vectors, unit
+from truing.simulation.mechanisms.recording import leg_frames, positions
 from truing.simulation.mechanisms.state import State
-from truing.simulation.mechanisms.target_motion import leg_frames, positions
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
 
 EXACT = Layout(

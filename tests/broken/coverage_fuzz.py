@@ -21,8 +21,8 @@ with atheris.instrument_imports(include=["truing", "schemas", "pipeline", "tests
     from truing.formats.sniff import sniff_file
     from truing.pipeline.campaign_folder import open_campaign
     from truing.schemas.faults import CampaignFaults
-    from truing.simulation.bench.model_text import read_sensor
-    from truing.simulation.mechanisms.model_text import read_model
+    from truing.simulation.bench.extended_model import read_sensor
+    from truing.simulation.mechanisms.extended_model import read_model
 
 _BOUNDS = ("-timeout=5", "-rss_limit_mb=3000", "-max_len=8192")
 _MAPPED = {"constants": {"body": "b"}, "unit": "mm"}

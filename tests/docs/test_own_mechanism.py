@@ -21,8 +21,7 @@ from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.schemas.campaign import read_campaign
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import forward, inverse
 
 PAGE = (PROJECT / "docs" / "own-mechanism.md").read_text(encoding="utf-8")

@@ -15,7 +15,7 @@ from truing.estimation.errors_in_variables.descent import Prior
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, fit_errors_in_variables
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, Constrained
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import upper_joints
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.closures import Ups
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs, Ups
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from tests.real.pulley_cable import PulleyCable
 from tests.tolerance import assert_between, assert_close
 from truing.simulation import installed
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import closure_rows, solve_rows
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, readings_at

@@ -21,10 +21,9 @@ from truing.runs.comparison.mechanisms import mechanism_step
 from truing.runs.comparison.sensors import matrix_step, sensor_step
 from truing.runs.comparison.step import FALSE_ALARM, NAMES
 from truing.schemas.artifacts import ARTIFACTS
-from truing.simulation.bench.extended_sensor import ExtendedSensor
+from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain
-from truing.simulation.mechanisms.extended_model import ExtendedModel
-from truing.simulation.mechanisms.model_text import read_model
+from truing.simulation.mechanisms.extended_model import ExtendedModel, read_model
 
 GAIN, LEG, LONGER_MM = 0.01, 3, 0.15
 DRAWS = 80

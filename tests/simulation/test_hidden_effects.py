@@ -9,7 +9,7 @@ from tests.simulation.mechanisms.telescope import sample_model
 from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.catalogue import catalogue
 from truing.simulation.cause import Scene
-from truing.simulation.hidden_effects import Sort, concerned, sorts, told_size
+from truing.simulation.detection_trials import Sort, concerned, sorts, told_size
 
 LEGS = 6
 

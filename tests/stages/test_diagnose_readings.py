@@ -23,9 +23,8 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
-from truing.simulation.bench.extended_sensor import predict_readings
+from truing.simulation.bench.extended_model import predict_readings, read_sensor, write_sensor
 from truing.simulation.bench.known_readings import ReadingConditions
-from truing.simulation.bench.model_text import read_sensor, write_sensor
 from truing.stages.common.belonging import withheld
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.diagnosis.reading_points import reading_model

@@ -20,8 +20,18 @@ from truing.inference.detectable import Rule, Sight
 from truing.pipeline.settings_view import SettingsView
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign
-from truing.simulation.detection_trials import FACTORS, Answer, Question, Trial, answer, curve, false_alarms, trials
-from truing.simulation.hidden_effects import Size, Sort
+from truing.simulation.detection_trials import (
+    FACTORS,
+    Answer,
+    Question,
+    Size,
+    Sort,
+    Trial,
+    answer,
+    curve,
+    false_alarms,
+    trials,
+)
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.stages import pose
 from truing.stages.diagnosis.mechanism_points import gather

@@ -9,8 +9,7 @@ import pytest
 from tests.simulation.mechanisms.made_models import OFFERED, made_model
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.cause import Cause
-from truing.simulation.mechanisms.extended_model import acts_on_poses
-from truing.simulation.mechanisms.model_text import write_model
+from truing.simulation.mechanisms.extended_model import acts_on_poses, write_model
 from truing.stages.predict import predict
 
 RHO = [f"rho{leg}_mm" for leg in range(1, 7)]

@@ -20,8 +20,7 @@ from tests.stages.line import run_line
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.schemas.campaign import read_campaign
 from truing.simulation.cause import Cause
-from truing.simulation.mechanisms.extended_model import extended
-from truing.simulation.mechanisms.model_text import write_model
+from truing.simulation.mechanisms.extended_model import extended, write_model
 from truing.stages.diagnosis.mechanism_points import Gathered, gather
 
 LAYOUT = Layout(name="machine", targets=Targets(base=8, platform=8, per_leg=0))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, both_ways
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import inverse
 
 Array = NDArray[np.float64]

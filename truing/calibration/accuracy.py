@@ -15,8 +15,7 @@ from truing.estimation.held_out import held_out_misfit
 from truing.estimation.rotation import log_so3
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.parameters import ParameterSet
-from truing.simulation.mechanisms.reached_poses import reached_poses
-from truing.simulation.mechanisms.structures.structure import Machine, Structure
+from truing.simulation.mechanisms.structures.structure import Machine, Structure, reached_poses
 
 ARCSEC = np.pi / 180 / 3600
 

@@ -11,8 +11,7 @@ from truing.calibration.measured import BodyPoses, Gathered, Measured
 from truing.estimation.covariance import shared_parent_covariance
 from truing.estimation.errors_in_variables.fit import Prior
 from truing.estimation.measured_numbers import pose_numbers, shift_number
-from truing.simulation.mechanisms.attachment_shifts import AttachmentShifts
-from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, CommonErrors
+from truing.simulation.mechanisms.calibration_problem import AttachmentShifts, CalibrationProblem, CommonErrors
 from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegPoses, seated
 from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.report.page import Head, Section
-    from truing.simulation.axis.extended_axis import ExtendedAxis
-    from truing.simulation.bench.extended_sensor import ExtendedSensor
+    from truing.simulation.axis.extended_model import ExtendedAxis
+    from truing.simulation.bench.extended_model import ExtendedSensor
     from truing.simulation.mechanisms.extended_model import ExtendedModel
 
 _TOLD = {"units", "stage", "digest", "software_version", "campaign"}
@@ -88,9 +88,9 @@ class Run(Mapping[str, "pd.DataFrame"]):
         path = self.folder / ARTIFACTS["model"].file
         if not path.is_file():
             return None
-        from truing.simulation.axis.extended_axis import is_axis, read_axis
-        from truing.simulation.bench.model_text import is_sensor, read_sensor
-        from truing.simulation.mechanisms.model_text import read_model
+        from truing.simulation.axis.extended_model import is_axis, read_axis
+        from truing.simulation.bench.extended_model import is_sensor, read_sensor
+        from truing.simulation.mechanisms.extended_model import read_model
 
         text = read_settings_text(path)
         document = parsed_toml(text)

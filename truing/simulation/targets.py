@@ -1,10 +1,18 @@
-"""Targets on the bodies of a parallel mechanism: which body carries each."""
+"""Targets on bodies, and what a noisy survey leaves unknown of a shape whose frame that survey defines.
+
+The frame of base and platform is by definition the least-squares frame of the body's targets that sit on no attachment,
+relative to their survey: the survey's error there has no rigid part. What would have been the rigid part is instead
+carried by whatever else was surveyed in the same frame, the attachments.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import NDArray
+
+from truing.estimation.rotation import rigid_motions
 
 BASE, PLATFORM, LEG = 0, 1, 2
 
@@ -26,3 +34,63 @@ class Targets:
     def at_attachment(self) -> NDArray:
         """Return which targets (K,) sit on an attachment."""
         return (self.body == PLATFORM) & (self.leg >= 0)
+
+
+@dataclass(frozen=True)
+class ShapeUnknowns:
+    """Unknown shape of K targets: deviation from the survey = modes @ w, w ~ N(0, 1); targets on attachments apart.
+
+    ``modes`` (K, 3, W) in m; ``attachment_factor`` (3A, 3A) in m is a square root of the covariance of the surveyed
+    places of the A targets on attachments, in their order.
+    """
+
+    modes: NDArray
+    attachment_factor: NDArray
+
+
+def shape_unknowns(targets: Targets, survey: NDArray, covariance: NDArray) -> ShapeUnknowns:
+    """Return the unknowns of a survey (K, 3) in m with covariance (K, 3, 3) in m^2."""
+    seats = np.flatnonzero(targets.at_attachment)
+    free = [np.flatnonzero((targets.body == body) & ~targets.at_attachment) for body in np.unique(targets.body)]
+    blocks = [
+        (own, _free_factor(survey, covariance, own, rigid=targets.body[own[0]] != LEG)) for own in free if len(own)
+    ]
+    modes = np.zeros((len(survey), 3, sum(factor.shape[1] for _, factor in blocks)))
+    first = 0
+    for own, factor in blocks:
+        modes[own, :, first : first + factor.shape[1]] = factor.reshape(len(own), 3, -1)
+        first += factor.shape[1]
+    framing = np.flatnonzero((targets.body == targets.body[seats[0]]) & ~targets.at_attachment) if len(seats) else seats
+    return ShapeUnknowns(modes, _attachment_factor(survey, covariance, seats, framing))
+
+
+def _free_factor(survey: NDArray, covariance: NDArray, own: NDArray, rigid: bool) -> NDArray:
+    """Return a square root (3n, W) of the covariance of a body's shape; without rigid part where that is its frame."""
+    full = _block_diagonal(covariance[own])
+    if not rigid or len(own) < 3:
+        return np.linalg.cholesky(full)
+    motions = np.linalg.qr(_rigid_motions(survey[own]))[0]
+    left = np.eye(len(full)) - motions @ motions.T
+    values, vectors = np.linalg.eigh(left @ full @ left)
+    return vectors[:, 6:] * np.sqrt(np.maximum(values[6:], 0.0))
+
+
+def _attachment_factor(survey: NDArray, covariance: NDArray, seats: NDArray, framing: NDArray) -> NDArray:
+    full = _block_diagonal(covariance[seats])
+    if len(framing) >= 3 and len(seats):
+        fit = np.linalg.pinv(_rigid_motions(survey[framing]))
+        lever = _rigid_motions(survey[seats]) @ fit
+        full = full + lever @ _block_diagonal(covariance[framing]) @ lever.T
+    return np.linalg.cholesky(full)
+
+
+def _rigid_motions(points: NDArray) -> NDArray:
+    """Return the displacements (3n, 6) of points (n, 3) per small rigid motion, translations first."""
+    return rigid_motions(points).reshape(3 * len(points), 6)
+
+
+def _block_diagonal(blocks: NDArray) -> NDArray:
+    """Return the matrix (3n, 3n) with blocks (n, 3, 3) on its diagonal."""
+    full = np.zeros((len(blocks), 3, len(blocks), 3))
+    full[np.arange(len(blocks)), :, np.arange(len(blocks))] = blocks
+    return full.reshape(3 * len(blocks), 3 * len(blocks))

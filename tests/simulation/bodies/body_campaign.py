@@ -7,8 +7,7 @@ import numpy as np
 from truing.estimation.rotation import exp_so3
 from truing.simulation.bodies.model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
 from truing.simulation.cause import Cause
-from truing.simulation.survey import shape_unknowns
-from truing.simulation.targets import Targets
+from truing.simulation.targets import Targets, shape_unknowns
 
 TOOL, BASE = ("T1", "T2", "T3", "T4"), ("B1", "B2", "B3")
 

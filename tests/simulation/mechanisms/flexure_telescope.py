@@ -14,7 +14,7 @@ from tests.simulation.mechanisms.telescope import REFERENCE as KINEMATIC_REFEREN
 from tests.simulation.mechanisms.telescope import telescope
 from truing.estimation.rotation import exp_so3
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.structures.beam_element import section
+from truing.simulation.mechanisms.structures.beams import section
 from truing.simulation.mechanisms.structures.structure import Closing, Machine, Section, Structure
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "flexure_vectors.json").read_text(encoding="utf-8"))

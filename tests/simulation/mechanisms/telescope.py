@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.catalogue import catalogue
-from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.unknowns import Conditions, Known
-from truing.simulation.survey import shape_unknowns
-from truing.simulation.targets import BASE, LEG, PLATFORM, Targets
+from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "telescope_vectors.json").read_text(encoding="utf-8"))
 _NOMINAL = REFERENCE["nominal"]

@@ -10,8 +10,7 @@ import pytest
 from tests.simulation.mechanisms.constrained import assert_derivatives_exact
 from tests.simulation.mechanisms.telescope import K, readings, telescope
 from tests.tolerance import assert_close
-from truing.simulation.mechanisms.attachment_shifts import AttachmentShifts
-from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
+from truing.simulation.mechanisms.calibration_problem import AttachmentShifts, CalibrationProblem
 from truing.simulation.mechanisms.parameters import full_set
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tests.simulation.mechanisms.flexure_telescope import FLEXURE, FLEXURE_M, REFERENCE, STEP, TUBE, in_mm, vector
 from tests.tolerance import assert_close
-from truing.simulation.mechanisms.structures.beam_element import element_change, element_stiffness, section
+from truing.simulation.mechanisms.structures.beams import element_change, element_stiffness, section
 from truing.simulation.mechanisms.structures.structure import Section
 
 LENGTHS = st.floats(0.01, 1.0)

@@ -17,10 +17,8 @@ from tests.simulation.mechanisms.flexure_telescope import (
     vector,
 )
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.mechanisms.legs.flexure import arc_distance, circle_distance
-from truing.simulation.mechanisms.legs.kinematics import forward, inverse
-from truing.simulation.mechanisms.legs.reference_pose import Home, home_pose
-from truing.simulation.mechanisms.structures.beam_model import BeamModel, bent
+from truing.simulation.mechanisms.legs.kinematics import Home, forward, home_pose, inverse
+from truing.simulation.mechanisms.structures.beam_model import BeamModel, arc_distance, bent, circle_distance
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, readings_at
 

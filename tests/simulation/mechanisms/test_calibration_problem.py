@@ -11,8 +11,7 @@ from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.parameters import ParameterSet, full_set, report_set
-from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
-from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel, KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at
 
 STRUCTURES: dict[str, Structure] = {

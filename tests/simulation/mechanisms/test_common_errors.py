@@ -9,8 +9,7 @@ import numpy as np
 from tests.simulation.mechanisms.constrained import assert_batch_is_its_members, assert_derivatives_exact
 from tests.simulation.mechanisms.telescope import K, readings, telescope
 from tests.tolerance import assert_close
-from truing.simulation.mechanisms.attachment_shifts import AttachmentShifts
-from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, CommonErrors
+from truing.simulation.mechanisms.calibration_problem import AttachmentShifts, CalibrationProblem, CommonErrors
 from truing.simulation.mechanisms.parameters import full_set
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at

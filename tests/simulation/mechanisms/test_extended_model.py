@@ -15,9 +15,14 @@ from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.catalogue import catalogue
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
-from truing.simulation.mechanisms.extended_model import ExtendedModel, predict_poses, with_targets
+from truing.simulation.mechanisms.extended_model import (
+    ExtendedModel,
+    predict_poses,
+    read_model,
+    with_targets,
+    write_model,
+)
 from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.mechanisms.model_text import read_model, write_model
 from truing.simulation.mechanisms.unknowns import Conditions
 from truing.simulation.targets import BASE, PLATFORM
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.simulation.mechanisms.flexure_telescope import STEP, vector
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.mechanisms.legs.flexure import (
+from truing.simulation.mechanisms.structures.beam_model import (
     BendLaw,
     arc_deflection,
     arc_distance,

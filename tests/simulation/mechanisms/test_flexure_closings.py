@@ -20,11 +20,9 @@ from tests.simulation.mechanisms.flexure_telescope import (
 from tests.simulation.mechanisms.telescope import K, readings
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.mechanisms.legs.flexure import arc_distance
-from truing.simulation.mechanisms.legs.kinematics import forward
-from truing.simulation.mechanisms.legs.reference_pose import home_change, home_pose
+from truing.simulation.mechanisms.legs.kinematics import forward, home_change, home_pose
 from truing.simulation.mechanisms.parameters import full_set
-from truing.simulation.mechanisms.structures.beam_model import BeamModel
+from truing.simulation.mechanisms.structures.beam_model import BeamModel, arc_distance
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, Structure, poses_at, readings_at
 

@@ -9,11 +9,11 @@ from tests.simulation.mechanisms.telescope import KAPPA, REFERENCE, K, readings,
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.simulation.mechanisms.parameters import full_set, report_set
 from truing.simulation.mechanisms.structures.catalogue import departure
-from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
+from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, poses_at, readings_at
 
 MODEL = JacobianModel()

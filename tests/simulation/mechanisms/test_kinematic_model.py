@@ -16,8 +16,7 @@ from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.simulation import installed
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.closures import Ups, closures, mechanism
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs, Ups, closures, mechanism
 from truing.simulation.mechanisms.legs.kinematics import forward, inverse
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at, readings_at

@@ -16,8 +16,7 @@ from truing.simulation.mechanisms.calibration_problem import CalibrationProblem,
 from truing.simulation.mechanisms.legs.kinematics import unit, upper_joints
 from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegPoses, seated
 from truing.simulation.mechanisms.parameters import full_set, report_set
-from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
-from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel, KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
 RIDDEN = np.array([0, 2, 5])

@@ -22,7 +22,7 @@ from tests.simulation.mechanisms.telescope import telescope
 from tests.simulation.mechanisms.test_beam_element import rigid_motions
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.mechanisms.legs.leg_chain import (
+from truing.simulation.mechanisms.structures.beams import (
     Chain,
     assembled,
     assembled_change,

@@ -14,8 +14,7 @@ from truing.simulation.mechanisms.causes.deformation import FlexureShift
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
 from truing.simulation.mechanisms.forward_pass import simulate
 from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.survey import shape_unknowns
-from truing.simulation.targets import BASE, PLATFORM
+from truing.simulation.targets import BASE, PLATFORM, shape_unknowns
 
 STEP = 1e-30
 DRIVEN = Nonparametric(columns=(OWN_DRIVE,), centres=(0.0,), half_ranges=(1.3e-3,), degree=3)

@@ -24,13 +24,18 @@ from tests.simulation.mechanisms.telescope import K
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import log_so3
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.kinematics import forward
-from truing.simulation.mechanisms.legs.leg_chain import assembled, condensed
-from truing.simulation.mechanisms.legs.reference_pose import home_pose
+from truing.simulation.mechanisms.legs.kinematics import forward, home_pose
+from truing.simulation.mechanisms.structures.beams import assembled, condensed
 from truing.simulation.mechanisms.structures.catalogue import departure
-from truing.simulation.mechanisms.structures.equilibrium import at_rest, balance, chain_of, unbalanced
-from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
-from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel, compliance
+from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel
+from truing.simulation.mechanisms.structures.stiffness_model import (
+    StiffnessModel,
+    at_rest,
+    balance,
+    chain_of,
+    compliance,
+    unbalanced,
+)
 from truing.simulation.mechanisms.structures.structure import Machine, Section, poses_at, readings_at
 
 MODEL = StiffnessModel()

@@ -8,8 +8,7 @@ import pytest
 from tests.simulation.mechanisms.telescope import K, readings, telescope
 from tests.tolerance import assert_close
 from truing.simulation.mechanisms.legs.kinematics import forward, inverse
-from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
-from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel, KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at, readings_at
 
 MODELS = (KinematicModel("6-pus"), JacobianModel())

@@ -22,9 +22,8 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.bench.causes.load_path import LoadEccentricity as Eccentricity
-from truing.simulation.bench.extended_sensor import ExtendedSensor, extended_sensor
+from truing.simulation.bench.extended_model import ExtendedSensor, extended_sensor, read_sensor, write_sensor
 from truing.simulation.bench.known_readings import zeros_of
-from truing.simulation.bench.model_text import read_sensor, write_sensor
 from truing.stages.diagnose import gathered_of
 from truing.stages.diagnosis.earlier_campaign import changes_table
 from truing.stages.diagnosis.mechanism_points import Gathered

@@ -28,8 +28,7 @@ from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.unknowns import Conditions
-from truing.simulation.survey import shape_unknowns
-from truing.simulation.targets import Targets
+from truing.simulation.targets import Targets, shape_unknowns
 from truing.stages.diagnosis.claims import claim_of
 from truing.stages.diagnosis.next_candidates import Possible, possible
 from truing.stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements

@@ -19,7 +19,7 @@ from truing.pipeline.workforce import Workforce
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.cause import Effect
-from truing.simulation.hidden_effects import concerned
+from truing.simulation.detection_trials import concerned
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.stages.diagnosis.ray_points import gather_rays
 from truing.stages.power import ray_plan_of

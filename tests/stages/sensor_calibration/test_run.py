@@ -19,8 +19,7 @@ from tests.stages.benches import Bench, bench, layout
 from tests.stages.line import settings_of
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.causes.load_path import LoadEccentricity as OffItsLine
-from truing.simulation.bench.extended_sensor import ExtendedSensor
-from truing.simulation.bench.model_text import write_sensor
+from truing.simulation.bench.extended_model import ExtendedSensor, write_sensor
 from truing.stages import calibrate
 
 WHOLE = ("ingest", "pose", "calibrate")

@@ -16,7 +16,7 @@ from truing.simulation.mechanisms.identified import identified_geometry, name_an
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.reported_numbers import TOLD, Told, figures, told_numbers
-from truing.simulation.survey import shape_unknowns
+from truing.simulation.targets import shape_unknowns
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truing.runs.comparison.mechanisms import effect_rows
 from truing.runs.comparison.step import NAMES, Step, beyond_chance, held_at_zero, not_judged
-from truing.simulation.bench.extended_sensor import ExtendedSensor
+from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.cause import Cause
 from truing.simulation.reported_numbers import TOLD
 

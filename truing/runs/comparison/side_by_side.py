@@ -14,8 +14,8 @@ from truing.runs.comparison.mechanisms import mechanism_numbers, mechanism_step
 from truing.runs.comparison.sensors import matrix_numbers, matrix_step, sensor_numbers, sensor_step
 from truing.runs.comparison.step import NAMES, Step, not_judged
 from truing.schemas.artifacts import ARTIFACTS
-from truing.simulation.axis.extended_axis import ExtendedAxis
-from truing.simulation.bench.extended_sensor import ExtendedSensor
+from truing.simulation.axis.extended_model import ExtendedAxis
+from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.mechanisms.extended_model import ExtendedModel
 
 if TYPE_CHECKING:

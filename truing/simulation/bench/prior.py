@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.extended_sensor import ExtendedSensor
+from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.bench.known_readings import KnownReadings
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor

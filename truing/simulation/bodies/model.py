@@ -19,13 +19,11 @@ from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import OBSERVED, Cause, Scene, Step
 from truing.simulation.effects_model import COMMON, Prediction, RecordedModel, laid_out
 from truing.simulation.mechanisms.forward_pass import Met, Passage, moved_by_shape
-from truing.simulation.mechanisms.legs.geometry import Closure, Legs
-from truing.simulation.mechanisms.recording import Recording, designs
+from truing.simulation.mechanisms.legs.closures import Closure, Legs
+from truing.simulation.mechanisms.recording import LegFrames, Recording, designs
 from truing.simulation.mechanisms.state import State
-from truing.simulation.mechanisms.target_motion import LegFrames
 from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Conditions
-from truing.simulation.survey import ShapeUnknowns
-from truing.simulation.targets import Targets
+from truing.simulation.targets import ShapeUnknowns, Targets
 
 # Bodies without a mechanism are numbered from here: what concerns base, platform or legs alone passes them by.
 FIRST_BODY = 3

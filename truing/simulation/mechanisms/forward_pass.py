@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import skew
 from truing.simulation.cause import Cause, Effect, Step
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.geometry import Legs
-from truing.simulation.mechanisms.legs.kinematics import forward, pose_change
-from truing.simulation.mechanisms.legs.reference_pose import home_pose
+from truing.simulation.mechanisms.legs.closures import Legs
+from truing.simulation.mechanisms.legs.kinematics import forward, home_pose, pose_change
 from truing.simulation.mechanisms.state import State
 
 Met = tuple[Effect, State]

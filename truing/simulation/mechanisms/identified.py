@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
 from truing.simulation.mechanisms.structures.structure import Machine
 from truing.simulation.mechanisms.unknowns import Unknowns

@@ -21,12 +21,10 @@ from truing.simulation.mechanisms.forward_pass import (
     settled,
     simulate,
 )
-from truing.simulation.mechanisms.legs.geometry import Legs
-from truing.simulation.mechanisms.legs.kinematics import forward, leg_vectors, unit
-from truing.simulation.mechanisms.legs.reference_pose import home_change, home_pose
-from truing.simulation.mechanisms.recording import Recording, designs, record
+from truing.simulation.mechanisms.legs.closures import Legs
+from truing.simulation.mechanisms.legs.kinematics import forward, home_change, home_pose, leg_vectors, unit
+from truing.simulation.mechanisms.recording import LegFrames, Recording, designs, leg_frames, record
 from truing.simulation.mechanisms.state import State
-from truing.simulation.mechanisms.target_motion import LegFrames, leg_frames
 from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Unknowns
 from truing.simulation.targets import LEG
 

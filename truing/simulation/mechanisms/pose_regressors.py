@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, log_so3, skew
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.reference_pose import Home, home_pose
+from truing.simulation.mechanisms.legs.kinematics import Home, home_pose
 from truing.simulation.mechanisms.parameters import ParameterSet
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, readings_at
 

@@ -1,4 +1,9 @@
-"""The points of a state as instruments record them, and how what is recorded moves when anything upstream does."""
+"""Where the targets of a state are, how they move when anything upstream does, and what instruments record of them.
+
+All positions are in the base frame, m. Base targets stand still; platform targets move with the platform; a target
+that sits on an attachment is the attachment; a leg's targets move with the leg, which turns about its lower joint
+the shortest way and, held by alike flexures at both ends, about its own axis half as far as the platform does.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +14,138 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
 from truing.simulation.cause import OBSERVED, Cause, Effect, Step
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.forward_pass import Met, Passage, carried
+from truing.simulation.mechanisms.forward_pass import Met, Passage, carried, settled
+from truing.simulation.mechanisms.legs.kinematics import (
+    attachment_change,
+    attachments,
+    leg_vectors,
+    shortest_turn,
+    unit,
+)
 from truing.simulation.mechanisms.state import State
-from truing.simulation.mechanisms.target_motion import LegFrames, motion, positions, target_motion, turns
-from truing.simulation.targets import Targets
+from truing.simulation.targets import LEG, PLATFORM, Targets
+
+
+@dataclass(frozen=True)
+class LegFrames:
+    """Where the legs stand: lower joints (B, L, 3), rotations (B, L, 3, 3) from the axes of their targets' survey."""
+
+    origin: NDArray
+    rotation: NDArray
+    z: NDArray  # (B, L, 3) directions
+
+
+def leg_frames(state: State, upright: NDArray, roll: NDArray, seats: NDArray | None = None) -> LegFrames:
+    """Return the frames of the legs, turned from directions upright (L, 3), rolled by roll (B, L) rad beyond half
+    the platform's twist.
+
+    seats (L, 3, 3) are the rotations from the axes of a leg's survey to the upright leg; without them they coincide.
+    """
+    z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
+    twist = roll + 0.5 * np.einsum("bli,bi->bl", z, log_so3(state.R))
+    rotation = exp_so3(twist[..., None] * z) @ shortest_turn(upright, z)
+    lower = state.legs.closure.lower(state.legs, state.rho)
+    return LegFrames(lower, rotation if seats is None else rotation @ seats, z)
+
+
+def turns(state: State, targets: Targets, frames: LegFrames) -> NDArray:
+    """Return the rotations (B, K, 3, 3) from the axes of each target's survey to the base frame."""
+    kind = np.result_type(state.R, frames.rotation)
+    turn = np.broadcast_to(np.eye(3, dtype=kind), (len(state.rho), len(targets.body), 3, 3)).copy()
+    turn[:, targets.body == PLATFORM] = state.R[:, None]
+    on_leg = targets.body == LEG
+    turn[:, on_leg] = frames.rotation[:, targets.leg[on_leg]]
+    return turn
+
+
+def positions(state: State, targets: Targets, frames: LegFrames) -> NDArray:
+    """Return the targets (B, K, 3), m, in the base frame, moved ones where they were moved to."""
+    kind = np.result_type(state.shape, state.moved, state.R, frames.rotation)
+    points = np.broadcast_to(state.shape + state.moved, (len(state.rho), len(targets.body), 3)).astype(kind)
+    _seat(points, state, targets)
+    on_platform, on_leg = targets.body == PLATFORM, targets.body == LEG
+    points[:, on_platform] = state.p[:, None] + points[:, on_platform] @ np.swapaxes(state.R, -1, -2)
+    ridden = targets.leg[on_leg]
+    turned = np.einsum("bkij,bkj->bki", frames.rotation[:, ridden], points[:, on_leg])
+    points[:, on_leg] = frames.origin[:, ridden] + turned
+    return points
+
+
+def _seat(places: NDArray, state: State, targets: Targets) -> None:
+    """Put places (B, K, 3) of targets on attachments there, in the platform's frame, besides what moved them."""
+    seats = targets.at_attachment
+    upper = attachments(state.legs, state.delta_bz)
+    moved = np.broadcast_to(state.moved, places.shape)[:, seats]
+    places[:, seats] = np.broadcast_to(upper, (len(places), *upper.shape[-2:]))[:, targets.leg[seats]] + moved
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How platform, attachments, legs and targets move per parameter of a change.
+
+    All in the base frame but ``moved``: targets on their bodies, along the axes of the surveys; None where they stay.
+    """
+
+    twist: NDArray  # (B, 6, P) of the platform
+    attachment: NDArray  # (B, L, 3, P)
+    lower: NDArray  # (B, L, 3, P)
+    turn: NDArray  # (B, L, 3, P) rotation of the legs
+    moved: NDArray | None  # (B, K, 3, P)
+
+
+def motion(passage: Passage, upright: NDArray, change: Change) -> Motion:
+    """Return the motion of all bodies that a change at the end of the structure brings about; exact."""
+    state = passage.state
+    legs, R = state.legs, state.R
+    change, twist = settled(passage, change)
+    arms = attachments(legs, state.delta_bz) @ np.swapaxes(R, -1, -2)
+    attachment = attachment_change(legs, R, change) + _carried(twist, arms)
+    lower = np.broadcast_to(legs.closure.lower_change(legs, state.rho, change), attachment.shape)
+    g = leg_vectors(legs, state.p, R, state.rho, state.delta_bz)
+    turn = _leg_turn(state, upright, unit(g), attachment - lower, g, twist)
+    return Motion(twist, attachment, lower, turn, change.fields.get("moved"))
+
+
+def _leg_turn(state: State, upright: NDArray, z: NDArray, dg: NDArray, g: NDArray, twist: NDArray) -> NDArray:
+    """Return the legs' rotation: across z from z x dz, along z from the shortest way and half the platform's twist."""
+    dg = dg / np.sqrt(np.sum(g * g, -1))[..., None, None]
+    dz = dg - z[..., None] * np.einsum("bli,blip->blp", z, dg)[..., None, :]
+    theta = log_so3(state.R)
+    platform = np.einsum("bij,bjp->bip", inverse_left_jacobian_so3(theta), twist[:, 3:])
+    half = 0.5 * (np.einsum("bi,blip->blp", theta, dz) + np.einsum("bli,bip->blp", z, platform))
+    normal = np.cross(np.broadcast_to(upright, z.shape), z) / (1 + np.sum(upright * z, -1))[..., None]
+    along = half - np.einsum("bli,blip->blp", normal, dz)
+    return np.cross(z[..., None], dz, axis=2) + z[..., None] * along[..., None, :]
+
+
+def _carried(twist: NDArray, arms: NDArray) -> NDArray:
+    """Return the motion (B, N, 3, P) of points at arms (B, N, 3) on a body with a twist (B, 6, P)."""
+    return twist[:, None, :3] + np.cross(twist[:, None, 3:], arms[..., None], axis=2)
+
+
+def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: Motion) -> NDArray:
+    """Return how the targets move (B, K, 3, P), base frame, when the bodies do."""
+    places = np.broadcast_to(state.shape + state.moved, (len(state.rho), len(targets.body), 3))
+    result = np.zeros((*places.shape, bodies.twist.shape[-1]))
+    free, seats, on_leg = (targets.body == PLATFORM) & (targets.leg < 0), targets.at_attachment, targets.body == LEG
+    back = np.swapaxes(state.R, -1, -2)
+    result[:, free] = _carried(bodies.twist, places[:, free] @ back)
+    moved = np.broadcast_to(state.moved, places.shape)[:, seats] @ back
+    result[:, seats] = bodies.attachment[:, targets.leg[seats]] + _turned(bodies.twist[:, None, 3:], moved)
+    ridden = targets.leg[on_leg]
+    arms = np.einsum("bkij,bkj->bki", frames.rotation[:, ridden], places[:, on_leg])
+    result[:, on_leg] = bodies.lower[:, ridden] + _turned(bodies.turn[:, ridden], arms)
+    if bodies.moved is not None:
+        result += turns(state, targets, frames) @ bodies.moved
+    return result
+
+
+def _turned(rotation: NDArray, arms: NDArray) -> NDArray:
+    """Return the motion (B, N, 3, P) of arms (B, N, 3) that turn by rotations (B, N or 1, 3, P)."""
+    return np.cross(rotation, arms[..., None], axis=2)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.targets import Targets
 
 _OF_STATE = ("indicated", "rho", "delta_bz", "moved", "points")

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3
 from truing.simulation.change import Change
 from truing.simulation.effects_model import RecordedModel, laid_out
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import Forward, forward, leg_vectors, unit
-from truing.simulation.survey import ShapeUnknowns
-from truing.simulation.targets import LEG, Targets
+from truing.simulation.targets import LEG, ShapeUnknowns, Targets
 
 # What nothing is known of: wide enough not to pull, narrow enough to keep the equations well scaled.
 FREE_LENGTH_M, FREE_ANGLE_RAD, FREE_DIRECTION = 0.01, 0.1, 0.05

@@ -22,9 +22,9 @@ from truing.simulation.bench.six_upur.assembly import (
     open_chain_error,
     open_chain_map,
 )
-from truing.simulation.bench.six_upur.closure import assembled
 from truing.simulation.bench.six_upur.geometry import outward
 from truing.simulation.bench.six_upur.influence import influence_matrix
+from truing.simulation.bench.six_upur.tolerances import assembled
 
 
 def random_errors(rng: np.random.Generator, size: float) -> NDArray:

@@ -21,7 +21,6 @@ from truing.estimation.rotation import exp_so3
 from truing.schemas.sensor_mechanism import SensorTolerance
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.assembly import SOURCES
-from truing.simulation.bench.six_upur.closure import assembled
 from truing.simulation.bench.six_upur.compliance_change import (
     change_as_a_whole,
     common_to_legs,
@@ -35,6 +34,7 @@ from truing.simulation.bench.six_upur.flexible_parts import moved_along
 from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes, outward
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.stiffness import elastic_sensor, end_transport
+from truing.simulation.bench.six_upur.tolerances import assembled
 
 _, _, LOW, MIDDLE, INSTALLED = range(5)
 

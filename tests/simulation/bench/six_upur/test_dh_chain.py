@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tests.simulation.bench.six_upur.sensors import SEEDS, SETS, STEP, crooked_joints, joints_of, vector
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.bench.six_upur.dh_chain import (
+from truing.simulation.bench.six_upur.assembly import (
     ANGLES,
     DhChain,
     angles_between,

@@ -19,7 +19,7 @@ from truing.simulation.bench.six_upur.flexible_parts import (
     transport,
     universal_joint,
 )
-from truing.simulation.mechanisms.structures.beam_element import element_stiffness, section
+from truing.simulation.mechanisms.structures.beams import element_stiffness, section
 
 WEBS = st.floats(1e-4, 1e-2)
 RADII = st.floats(1e-4, 2e-2)

@@ -1,4 +1,10 @@
-"""How a sensor stands that was not made exactly: assembly errors to first order (force-sensor paper, eq. 13-15).
+"""How a sensor stands that was not made exactly: assembly errors to first order (force-sensor paper, eq. 5-15).
+
+One leg is a Denavit-Hartenberg chain with imaginary prismatic joints, seven links from the base to the platform. Link j
+shifts by a_(j-1)j along the common normal, turns by alpha_(j-1)j about it, shifts by S_j along the axis and turns by
+theta_j about that. The two radii are shifts of imaginary prismatic joints, which point in directions of their own: the
+paper's axes are not normal to them. Printed, the sums of eq. 8-9 start at S_1; here with a_01, without which the base's
+radius had no influence. Arrays may lead with a batch, and may be complex.
 
 Five lengths of each leg are uncertain. The paper averages six open chains; a platform is held by closed loops, whose
 passive joints give way in every direction but along the legs. Both are here, and they differ.
@@ -11,14 +17,152 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.six_upur.dh_chain import (
-    InfluenceCoefficients,
-    follow,
-    influence_coefficients,
-    sensor_chains,
-)
-from truing.simulation.bench.six_upur.geometry import JointCentres
+from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes, outward
 from truing.simulation.bench.six_upur.influence import influence_matrix
+
+LINKS = 7
+# alpha_01 .. alpha_67 of the paper, rad.
+TWISTS = np.radians([0.0, 270.0, 90.0, 90.0, 90.0, 270.0, 0.0])
+# theta_1 .. theta_7; the first and the two last are free to choose, as parallel axes have no common normal.
+ANGLES = np.radians([0.0, 90.0, -90.0, -90.0, 90.0, 0.0, 0.0])
+_ALONG_X = np.array([1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class DhChain:
+    """Parameters of chains (...): lengths a_01..a_67 and offsets S_1..S_7 (..., 7), m, angles and twists (..., 7), rad.
+
+    origin (..., 3), m, and frame (..., 3, 3), columns a_01, S_0 x a_01 and S_0, in the fixed frame; first and last:
+    directions (..., 3) of the shifts a_01 and a_67, in the axes they start from; tail: from the last link
+    to the platform's origin (..., 3), m, in the last axes.
+    """
+
+    frame: NDArray
+    a: NDArray
+    S: NDArray
+    theta: NDArray
+    alpha: NDArray
+    origin: NDArray
+    first: NDArray
+    last: NDArray
+    tail: NDArray
+
+
+@dataclass(frozen=True)
+class DhLinks:
+    """Links of chains, fixed frame: where they lead, and what their derivatives are made of."""
+
+    normal: NDArray  # (..., 7, 3) a_(j-1)j, about which link j twists
+    shift: NDArray  # (..., 7, 3) unit direction of the length a_(j-1)j: the normal, but for imaginary joints
+    axis: NDArray  # (..., 7, 3) S_j
+    corner: NDArray  # (..., 7, 3) m, O'_j, where the shift along the normal ends
+    P: NDArray  # (..., 3) m, the platform's origin
+    T: NDArray  # (..., 3, 3) axes of the last link
+
+
+@dataclass(frozen=True)
+class InfluenceCoefficients:
+    """Derivatives (..., 6, 7) of position and rotation by lengths, offsets, angles and twists (eq. 10)."""
+
+    a: NDArray
+    S: NDArray
+    theta: NDArray
+    alpha: NDArray
+
+
+def dh_chain(frame: NDArray, a: NDArray, S: NDArray, theta: NDArray, alpha: NDArray) -> DhChain:
+    """Return a plain chain from the fixed origin, without imaginary joints."""
+    nothing = np.zeros(3)
+    return DhChain(frame, a, S, theta, alpha, nothing, _ALONG_X, _ALONG_X, nothing)
+
+
+def sensor_chains(joints: JointCentres) -> DhChain:
+    """Return the chains (..., 6) of an unloaded sensor: each leads from the fixed frame to the platform's origin."""
+    axes, length = leg_axes(joints.direction), joints.length
+    s1, s3 = axes[..., 0], axes[..., 2]
+    zero, one = np.zeros_like(length), np.ones_like(length)
+    radii = [_radius(points) for points in (joints.lower, joints.arm)]
+    a = np.stack([radii[0], zero, zero, zero, zero, zero, radii[1]], -1)
+    S = np.stack([zero, zero, length, zero, zero, zero, zero], -1)
+    start = np.stack([s3, np.cross(s1, s3), s1], -1)  # a_12 = S_3, so that theta_1 = 0
+    end = np.stack([s1, np.cross(s3, s1), s3], -1)  # a_56 = S_1
+    up = np.array([0.0, 0.0, 1.0])
+    return DhChain(
+        start,
+        a,
+        S,
+        one[..., None] * ANGLES,
+        one[..., None] * TWISTS,
+        joints.lower * up,
+        _in_axes(start, outward(joints.lower)),
+        -_in_axes(end, outward(joints.arm)),
+        -_in_axes(end, joints.arm * up),
+    )
+
+
+def follow(chain: DhChain) -> DhLinks:
+    """Return the links of chains, one after the other (eq. 5-9)."""
+    T, O = chain.frame, chain.origin  # noqa: E741
+    found: list[tuple[NDArray, NDArray, NDArray, NDArray]] = []
+    for j in range(LINKS):
+        towards = {0: chain.first, LINKS - 1: chain.last}.get(j, _ALONG_X)
+        shift, normal = _turned(T, towards), T[..., 0]
+        corner = O + chain.a[..., j, None] * shift
+        T = T @ _about_x(chain.alpha[..., j]) @ _about_z(chain.theta[..., j])
+        O = corner + chain.S[..., j, None] * T[..., 2]  # noqa: E741
+        found.append((normal, shift, T[..., 2], corner))
+    normal, shift, axis, corner = (np.stack(np.broadcast_arrays(*each), -2) for each in zip(*found, strict=True))
+    return DhLinks(normal, shift, axis, corner, O + _turned(T, chain.tail), T)
+
+
+def influence_coefficients(links: DhLinks) -> InfluenceCoefficients:
+    """Return the derivatives of chains by their parameters, position over rotation (eq. 10)."""
+    lever = links.P[..., None, :] - links.corner
+    still = np.zeros_like(links.axis)
+    pairs = (
+        (links.shift, still),
+        (links.axis, still),
+        (np.cross(links.axis, lever), links.axis),
+        (np.cross(links.normal, lever), links.normal),
+    )
+    return InfluenceCoefficients(*(np.swapaxes(np.concatenate(pair, -1), -1, -2) for pair in pairs))
+
+
+def angles_between(normal: NDArray, axis: NDArray) -> NDArray:
+    """Return theta_2 .. (..., n - 1), rad, of common normals (..., n, 3) about the axes (..., n - 1, 3) between them.
+
+    Eq. 12 as corrected: the printed cosine is a cross product, and loses the sign.
+    """
+    before, after = normal[..., :-1, :], normal[..., 1:, :]
+    sine = np.sum(axis * np.cross(before, after), -1)
+    return np.arctan2(sine, np.sum(before * after, -1))
+
+
+def _radius(points: NDArray) -> NDArray:
+    return np.sum(points * outward(points), -1)
+
+
+def _in_axes(axes: NDArray, vectors: NDArray) -> NDArray:
+    return np.einsum("...ji,...j->...i", axes, vectors)
+
+
+def _turned(axes: NDArray, vectors: NDArray) -> NDArray:
+    return np.einsum("...ij,...j->...i", axes, vectors)
+
+
+def _about_x(angle: NDArray) -> NDArray:
+    c, s, zero, one = np.cos(angle), np.sin(angle), 0.0 * angle, 1.0 + 0.0 * angle
+    return _matrix((one, zero, zero), (zero, c, -s), (zero, s, c))
+
+
+def _about_z(angle: NDArray) -> NDArray:
+    c, s, zero, one = np.cos(angle), np.sin(angle), 0.0 * angle, 1.0 + 0.0 * angle
+    return _matrix((c, -s, zero), (s, c, zero), (zero, zero, one))
+
+
+def _matrix(*rows: tuple[NDArray, NDArray, NDArray]) -> NDArray:
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
 
 # The five error sources in the order of campaign.toml, and what the paper calls them.
 SOURCES = ("platform_radius", "base_radius", "lower_clearance", "middle_clearance", "sensor_installation")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
 from truing.schemas.faults import Unfit
-from truing.simulation.mechanisms.structures.beam_element import section
+from truing.simulation.mechanisms.structures.beams import section
 
 # Nodes of the integrals over a notch; its integrands are nearly polynomials in the angle that is integrated over.
 _NODES = 64

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
-from truing.simulation.mechanisms.legs.flexure import circle_distance
 from truing.simulation.mechanisms.legs.kinematics import leg_vectors, unit
 from truing.simulation.mechanisms.state import State
+from truing.simulation.mechanisms.structures.beam_model import circle_distance
 
 # Shift per displacement of a plausible platform: the published one has entries up to 0.02.
 _PLAUSIBLE = 0.01

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.geometry import Legs
+from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import attachments, shortest_turn, unit, upper_joints
 from truing.simulation.mechanisms.parameters import Parameter
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel, shift_change

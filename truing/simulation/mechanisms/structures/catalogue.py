@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.simulation.mechanisms.structures.beam_model import BeamModel
-from truing.simulation.mechanisms.structures.jacobian_model import JacobianModel
-from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel, KinematicModel
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, readings_at
 

@@ -1,15 +1,20 @@
-"""The kinematic model: rigid legs of any closure, on a platform that may deform (telescope report, eq. 5 and 30)."""
+"""Rigid legs on a platform that may deform: the kinematic model and its linearisation (telescope report, eq. 5, 9, 30).
+
+The kinematic model takes legs of any closure. In the linear one actuators move in proportion to the platform's motion
+from its reference pose: the kinematic closing to first order there, divided by what a reading does to its own leg.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.kinematics import attachments
-from truing.simulation.mechanisms.structures.structure import Closing, Machine
+from truing.simulation.mechanisms.legs.kinematics import attachments, forward, home_twist, upper_joints
+from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Closing, Machine
 
 
 @dataclass(frozen=True)
@@ -61,3 +66,101 @@ def shift_change(machine: Machine, rho: NDArray, change: Change) -> NDArray:
 def shifting(machine: Machine, rho: NDArray, change: Change) -> Change:
     """Return a change of the machine with what it makes of the attachments' shift, as ``delta_bz``."""
     return Change({**change.fields, "delta_bz": shift_change(machine, rho, change)}, change.size)
+
+
+_STEP = 1e-30
+
+
+@dataclass(frozen=True)
+class _Home:
+    """Pose at the reference readings, and the closing's rows there per reading of their own leg."""
+
+    p: NDArray  # (..., 3)
+    R: NDArray  # (..., 3, 3)
+    by_twist: NDArray  # (..., L, 6), -J0^-1
+    by_rho: NDArray  # (..., L, L), I without deformation
+
+
+@dataclass(frozen=True)
+class JacobianModel:
+    """Closing of leg i: (rho - rho0) - J0^-1 (X - X0), m, with X - X0 = (p - p0; log(R R0')), any R0 (eq. 9 and 31).
+
+    The home pose X0 follows from rho0 by the forward kinematics of the rigid legs, which takes at least six. Where the
+    platform deforms, its shift K (rho - rho0) reaches a reading through the leg and the actuator, which is the report's
+    (1 - kappa)(rho - rho0) for actuators along z of the platform.
+    """
+
+    name: str = "jacobian"
+
+    def fits(self, machine: Machine) -> bool:
+        """Return whether readings fix the pose, as they have to at home."""
+        return machine.legs.count >= 6
+
+    def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
+        """Return the closing at poses p (..., 3), R (..., 3, 3) and readings rho (..., L), m."""
+        home = _home(machine)
+        moved = rho - machine.legs.rho0
+        theta = log_so3(R @ np.swapaxes(home.R, -1, -2))
+        away = np.concatenate([p - home.p, theta], -1)
+        value = np.einsum("...ij,...j->...i", home.by_twist, away) + np.einsum("...ij,...j->...i", home.by_rho, moved)
+        turn = inverse_left_jacobian_so3(theta)
+        turned = home.by_twist[..., 3:] @ turn
+        by_twist = np.concatenate([np.broadcast_to(home.by_twist[..., :3], turned.shape), turned], -1)
+        by_rho = np.broadcast_to(home.by_rho, (*value.shape, value.shape[-1]))
+        return Closing(value, by_twist, by_rho, _by_parameter(machine, home, away, turn, moved, change))
+
+
+def _by_parameter(
+    machine: Machine, home: _Home, away: NDArray, turn: NDArray, moved: NDArray, change: Change
+) -> NDArray:
+    """Return the derivative (..., L, P): of the rows at home, of the home pose, and of the reference readings."""
+    if change.size == 0:
+        return np.zeros((*moved.shape, 0))
+    twist = home_twist(machine.legs, home.p, home.R, change)
+    rows = _home_slope(machine, home, twist, change)
+    steered = np.einsum("...ijp,...j->...ip", rows.by_twist, away) + np.einsum("...ijp,...j->...ip", rows.by_rho, moved)
+    # log(R R0') loses J^-T w where R0 turns by w: the right Jacobian is the left one's transpose.
+    left = np.swapaxes(turn, -1, -2) @ twist[..., 3:, :]
+    followed = home.by_twist @ np.concatenate([np.broadcast_to(twist[..., :3, :], left.shape), left], -2)
+    return steered - followed - home.by_rho @ change.get("rho0", (machine.legs.count,))
+
+
+def _home(machine: Machine) -> _Home:
+    """Return the home of a machine, batched as its arrays are; NaN where it has none."""
+    home = forward(machine.legs, machine.legs.rho0)
+    return _rows(machine, np.where(home.converged[..., None], home.p, np.nan), home.R)
+
+
+def _rows(machine: Machine, p: NDArray, R: NDArray) -> _Home:
+    """Return the closing's rows at a home pose, where the attachments are not shifted."""
+    rho0 = machine.legs.rho0
+    closing = KinematicModel(machine.legs.closure.name).close(machine, p, R, rho0, NO_CHANGE)
+    own = reading_change(machine, upper_joints(machine.legs, p, R), rho0)[..., None]
+    return _Home(p, R, closing.by_twist / own, closing.by_rho / own)
+
+
+def _home_slope(machine: Machine, home: _Home, twist: NDArray, change: Change) -> _Home:
+    """Return the derivatives of the rows (..., L, 6, P) and (..., L, L, P): complex steps, exact to rounding.
+
+    They are second derivatives of the closure, which a closure of a lab's own need not state for that.
+    """
+    nudge = 1j * _STEP * np.moveaxis(twist, -1, 0)
+    with np.errstate(invalid="ignore"):  # where there is no home, and nothing is a number
+        turned = exp_so3(nudge[..., 3:]) @ home.R
+        there = _rows(_nudged(machine, change, home.p.ndim - 1), home.p + nudge[..., :3], turned)
+    slopes = (np.moveaxis(rows.imag, 0, -1) / _STEP for rows in (there.by_twist, there.by_rho))
+    return _Home(home.p, home.R, *slopes)
+
+
+def _nudged(machine: Machine, change: Change, batch: int) -> Machine:
+    """Return the machine a complex step along each parameter, which lead its batch of so many axes: (P, ..., L, 3)."""
+    arrays = {}
+    for name, rank in {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2}.items():
+        held = machine.deformation if name == "deformation" else getattr(machine.legs, name)
+        if name in change.fields:
+            slope = np.moveaxis(change.fields[name], -1, 0)
+            missing = tuple(range(1, 2 + batch + rank - slope.ndim))
+            held = held + 1j * _STEP * np.expand_dims(slope, missing)
+        arrays[name] = held
+    deformation = arrays.pop("deformation")
+    return replace(machine, legs=machine.legs.replace(**arrays), deformation=deformation)
