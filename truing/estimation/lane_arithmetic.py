@@ -28,7 +28,9 @@ LANES = 16
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 _MODE: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-_BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+# Always inlined. numba compiles each of these by itself, too: code that was just compiled would call that copy, code
+# loaded from the cache its own, and the two, optimised in different surroundings, differ in the last bits.
+_BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
 inner = njit(**_MODE, **_BARE)  # for what compiled code alone calls
 summing = njit(**{**_MODE, "fastmath": {*_MODE["fastmath"], "reassoc"}}, **_BARE)  # the same, for sums in any order
 
