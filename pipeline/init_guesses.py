@@ -63,7 +63,7 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
 
 def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None:
     """The unit that a raw column without one is taken to be in; None where it is told."""
-    from truing.formats.header_units import bare_and_unit
+    from truing.formats.units import bare_and_unit
 
     known = find_column(column)
     is_told = column == raw or column in mapping.get("units", {}) or (column.endswith("_mm") and "unit" in mapping)

@@ -207,7 +207,7 @@ def _answers(
 
 def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
     """Draw one campaign, push it through the stages that lead to a diagnosis, and read off what that says."""
-    from truing.stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.stages.simulated_campaigns.plan import RayPlan
 
     judge = diagnosed_rays if isinstance(plan, RayPlan) else diagnosed
     return judge(_drawn(plan, trial.effects, trial.seed, settings), settings, trial)

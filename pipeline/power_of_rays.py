@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.schemas.campaign import Campaign
-    from truing.stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.stages.simulated_campaigns.plan import RayPlan
 
 
 def wants_rays(causes: Sequence[str], campaign: CampaignFolder) -> bool:
@@ -42,7 +42,7 @@ def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
     """The network of the run in a folder; raises CampaignFaults where it has left none."""
     from truing.schemas.artifacts import ARTIFACTS
     from truing.stages import power
-    from truing.stages.simulated_campaigns.ray_plan import NEEDS
+    from truing.stages.simulated_campaigns.plan import NEEDS
 
     tables: dict[str, pa.Table] = {}
     for name in NEEDS:

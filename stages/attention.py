@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from truing.schemas.near_names import alike
-from truing.stages.ingestion.serving_roles import FITTED
+from truing.stages.ingestion.tables import FITTED
 from truing.stages.prospects import Found
 
 if TYPE_CHECKING:

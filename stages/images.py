@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.formats.faultlog import FaultLog
-    from truing.stages.common.small_tables import SmallTable
+    from truing.stages.common.gathered import SmallTable
     from truing.stages.image_tables.measured_rays import MeasuredRays
     from truing.stages.image_tables.photographs import Each, PhotographTables
 

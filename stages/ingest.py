@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.formats.faultlog import FaultLog
-    from truing.stages.common.small_tables import SmallTable
+    from truing.stages.common.gathered import SmallTable
     from truing.stages.ingestion.adjusted_points import AdjustedPoints
     from truing.stages.ingestion.dense_scans import DenseScans
     from truing.stages.ingestion.later_surveys import LaterSurveys
-    from truing.stages.ingestion.point_sizes import Geometry
-    from truing.stages.ingestion.points import Expected, Points
+    from truing.stages.ingestion.points import Expected, Geometry, Points
     from truing.stages.ingestion.pose_table import MeasuredPoses
 
     _Small = SmallTable | LaterSurveys | DenseScans | MeasuredPoses
@@ -117,8 +116,7 @@ def _adjusted(
         log.add(Fault("campaign.toml", expected, column="files.points"))
     if "object_points" not in tables:
         return None
-    from truing.stages.ingestion.adjusted_points import AdjustedPoints
-    from truing.stages.ingestion.inner_datum import in_inner_datum
+    from truing.stages.ingestion.adjusted_points import AdjustedPoints, in_inner_datum
 
     points = in_inner_datum(tables["object_points"], tables.get("point_correlations"))
     bars = tables.get("scale_bars")
@@ -137,16 +135,20 @@ def _check_tables(settings: Any, log: FaultLog) -> None:
 def _photogrammetry(
     settings: Any, progress: Progress, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog
 ) -> Outcome:
-    from truing.formats.passed_over import passed_over
+    from truing.formats.source import passed_over
+    from truing.stages.ingestion.adjusted_points import EstimatedCovariance
     from truing.stages.ingestion.dense_scans import identifier_of, read_scans
-    from truing.stages.ingestion.estimated_covariance import EstimatedCovariance
     from truing.stages.ingestion.later_surveys import read_later_surveys, relabelling_of
     from truing.stages.ingestion.points import Points
     from truing.stages.ingestion.pose_table import read_poses
     from truing.stages.ingestion.relabelling import PoseOrder, declared, relabelled_table
-    from truing.stages.ingestion.serving_roles import check_any_fitted
-    from truing.stages.ingestion.start import read_start
-    from truing.stages.ingestion.tables import check_survey_noise, read_configurations, read_survey
+    from truing.stages.ingestion.tables import (
+        check_any_fitted,
+        check_survey_noise,
+        read_configurations,
+        read_start,
+        read_survey,
+    )
 
     estimated = EstimatedCovariance()
     source.estimate = estimated
@@ -278,7 +280,7 @@ def _expected(settings: Any, configurations: SmallTable, survey: SmallTable | No
 
 
 def _geometry(settings: Any, survey: SmallTable | None) -> Geometry:
-    from truing.stages.ingestion.point_sizes import Geometry
+    from truing.stages.ingestion.points import Geometry
     from truing.stages.ingestion.tables import legs_of
 
     surveyed: dict[str, dict[str, Any]] = {}
@@ -342,7 +344,7 @@ def _figure_words(points: Points) -> str:
 
 def _interferometer(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
     from truing.stages.ingestion.loading_tables import read_loading_tables
-    from truing.stages.ingestion.start import read_start
+    from truing.stages.ingestion.tables import read_start
 
     found, start = read_loading_tables(source, settings, log), read_start(source, settings, log)
     log.throw()

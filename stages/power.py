@@ -16,9 +16,7 @@ if TYPE_CHECKING:
     from truing.inference.selection import Settings
     from truing.schemas.campaign import Campaign
     from truing.stages.diagnosis.mechanism_points import Gathered
-    from truing.stages.simulated_campaigns.plan import CampaignPlan
-    from truing.stages.simulated_campaigns.ray_plan import RayPlan
-    from truing.stages.simulated_campaigns.reading_plan import ReadingPlan
+    from truing.stages.simulated_campaigns.plan import CampaignPlan, RayPlan, ReadingPlan
 
     Plan = CampaignPlan | ReadingPlan | RayPlan
 
@@ -31,7 +29,7 @@ def judged_by(plan: Plan, settings: Campaign) -> tuple[dict[str, Cause], Setting
     from truing.simulation.catalogue import catalogue_of_rays
     from truing.stages.diagnose import kinds_of, rule_of
     from truing.stages.diagnosis.ray_findings import rule_of_rays
-    from truing.stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.stages.simulated_campaigns.plan import RayPlan
 
     if isinstance(plan, RayPlan):
         return catalogue_of_rays(), rule_of_rays(rule_of(settings))
@@ -42,7 +40,7 @@ def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> 
     """What a diagnosis compares of a drawn campaign; raises ValueError, saying why, where the tables do not hold it."""
     from truing.stages.diagnose import gathered_of
     from truing.stages.diagnosis.ray_points import gather_rays
-    from truing.stages.simulated_campaigns.ray_plan import RayPlan
+    from truing.stages.simulated_campaigns.plan import RayPlan
 
     return gather_rays(tables, settings)[0] if isinstance(plan, RayPlan) else gathered_of(tables, settings)
 
@@ -69,7 +67,7 @@ def completed(bare: CampaignPlan, gathered: Gathered, poses: pa.Table) -> Campai
 def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingPlan:
     """The plan of a loading campaign; raises ValueError, saying why, where it cannot be simulated."""
     from truing.stages.diagnosis.reading_points import reading_model
-    from truing.stages.simulated_campaigns.reading_plan import reading_plan
+    from truing.stages.simulated_campaigns.plan import reading_plan
 
     return reading_plan(tables, reading_model(tables, settings))
 
@@ -77,7 +75,7 @@ def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Readi
 def ray_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:
     """The plan of a run's rays; raises ValueError, saying why, where they cannot be held against each other."""
     from truing.stages.diagnosis.ray_points import gather_rays, has_rays
-    from truing.stages.simulated_campaigns.ray_plan import ray_plan
+    from truing.stages.simulated_campaigns.plan import ray_plan
 
     if not has_rays(tables):
         raise ValueError("needs rays of three poses or more")

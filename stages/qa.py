@@ -71,7 +71,7 @@ DECLARATION = Stage(
 )
 
 # What checks the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
-_OF_TYPES = {"axis": "truing.stages.quality.of_axes"}
+_OF_TYPES = {"axis": "truing.stages.quality.axis_checks"}
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
@@ -85,16 +85,19 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return Outcome.not_evaluated({"qa": _table([], [])}, "no object points")
     from truing.report.numbers import count
     from truing.stages.quality.belonging_of_points import relations_of_points
-    from truing.stages.quality.bodies import body_views, surroundings
-    from truing.stages.quality.bundle_figures import Figures
-    from truing.stages.quality.checks import all_checks
-    from truing.stages.quality.limits import CampaignLimits
+    from truing.stages.quality.check import CampaignLimits
+    from truing.stages.quality.decisions import overruled_points
+    from truing.stages.quality.names_and_surveys import (
+        later_surveys,
+        likely_names,
+        likely_table,
+        names_known,
+        settled_names,
+    )
     from truing.stages.quality.of_belonging import belonging_checks
-    from truing.stages.quality.of_decisions import overruled_points
-    from truing.stages.quality.of_names import likely_names, likely_table, names_known, settled_names
-    from truing.stages.quality.of_photographs import photograph_checks
-    from truing.stages.quality.of_surveys import later_surveys
-    from truing.stages.quality.scale_contradiction import scale_contradiction, without_consequences
+    from truing.stages.quality.photograph_checks import photograph_checks
+    from truing.stages.quality.point_checks import all_checks, body_views, surroundings
+    from truing.stages.quality.scale_checks import Figures, scale_contradiction, without_consequences
 
     around = surroundings(tables["observations"], tables.get("configurations"), settings.campaign.drives)
     bodies, reference = _reference_first(body_views(tables, around), settings)
@@ -134,9 +137,8 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
         return Outcome.not_evaluated({"qa": _table([], [])}, "no readings and no signals")
     from truing.report.numbers import count
     from truing.stages.quality.belonging_of_loads import relations_of_loads
-    from truing.stages.quality.limits import CampaignLimits
-    from truing.stages.quality.loading_checks import loading_checks
-    from truing.stages.quality.loading_view import loading_view
+    from truing.stages.quality.check import CampaignLimits
+    from truing.stages.quality.loading_checks import loading_checks, loading_view
     from truing.stages.quality.of_belonging import belonging_checks, without_contradiction
 
     view = loading_view(tables, settings)
@@ -147,11 +149,11 @@ def _of_loads(tables: Mapping[str, pa.Table], settings: Campaign, progress: Prog
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     checks = loading_checks(view, settings, limits)
     if "reading_corrections" in tables:
-        from truing.stages.quality.of_corrections import correction_checks
+        from truing.stages.quality.loading_checks import correction_checks
 
         checks = chain(checks, correction_checks(view, tables["reading_corrections"], limits))
     if "quadrature" in tables:
-        from truing.stages.quality.of_quadrature import quadrature_checks
+        from truing.stages.quality.loading_checks import quadrature_checks
 
         checks = chain(quadrature_checks(tables["quadrature"], limits), checks)
     relations = relations_of_loads(view, tables, settings)
@@ -164,8 +166,8 @@ def _of_axis(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterab
     if "positions" not in tables or not tables["positions"].num_rows:
         return (), ""
     from truing.report.numbers import count
-    from truing.stages.quality.limits import CampaignLimits
-    from truing.stages.quality.of_positions import position_checks, positioning_runs
+    from truing.stages.quality.check import CampaignLimits
+    from truing.stages.quality.position_checks import position_checks, positioning_runs
 
     runs = list(positioning_runs(tables["positions"]))
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
@@ -179,7 +181,7 @@ def _judged(
     from truing.report.numbers import count
     from truing.stages.common.belonging import belonging_table
     from truing.stages.quality.check import FAIL, WARN, told
-    from truing.stages.quality.of_decisions import accepted_verdicts
+    from truing.stages.quality.decisions import accepted_verdicts
 
     checks = []
     for check in map(told, found):
@@ -223,7 +225,7 @@ def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[B
 
 def _acceptance(check: Check, accept: tuple[Acceptance, ...]) -> str | None:
     """Who accepted a verdict and why."""
-    from truing.stages.quality.of_decisions import covers
+    from truing.stages.quality.decisions import covers
 
     for entry in accept:
         if covers(entry, check):

@@ -22,8 +22,7 @@ from truing.estimation.image_targets.circles import CirclePlan, measure_circles
 from truing.estimation.image_targets.image_noise import estimate_noise
 from truing.estimation.image_targets.ring_codes import family_of_rings, ring_code
 from truing.estimation.image_targets.square_markers import measure_markers
-from truing.formats.image_heads import read_head
-from truing.formats.image_pixels import read_grey
+from truing.formats.image_files import read_grey, read_head
 from truing.schemas.photographs import MARKERS, RINGS, USUAL
 
 PAGE = Path(__file__).parents[1] / "targets-in-images.md"

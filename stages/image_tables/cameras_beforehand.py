@@ -14,7 +14,7 @@ from truing.formats.shapes import CAMERAS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
-from truing.stages.common.small_tables import SmallTable, once
+from truing.stages.common.gathered import SmallTable, once
 from truing.stages.image_tables.known_beforehand import lacks
 
 if TYPE_CHECKING:

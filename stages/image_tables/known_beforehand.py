@@ -15,8 +15,7 @@ from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, RINGS
-from truing.stages.common.sigma_bounds import check_sigma
-from truing.stages.common.small_tables import SmallTable, once
+from truing.stages.common.gathered import SmallTable, check_sigma, once
 from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:

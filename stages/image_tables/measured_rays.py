@@ -15,7 +15,7 @@ from truing.formats.shapes import IMAGE_POINTS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
-from truing.stages.common.sigma_bounds import check_sigma, check_variance
+from truing.stages.common.gathered import check_sigma, check_variance
 from truing.stages.image_tables.point_names import Names, kind_of, own_names
 
 if TYPE_CHECKING:

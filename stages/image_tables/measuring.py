@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.formats.image_pixels import read_grey
+from truing.formats.image_files import read_grey
 from truing.formats.photographs import Photograph
 from truing.formats.raw import Unusable
 from truing.schemas.photographs import MARKERS, RINGS

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.image_pixels import read_grey
+from truing.formats.image_files import read_grey
 from truing.formats.photographs import Photograph, Photographs, list_photographs
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles

@@ -1,35 +1,43 @@
-"""Object points out of photographs as the points of a campaign: who belongs to which body, and who to none."""
+"""Object points out of photographs as the points of a campaign: the body of each, and how well it is known."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.rotation import skew
 from truing.formats.dictionaries import strings
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import FileRows
 from truing.formats.source import RawFile
+from truing.report.numbers import count as counted
 from truing.schemas.faults import Fault
 from truing.schemas.mapping import FileMapping
+from truing.stages.common.point_arrays import number_column, points_and_cov, pose_ids, positions
+from truing.stages.common.point_errors import point_errors
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import pyarrow as pa
 
+    from truing.formats.colmap import ColmapNetwork
+
 FILE = "object_points.parquet"
 ONE_BODY = "object"
 """What the body is called where targets name none and there is no survey to tell."""
-
 OF_NO_BODY = "points of no body: ends of scale bars, or targets that no survey has"
-
 Names = NDArray[np.object_]
+Array = NDArray[np.float64]
+_SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+_PAIRS = (("corr_xy", 0, 1), ("corr_xz", 0, 2), ("corr_yz", 1, 2))
+MOST_POINTS = 1500  # whose covariance is found as a whole
 
 
 @dataclass(frozen=True)
@@ -103,3 +111,113 @@ def _bodies(
     several = np.array([len(names) > 1 for names in found], dtype=bool)
     single = np.array([names[0] if len(names) == 1 else "" for names in found], dtype=object)
     return np.where(nameless, single, body), several
+
+
+def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
+    """The table object_points with standard deviations and correlations as of a free network, where coordinates of it
+    are held; else as it is."""
+    held = np.column_stack([number_column(points, name) for name in _SIGMA]) == 0.0
+    errors = point_errors(points, correlations, None) if held.any() else None
+    if errors is None:
+        return points
+    xyz, cov = points_and_cov(points)
+    poses = pose_ids(points)
+    of_pose = positions(points.column("pose"), poses)
+    for pose in range(len(poses)):
+        rows = np.flatnonzero(of_pose == pose)
+        if held[rows].any():
+            whole = _transformed(xyz[rows], errors.covariance(rows), with_scale=int(held[rows].sum()) > 6)
+            each = np.arange(len(rows))
+            cov[rows] = whole.reshape(len(rows), 3, len(rows), 3)[each, :, each, :]
+    return _with(points, cov)
+
+
+def _transformed(xyz: Array, cov: Array, *, with_scale: bool) -> Array:
+    """The covariance (3n, 3n) in the datum of all points: nothing of it is a motion, or a growth, of all together."""
+    x = xyz - xyz.mean(axis=0)
+    parts = [np.tile(np.eye(3), (len(x), 1)), -skew(x).reshape(-1, 3)]
+    G = np.concatenate([*parts, *([x.reshape(-1, 1)] if with_scale else [])], axis=1)
+    S = np.eye(len(cov)) - G @ np.linalg.solve(G.T @ G, G.T)
+    return np.asarray(S @ cov @ S.T)
+
+
+def _with(points: pa.Table, cov: Array) -> pa.Table:
+    import pyarrow as pa
+
+    sigma = np.sqrt(np.einsum("nii->ni", cov))
+    columns = {name: 1e3 * sigma[:, k] for k, name in enumerate(_SIGMA)}
+    columns |= {name: cov[:, i, j] / (sigma[:, i] * sigma[:, j]) for name, i, j in _PAIRS}
+    for name, values in columns.items():
+        points = points.set_column(points.column_names.index(name), name, pa.array(values, pa.float64()))
+    return points
+
+
+@dataclass
+class EstimatedCovariance:
+    """The estimate, and what is to be said of it. A file that is read twice is adjusted once."""
+
+    said: list[str] = field(default_factory=list)
+    found: dict[bytes, Array | None] = field(default_factory=dict)
+
+    def __call__(self, network: ColmapNetwork) -> Array | None:
+        """The covariances (P, 3, 3) of a model's points, in its own unit; None where they cannot be known."""
+        key = network.points.tobytes() + network.ray_px.tobytes()
+        if key not in self.found:
+            self.found[key] = self._estimated(network)
+        return self.found[key]
+
+    def _estimated(self, network: ColmapNetwork) -> Array | None:
+        count = len(network.points)
+        if count > MOST_POINTS:
+            self.said.append(
+                f"no standard deviations of {counted(count, 'point')} without any: more than {MOST_POINTS:,}"
+            )
+            return None
+        try:
+            with np.errstate(all="ignore"):  # whatever a damaged model holds
+                found, sigma_px = _covariance(network)
+        except (ValueError, np.linalg.LinAlgError):
+            self.said.append(f"no standard deviations of {counted(count, 'point')}: their rays do not determine them")
+            return None
+        known = int(np.isfinite(found[:, 0, 0]).sum())
+        self.said.append(
+            f"standard deviations of {counted(known, 'point')} estimated from their rays (noise {sigma_px:.2g} px "
+            "by their residuals; free datum, without a scale)"
+        )
+        return found
+
+
+def _covariance(found: ColmapNetwork) -> tuple[Array, float]:
+    """Covariances (P, 3, 3) and the noise of an image coordinate in px, which the residuals tell."""
+    from truing.estimation.bundle.adjustment import adjust
+    from truing.estimation.bundle.camera import PARAMETERS, Camera
+    from truing.estimation.bundle.determinable import determinable
+    from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
+
+    rows: list[Any] = found.cameras
+    cameras = tuple(
+        Camera(row["camera"], row["width_px"], row["height_px"], 0.0, None, tuple(row["free"].split())) for row in rows
+    )
+    images, points, rays = len(found.image_camera), len(found.points), len(found.ray_image)
+    network = Network(
+        cameras,
+        found.image_camera,
+        np.zeros(images, np.int64),
+        np.zeros(points, np.int64),
+        Rays(
+            found.ray_image,
+            found.ray_point,
+            found.ray_px,
+            np.broadcast_to(np.eye(2), (rays, 2, 2)),
+            np.zeros(rays, np.int64),
+        ),
+        Bars.none(),
+        KnownPoints.none(),
+    )
+    names = ("focal_px", "x0_px", "y0_px", *PARAMETERS[3:])
+    interior = np.array([[row[name] for name in names] for row in rows], dtype=float)
+    state = State(interior, found.R, found.centre, found.points, np.empty(0))
+    adjusted = adjust(network, state, "free", used=determinable(network).rays)
+    if not adjusted.redundancy > 0:
+        raise ValueError(f"found redundancy {adjusted.redundancy}, expected more than none")
+    return adjusted.covariance.point_blocks() * adjusted.variance_factor, float(np.sqrt(adjusted.variance_factor))

@@ -16,10 +16,9 @@ from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.simulation.axis.rows import MEASURED
 from truing.stages.common.axis_columns import AxisColumns, encoder_sigma
-from truing.stages.common.small_tables import once
+from truing.stages.common.gathered import once
 from truing.stages.declaration import Outcome
-from truing.stages.ingestion.serving_roles import check_any_fitted
-from truing.stages.ingestion.tables import as_artifact
+from truing.stages.ingestion.tables import as_artifact, check_any_fitted
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -21,7 +21,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.schemas.faults import Fault
 from truing.simulation.air import ciddor_index, edlen_slopes, index_sigma, saturation_vapour_pressure_pa
-from truing.stages.ingestion.gathered_columns import numbered, numbers, texts
+from truing.stages.common.gathered import numbered, numbers, texts
 
 if TYPE_CHECKING:
     from truing.schemas.interferometer import Interferometer, SurroundingsSigma

@@ -18,9 +18,7 @@ from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
-from truing.stages.common.sigma_bounds import check_sigma
-from truing.stages.common.small_tables import SmallTable, once
-from truing.stages.ingestion.gathered_columns import numbers, texts
+from truing.stages.common.gathered import SmallTable, check_sigma, numbers, once, texts
 from truing.stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
 from truing.stages.ingestion.tables import check_legs, legs_of
 

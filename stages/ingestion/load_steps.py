@@ -1,15 +1,115 @@
-"""Load steps in the order in which they were taken: one row per step and channel, times that go forward."""
+"""Load steps as files have them: loads on one axis or six at once, the order taken, and several samples of a step."""
 
 from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
-from truing.stages.ingestion.gathered_columns import numbered, numbers
+from truing.formats.shapes import TRANSIT, WRENCH
+from truing.schemas.faults import Fault
+from truing.stages.common.gathered import declared_missing, numbered, numbers, texts, unit_factors, without
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Array = NDArray[np.float64]
+AXES = tuple(name[:2] for name in WRENCH)
+_KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
+_FURTHEST_TEST = 2.5  # of a range; beyond it, a wrong unit is likelier than an overload test
+_ROUNDED = 1e-9  # a load at its range is in it
+EMPTY_LOAD = "a load in every row; an empty cell has to be declared by missing"
+_ONE_LOAD = 1e-3  # of the largest of its component: as alike as two tables write the same load
+Mask = NDArray[np.bool_]
+_OF_A_STEP = ("run", "step", "channel")
+_EMPTY_SAMPLE = "a number in every sample; an empty cell has to be declared by missing"
+
+
+def with_known_loads(found: Gathered) -> Gathered:
+    """The rows whose loads were all written down, of files whose mapping says which values mean missing."""
+    names = [name for name in (*WRENCH, "load") if name in found.table.column_names]
+    unknown = np.any([np.isnan(numbers(found, name)) for name in names], axis=0) if names else np.zeros(1, bool)
+    return without(found, unknown & declared_missing(found), "a load that was not written down") if names else found
+
+
+def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
+    """The loads (N, 6) in N and N m; a component without a value beside others is 0. Notes what cannot be."""
+    names = found.table.column_names
+    six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
+    if bool(six) == bool(one) or len(one) == 1:
+        expected = f"either columns {', '.join(WRENCH)}, or load_axis and load"
+        if not six and not one:
+            expected += '; where nothing acted, constants = { load_axis = "fz", load = 0 }'
+        log.add(Fault(found.first_file, expected, value=", ".join([*six, *one]) or None))
+        return np.full((len(found.table), 6), np.nan)
+    if one:
+        axis, load = (
+            texts(found, "load_axis"),
+            numbers(found, "load") * unit_factors(found, "load", "load_axis", _KINDS, log),
+        )
+        found.fault(log, np.isnan(load), "load", EMPTY_LOAD)
+        loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
+    else:
+        loads = np.column_stack([numbers(found, name) if name in six else _unloaded(found) for name in WRENCH])
+        written = np.any([~np.isnan(numbers(found, name)) for name in six], axis=0)
+        found.fault(log, ~written, six[0], EMPTY_LOAD)
+        loads = np.nan_to_num(loads)
+    _check_range(found, loads, "load" if one else None, loading, log)
+    return loads
+
+
+def _unloaded(found: Gathered) -> Array:
+    return np.zeros(len(found.table))
+
+
+def _check_range(found: Gathered, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
+    for k, name in enumerate(WRENCH):
+        limit = loading.allowed(name)
+        if limit is not None:
+            beyond = np.abs(loads[:, k]) > limit * (1.0 + _ROUNDED)
+            expected = f"at most {limit:g} {_KINDS[AXES[k]]} of {AXES[k]} either way, by [loading]"
+            cure = _cure(np.abs(loads[beyond, k]).max(initial=0.0) / getattr(loading, name))
+            found.fault(log, beyond, column or name, expected + cure)
+
+
+def _cure(share: float) -> str:
+    """What to do of loads that go to this share of their range."""
+    if share > _FURTHEST_TEST:
+        return "; is its unit right?"
+    return f"; of an overload test, [loading] overload = {math.ceil(share * 100.0 - _ROUNDED) / 100.0:g} allows it"
+
+
+def check_one_load(found: Gathered, step: NDArray[np.int64], loads: Array, log: FaultLog) -> None:
+    """A fault at every row whose load is not that of the first row of its step; step (N,) numbers the steps."""
+    rows = np.flatnonzero(found.sound("run", "step", "load_axis", "load", *WRENCH))
+    _, first, at = np.unique(step[rows], return_index=True, return_inverse=True)
+    known, apart = loads[rows], np.zeros(len(loads), dtype=bool)
+    with np.errstate(invalid="ignore"):
+        apart[rows] = np.any(np.abs(known - known[first[at]]) > _allowed(known), axis=1)
+    found.fault(log, apart, _load_column(found), "one load per step, on the same axis in all of its rows")
+
+
+def check_same_loads(found: Gathered, loads: Array, other: Array, log: FaultLog) -> None:
+    """A fault at every row whose loads (N, 6) are not those (N, 6) that the readings have for this step; NaN: none."""
+    with np.errstate(invalid="ignore"):
+        apart = np.any(np.abs(loads - other) > _allowed(np.concatenate([loads, other])), axis=1)
+    apart &= found.sound("run", "step", "load_axis", "load", *WRENCH)
+    found.fault(log, apart, _load_column(found), "the load that the readings of this run and step have")
+
+
+def _allowed(loads: Array) -> Array:
+    """(6,) how far two notes of the same load may be apart."""
+    return _ONE_LOAD * np.nan_to_num(np.abs(loads)).max(axis=0, initial=0.0)
+
+
+def _load_column(found: Gathered) -> str:
+    """The column to name where loads do not agree."""
+    return next((name for name in ("load", *WRENCH) if name in found.table.column_names), "load")
 
 
 def check_once(found: Gathered, log: FaultLog, *key: str, cure: str = "") -> None:
@@ -72,3 +172,84 @@ def _filled(step: Array, time: Array, seen: NDArray[np.bool_]) -> Array:
     filled = np.interp(step, step[seen], time[seen])
     filled = filled + pace * (np.minimum(step - step[first], 0.0) + np.maximum(step - step[last], 0.0))
     return np.asarray(filled)
+
+
+def without_transit(found: Gathered) -> Gathered:
+    """The table without the samples that were taken on the way to the next load, which are counted as left out."""
+    if TRANSIT not in found.table.column_names:
+        return found
+    kept = without(found, numbers(found, TRANSIT) == 1.0, "samples in transit between loads")
+    return replace(kept, table=kept.table.drop_columns([TRANSIT]))
+
+
+def averaged(found: Gathered, log: FaultLog) -> Gathered:
+    """One row per run, step and channel: the mean of every column of real numbers over the samples with a reading.
+
+    A mean reading at the load, time or temperature of one of its samples would tilt the response on every ramp. Notes
+    samples without a load, and texts that differ between samples of a step. A covariate is the mean of those samples
+    that have it.
+    """
+    found = with_known_loads(without_transit(found))
+    _check_samples(found, log)
+    _, first, at = np.unique(numbered(found, *_OF_A_STEP), return_index=True, return_inverse=True)
+    _check_alike(found, first[at], log)
+    counts = _with_reading(found, at)
+    further = np.ones(len(at), dtype=bool)
+    further[first] = False
+    rows = without(found, further, "")
+    table = rows.table
+    for place, name in enumerate(table.column_names):
+        if _is_averaged(found.table, name):
+            means = _means(_sampled(found, name), counts, at)
+            table = table.set_column(place, name, _numbers(means[at[~further]]))
+    return replace(rows, table=table, left_out=found.left_out)
+
+
+def _is_averaged(table: pa.Table, name: str) -> bool:
+    import pyarrow as pa
+
+    return name not in _OF_A_STEP and bool(pa.types.is_floating(table.schema.field(name).type))
+
+
+def _numbers(values: Array) -> pa.Array:
+    import pyarrow as pa
+
+    return pa.array(values, from_pandas=True)
+
+
+def _with_reading(found: Gathered, at: NDArray[np.int64]) -> Mask:
+    """(N,) samples that count: those with a reading; all of a step without any, whose row tells that it was there."""
+    there = np.isfinite(numbers(found, "reading"))
+    return np.asarray(there | (np.bincount(at, there)[at] == 0.0), dtype=bool)
+
+
+def _sampled(found: Gathered, name: str) -> Array:
+    """A column (N,) of numbers; a component of the wrench without a value beside others is 0."""
+    values = numbers(found, name)
+    return np.nan_to_num(values) if name in WRENCH else values
+
+
+def _means(values: Array, counts: Mask, at: NDArray[np.int64]) -> Array:
+    """(S,) means of what is known of values (N,) in the samples that count; NaN where nothing is."""
+    known = np.isfinite(values) & counts
+    count, total = np.bincount(at, known), np.bincount(at, np.where(known, values, 0.0))
+    return np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
+
+
+def _check_samples(found: Gathered, log: FaultLog) -> None:
+    """A fault at every sample without a load, or with an empty reading that nothing declares missing."""
+    names = found.table.column_names
+    six = [name for name in WRENCH if name in names]
+    given = [numbers(found, name) for name in (six or ["load"] if "load" in names else six)]
+    if given:
+        found.fault(log, np.all(np.isnan(given), axis=0), (six or ["load"])[0], EMPTY_LOAD)
+    empty = np.asarray(found.table.column("reading").is_null())
+    found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY_SAMPLE)
+
+
+def _check_alike(found: Gathered, first: NDArray[np.int64], log: FaultLog) -> None:
+    """A fault at every sample that says in words, or in whole numbers, something else than the first of its step."""
+    for name in found.table.column_names:
+        if name not in _OF_A_STEP and not _is_averaged(found.table, name):
+            told = texts(found, name)
+            found.fault(log, np.asarray(told != told[first], dtype=bool), name, f"one {name} for all samples of a step")

@@ -14,9 +14,8 @@ from truing.formats.shapes import DISPLACEMENT, MOTION, PLANNED, SIGNALS
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
 from truing.schemas.interferometer import Material
-from truing.stages.ingestion.compliance_file import read_compliance
-from truing.stages.ingestion.gathered_columns import numbers
-from truing.stages.ingestion.loading_tables import check_sensor
+from truing.stages.common.gathered import numbers
+from truing.stages.ingestion.loading_tables import check_sensor, read_compliance
 from truing.stages.ingestion.reading_table import reading_table
 from truing.stages.ingestion.signal_table import SIGNAL, signal_table
 

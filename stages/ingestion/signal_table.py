@@ -15,11 +15,17 @@ from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.columns import COLUMNS
 from truing.schemas.faults import Fault
-from truing.stages.common.small_tables import SmallTable
-from truing.stages.ingestion.gathered_columns import numbered, numbers, texts
-from truing.stages.ingestion.load_columns import check_same_loads, six_loads, with_known_loads
-from truing.stages.ingestion.load_steps import check_once, check_roles, check_times, times_from_order
-from truing.stages.ingestion.step_samples import without_transit
+from truing.stages.common.gathered import SmallTable, numbered, numbers, texts
+from truing.stages.ingestion.load_steps import (
+    check_once,
+    check_roles,
+    check_same_loads,
+    check_times,
+    six_loads,
+    times_from_order,
+    with_known_loads,
+    without_transit,
+)
 from truing.stages.ingestion.tables import as_artifact, since_first
 
 if TYPE_CHECKING:

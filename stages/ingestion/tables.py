@@ -1,7 +1,10 @@
-"""The small tables of a campaign of points, normalised and checked: configurations and the survey."""
+"""The small tables of a campaign of points, normalised and checked, and the model of an earlier campaign."""
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,15 +20,20 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
-from truing.stages.common.small_tables import SmallTable, once
+from truing.schemas.settings_text import parsed_toml, read_settings_text
+from truing.stages.common.gathered import SmallTable, once
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 POSES = tuple(Shape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
-
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
+_COLUMN = "mechanism.model"
+_WRITTEN = "a model.toml that a run has written"
+# What the earlier run wrote of itself; the copy has a provenance of its own.
+_PROVENANCE = re.compile(r"^\[provenance\].*?(?=^\[|\Z)", re.MULTILINE | re.DOTALL)
+FITTED, REFERENCE = "calibration", "reference"
 
 
 def legs_of(settings: Any) -> tuple[Any, ...]:
@@ -222,3 +230,51 @@ def as_artifact(name: str, table: pa.Table) -> pa.Table:
     text = any(key in names and pa.types.is_string(table.schema.field(key).type) for key in ("pose", "run"))
     schema = artifact.arrow_schema("string" if text else "int64", tuple(names))
     return table.select(names).cast(pa.schema([field.with_nullable(True) for field in schema]))
+
+
+def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | None:
+    """The earlier model as text; None where the campaign starts from none, or from what is at fault."""
+    if settings.mechanism.type == "none" or settings.mechanism.model is None or source.earlier_model is None:
+        return None
+    try:
+        text = read_settings_text(source.earlier_model.path)
+        wrong = _departure(parsed_toml(text), settings.mechanism)
+    except OSError:
+        wrong = "a file that can be read: the model.toml of an earlier campaign"
+    except (ValueError, RecursionError) as error:  # no text, no TOML, or numbers without end in it
+        wrong = _WRITTEN if source.is_outside(source.earlier_model) else f"{_WRITTEN} ({error})"
+    if wrong:
+        log.add(Fault("campaign.toml", wrong, column=_COLUMN, value=source.earlier_model.name))
+        return None
+    return _PROVENANCE.sub("", text).rstrip("\n") + "\n"
+
+
+def _departure(document: dict[str, Any], mechanism: Any) -> str:
+    """What a parsed model would have to be instead; empty where it is one of this mechanism."""
+    about, legs = document.get("model"), document.get("legs")
+    if not isinstance(about, dict) or "covariance" not in document:
+        return _WRITTEN
+    of_sensor = about.get("mechanism") == "6-upur"
+    if not (isinstance(document.get("compliance"), dict) if of_sensor else isinstance(legs, list)):
+        return _WRITTEN
+    if about.get("mechanism") != mechanism.type:
+        return f"a model of a {mechanism.type}, not of a {about.get('mechanism')}"
+    if isinstance(legs, list) and len(legs) != len(mechanism.legs):
+        return f"a model of {len(mechanism.legs)} legs, not of {len(legs)}"
+    return ""
+
+
+def check_any_fitted(tables: Sequence[pa.Table], file: str, what: str, log: FaultLog) -> None:
+    """A fault where every row is a reference; what: pose or run.
+
+    A campaign of role verification alone tests an earlier model, and a short one may fit to its reference poses.
+    """
+    roles: Counter[str] = Counter()
+    for table in tables:
+        if "role" in table.column_names:
+            roles.update(filter(None, table.column("role").to_pylist()))
+        elif len(table):
+            return
+    if set(roles) == {REFERENCE}:
+        expected = f"at least one {what} of role {FITTED}: without one there is nothing to fit to"
+        log.add(Fault(file, expected, column="role", value=f"{', '.join(roles)} alone"))

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging import loads_of_readings, signals_of_loads
-from truing.belonging.copied_rows import Values, copied_runs
-from truing.belonging.equal_columns import equal_columns
+from truing.belonging.copied_rows import Values, copied_runs, equal_columns
 from truing.belonging.frozen_values import Frozen, frozen, stood_still
 from truing.belonging.parts_of_runs import Part, parts
 from truing.belonging.plausible_slips import Column
@@ -32,7 +31,7 @@ from truing.schemas.interferometer import LINEAR
 from truing.stages.common.declared_optics import channel_rows
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.quality.belonging_of_parts import of_parts, rows_of_parts
-from truing.stages.quality.loading_view import simulated_compliance
+from truing.stages.quality.loading_checks import simulated_compliance
 
 if TYPE_CHECKING:
     import pyarrow as pa

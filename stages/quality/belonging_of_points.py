@@ -9,9 +9,15 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.belonging.leg_hypotheses import Motion
-from truing.belonging.points_in_poses import AsAnother, BodyPoints
-from truing.belonging.points_of_bodies import poses_with_slips, relate_copies, relate_survey, together
+from truing.belonging.points_of_bodies import (
+    AsAnother,
+    BodyPoints,
+    poses_with_slips,
+    relate_copies,
+    relate_survey,
+    together,
+)
+from truing.belonging.reading_hypotheses import Motion
 from truing.belonging.readings_of_poses import READINGS, Names, relate_readings
 from truing.belonging.relation import State, Tested
 from truing.estimation.covariance import relative

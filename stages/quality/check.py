@@ -1,9 +1,13 @@
-"""One check of a campaign's quality: a value, a limit, a verdict and one sentence."""
+"""One check of a campaign's quality: value, verdict and sentence, and the limits: declared, or set by the campaign."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from truing.schemas.quality_checks import in_force, settable
+from truing.schemas.sections import SetLimits
 
 PASS, WARN, FAIL, NOT_EVALUATED = "pass", "warn", "fail", "not evaluated"
 COUNTED = "no time was recorded, or it merely counts"
@@ -32,3 +36,54 @@ def told(check: Check) -> Check:
     if check.value is None or math.isfinite(check.value):
         return check
     return without("too little was measured", check.check, check.subject, "its value would be no number")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What values of one check are held against, in their own unit; own: what the campaign set, in words."""
+
+    check: str
+    warn: float | None
+    fail: float | None
+    below: bool
+    own: str
+
+    def verdict(self, value: float) -> str:
+        """Of a value; a limit itself is still within."""
+        return FAIL if self._trips(value, self.fail) else WARN if self._trips(value, self.warn) else PASS
+
+    def row(self, subject: str, value: float, unit: str, message: str, *, counts: bool = True) -> Check:
+        """The row of a value, with the limit that its verdict rests on; ``counts``: it can trip at all."""
+        verdict = self.verdict(value) if counts else PASS
+        first = self.fail if self.warn is None else self.warn
+        limit = self.fail if verdict == FAIL else first
+        return Check(self.check, subject, value, limit, unit, verdict, message + self.own)
+
+    def _trips(self, value: float, limit: float | None) -> bool:
+        return limit is not None and (value < limit if self.below else value > limit)
+
+
+@dataclass(frozen=True)
+class CampaignLimits:
+    """The limits of a kind of campaign; given: those of its own, by check."""
+
+    kind: str
+    given: Mapping[str, SetLimits] = field(default_factory=dict)
+
+    def of(self, check: str, per: float = 1.0) -> Limit:
+        """The limits of a check; per: what one of its declared unit is in that of the values."""
+        declared, own = settable(self.kind)[check], self.given.get(check, SetLimits())
+        warn, fail = in_force(declared, own)
+        said = [
+            f"{verb} {declared.words(limit)} (by default {'never' if default is None else declared.words(default)})"
+            for verb, limit, default in (("warns", warn, declared.warn), ("fails", fail, declared.fail))
+            if limit is not None and limit != default
+        ]
+        why = f": {own.reason.rstrip('.')}" if own.reason else ""
+        return Limit(
+            check,
+            None if warn is None else warn * per,
+            None if fail is None else fail * per,
+            declared.below,
+            f" Limit set by the campaign: {', '.join(said)}{why}." if said else "",
+        )

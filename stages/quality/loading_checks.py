@@ -1,30 +1,79 @@
-"""The checks of a loading campaign, and how they share the budget of chance.
+"""The checks of a loading campaign: load steps as the checks see them, and how these share the budget of chance.
 
-As in ``checks``: what fails by chance shares ``[qa] false_alarm``; what only warns is held at ten times its share.
+As in ``point_checks``: what fails by chance shares ``[qa] false_alarm``; what only warns is held at ten times that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from truing.quality.answers import answers, signal_answers, turned_round
-from truing.quality.loading import LoadingView
-from truing.stages.quality.check import Check, without
-from truing.stages.quality.limits import CampaignLimits
-from truing.stages.quality.of_decisions import overruled
-from truing.stages.quality.of_labels import exchanged_channels
-from truing.stages.quality.of_readings import drift, gross_errors, jumps, noise, repeatability, signs, units
-from truing.stages.quality.of_signals import signal_checks
-from truing.stages.quality.of_steps import load_range, pauses, readings_there, runs_whole, steps_there
-from truing.stages.quality.of_surroundings import surroundings_checks
-from truing.stages.quality.of_time import time_unit
-from truing.stages.quality.of_zeros import run_zeros, zero_return
+from truing.quality.loading import ExpectedReadings, LoadingView
+from truing.report.numbers import percent
+from truing.stages.common.declared_optics import channel_rows
+from truing.stages.common.reading_arrays import load_steps
+from truing.stages.quality.check import CampaignLimits, Check, without
+from truing.stages.quality.decisions import overruled
+from truing.stages.quality.reading_checks import (
+    drift,
+    exchanged_channels,
+    gross_errors,
+    jumps,
+    noise,
+    repeatability,
+    run_zeros,
+    signs,
+    units,
+    zero_return,
+)
+from truing.stages.quality.signal_checks import signal_checks
+from truing.stages.quality.steps_and_surroundings import (
+    load_range,
+    pauses,
+    readings_there,
+    runs_whole,
+    steps_there,
+    surroundings_checks,
+)
+from truing.stages.quality.time_and_temperature import time_unit
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from truing.schemas.campaign import Campaign
 
+Array = NDArray[np.float64]
 _CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chance can trip
+
+
+def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingView:
+    """The tables ``readings`` and ``signals`` with what [mechanism] simulates of the readings."""
+    steps = load_steps(tables)
+    noise = settings.noise
+    compliance = simulated_compliance(tables, settings)
+    load_sigma = np.array([noise.load_n] * 3 + [noise.load_nm] * 3)
+    if compliance is None:
+        return LoadingView(steps, None, load_sigma)
+    gives = np.maximum(np.diag(compliance), 0.0)
+    at_most = np.sqrt((steps.load**2 @ gives)[:, None] * gives)
+    seen = channel_rows(settings.interferometer.beams) @ compliance
+    return LoadingView(steps, ExpectedReadings(steps.load @ seen.T, at_most), load_sigma)
+
+
+def simulated_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
+    """The simulated compliance (6, 6), SI; None where campaign.toml tells of none."""
+    from truing.stages.common.nominal_sensor import elastic_parts, given_matrix
+
+    if settings.mechanism.type != "6-upur":
+        return None
+    if "given_compliance" in tables:
+        return given_matrix(tables["given_compliance"])
+    elastic = elastic_parts(settings.mechanism)  # type: ignore[arg-type]
+    return None if elastic is None else elastic.compliance
 
 
 def loading_checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> Iterator[Check]:
@@ -66,3 +115,42 @@ def _of_readings(view: LoadingView, settings: Campaign, share: float, limits: Ca
     yield from jumps(view, 10.0 * share)
     reference = settings.mechanism.reference_temperature_c
     yield from surroundings_checks(view, settings.interferometer, reference, limits)
+
+
+def correction_checks(view: LoadingView, corrections: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
+    """One check of every channel and correction whose uncertainty is declared."""
+    noise = {channel.name: channel.declared * channel.in_files for channel in view.channels}
+    for row in corrections.to_pylist():
+        name, left = row["subject"], row["sigma"]
+        if left is None or name not in noise:
+            continue
+        by = "" if row["largest"] is None else f" by {row['largest']:.2g} {row['unit']} at most, which"
+        said = f"{name} is corrected for the {row['correction']}{by or ' as it came, which'}"
+        said += f" is known to {left:.2g} {row['unit']} (one sigma)."
+        limit = limits.of("corrections", per=noise[name])
+        yield limit.row(f"channel {name} {row['correction']}", left, row["unit"], said)
+
+
+def quadrature_checks(channels: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
+    """Two checks of every channel."""
+    for row in channels.to_pylist():
+        yield _round(row, limits)
+        yield _counted(row, limits)
+
+
+def _round(row: dict[str, Any], limits: CampaignLimits) -> Check:
+    share, uncut = row["radius_after"] / row["radius_mean"], row["radius_uncut"] / row["radius_mean"]
+    name = row["channel"]
+    said = (
+        f"{name}: corrected by its ellipse, the radius of the raw signals scatters by {percent(100.0 * share)} of it."
+    )
+    if row["cut_share"] > 0.0:
+        said += f" {percent(100.0 * row['cut_share'])} of the samples stand at an end of the converter's range;"
+        said += f" the others scatter by {percent(100.0 * uncut)} about an ellipse of their own."
+    return limits.of("signals-round").row(f"channel {name}", share, "1", said)
+
+
+def _counted(row: dict[str, Any], limits: CampaignLimits) -> Check:
+    risk, name = row["miscount_risk"], row["channel"]
+    said = f"{name}: no step from sample to sample is likelier than {risk:.1g} to have been counted a fringe off."
+    return limits.of("fringes-counted").row(f"channel {name}", risk, "1", said)

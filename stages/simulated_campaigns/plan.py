@@ -1,4 +1,4 @@
-"""A campaign as a plan that can be drawn again: its survey, configurations and noise, and which targets it sees."""
+"""Campaigns as plans that can be drawn again: of points, of a bench, of rays; what is drawn fills their tables anew."""
 
 from __future__ import annotations
 
@@ -9,24 +9,32 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.bench.simulation import draw_readings
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.simulation import Layout, draw_campaign
 from truing.simulation.mechanisms.unknowns import Conditions, Known
+from truing.simulation.photographs.causes.ray_causes import RayCause
+from truing.simulation.photographs.ray_poses import RayPoses
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import default_rotations, pose_ids, pose_points, positions, survey_points
 from truing.stages.common.pose_conditions import pose_conditions
+from truing.stages.common.reading_arrays import load_steps
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
+    from truing.simulation.bench.model import ReadingModel
 
 _FEWEST_POSES = 3
+_VOLT_MV = 1e3
+NEEDS = ("ray_statistics", "ray_information", "ray_effects", "configurations", "poses")
 
 
 @dataclass(frozen=True)
@@ -217,3 +225,117 @@ def _with_points(table: pa.Table, points: NDArray) -> pa.Table:
         place = table.schema.get_field_index(f"{axis}_mm")
         table = table.set_column(place, table.schema.field(place), pa.array(values * 1e3))
     return table
+
+
+@dataclass(frozen=True)
+class ReadingPlan:
+    """A layout of load steps, and the tables that a drawn campaign of that layout fills with other numbers.
+
+    ``scene`` is what causes may propose candidates from, as the diagnosis offers it to them.
+    """
+
+    model: ReadingModel
+    steps: RecordedSteps
+    tables: Mapping[str, pa.Table]
+    scene: Scene
+    gross: float = 0.0
+
+    through: tuple[str, ...] = ()  # stages between what is drawn and the diagnosis
+
+    @property
+    def part_count(self) -> int:
+        """What parameters are numbered by."""
+        return self.model.part_count
+
+    def with_gross(self, share: float) -> ReadingPlan:
+        """The plan with a share of the readings grossly wrong."""
+        return replace(self, gross=share)
+
+    def drawn(self, effects: Sequence[Effect], rng: np.random.Generator) -> dict[str, pa.Table]:
+        """The tables of a campaign drawn anew with effects hidden in it."""
+        found = draw_readings(self.model, effects, rng, self.gross)
+        place = {key: row for row, key in enumerate(_keys(self.steps))}
+        tables = dict(self.tables)
+        if "readings" in tables:
+            table = tables["readings"]
+            rows = _rows(table, place)
+            channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
+            tables["readings"] = _with(table, "reading", found[rows, channel] / READING_SI[channel])
+        if "signals" in tables:
+            rows = _rows(tables["signals"], place)
+            for number, name in enumerate(self.steps.signals):
+                values = found[rows, len(CHANNELS) + number] * _VOLT_MV
+                tables["signals"] = _with(tables["signals"], f"{name}_mv", values)
+        return tables
+
+
+def reading_plan(tables: Mapping[str, pa.Table], model: ReadingModel) -> ReadingPlan:
+    """The plan of a loading campaign; model: its plain simulation at all load steps."""
+    steps = load_steps(tables)
+    own = {name: tables[name] for name in ("readings", "signals", "given_compliance") if name in tables}
+    return ReadingPlan(model, steps, own, model.scene)
+
+
+def _keys(steps: RecordedSteps) -> list[tuple[int | str, int]]:
+    return [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
+
+
+def _rows(table: pa.Table, place: Mapping[tuple[int | str, int], int]) -> NDArray[np.int64]:
+    keys = zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True)
+    return np.array([place[key] for key in keys])
+
+
+def _with(table: pa.Table, name: str, values: NDArray[np.float64]) -> pa.Table:
+    import pyarrow as pa
+
+    place = table.schema.get_field_index(name)
+    return table.set_column(place, table.schema.field(place), pa.array(values))
+
+
+@dataclass(frozen=True)
+class RayPlan:
+    """The network of a run: what its rays tell of cameras, scale bars and air, and the tables that a drawn campaign
+    with the same network fills with other scores.
+
+    Rays follow these numbers linearly, with the derivatives at the run's adjustment. ``scene`` is what causes may
+    propose candidates from, as the diagnosis offers it to them.
+    """
+
+    rays: RayPoses
+    tables: Mapping[str, pa.Table]
+    scene: Scene
+
+    part_count = 0  # nothing is numbered by legs
+    through: tuple[str, ...] = ()  # stages between what is drawn and the diagnosis
+
+    def with_gross(self, share: float) -> RayPlan:
+        """The plan as it is; raises ValueError for a share of wrong rays, which an adjustment leaves none of."""
+        if share > 0:
+            raise ValueError("rays that are grossly wrong are sought before causes are: --gross 0")
+        return self
+
+    def drawn(self, effects: Sequence[Effect], rng: np.random.Generator) -> dict[str, pa.Table]:
+        """The tables of a campaign drawn anew with effects hidden in it."""
+        rays, scale = self.rays, np.array([number.scale for number in self.rays.parameters])
+        known = np.array([number.sigma or 0.0 for number in rays.parameters])
+        mean = np.array([number.mean for number in rays.parameters])
+        off = np.tile(np.where(known > 0.0, mean + known * rng.standard_normal(len(known)), 0.0), (len(rays.poses), 1))
+        for effect in effects:
+            assert isinstance(effect.cause, RayCause)
+            off = off + effect.cause.moved(rays, effect.values)
+        value = np.einsum("bkt,bt->bk", rays.root, off / scale) + rng.standard_normal(rays.root.shape[:2])
+        return {**self.tables, "ray_statistics": self._scored(np.einsum("bkt,bk->bt", rays.root, value))}
+
+    def _scored(self, score: NDArray) -> pa.Table:
+        import pyarrow as pa
+
+        table = self.tables["ray_statistics"]
+        pose = positions(table.column("pose"), self.rays.poses)
+        number = positions(table.column("shared_number"), tuple(own.called for own in self.rays.parameters))
+        place = table.schema.get_field_index("score")
+        return table.set_column(place, table.schema.field(place), pa.array(score[pose, number]))
+
+
+def ray_plan(tables: Mapping[str, pa.Table], rays: RayPoses, scene: Scene) -> RayPlan:
+    """The plan of a run's rays, as the diagnosis gathered them."""
+    return RayPlan(rays, {name: tables[name] for name in NEEDS if name in tables}, scene)

@@ -13,7 +13,7 @@ import pytest
 from tests.belonging.test_load_slips import CHANNELS, SAMPLE, _asymmetric, _loaded
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
-from truing.belonging.equal_columns import equal_columns
+from truing.belonging.copied_rows import equal_columns
 from truing.belonging.frozen_values import stood_still
 from truing.belonging.parts_of_runs import parts
 from truing.belonging.plausible_slips import Column

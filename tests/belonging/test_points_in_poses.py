@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truing.belonging.points_in_poses import AsAnother, BodyPoints
-from truing.belonging.points_of_bodies import poses_with_slips, relate_survey
+from truing.belonging.points_of_bodies import AsAnother, BodyPoints, poses_with_slips, relate_survey
 from truing.belonging.relation import SlipKind, State
 
 SIGMA = 1e-5

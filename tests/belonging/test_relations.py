@@ -8,10 +8,10 @@ import pytest
 from tests.tolerance import assert_close
 from truing.belonging import relation
 from truing.belonging.evidence import log_evidence, physics
-from truing.belonging.leg_hypotheses import Motion
-from truing.belonging.points_in_poses import BodyPoints
+from truing.belonging.points_of_bodies import BodyPoints
 from truing.belonging.points_of_bodies import relate_copies as copies
 from truing.belonging.points_of_bodies import relate_survey as survey_of
+from truing.belonging.reading_hypotheses import Motion
 from truing.belonging.readings_of_poses import Names
 from truing.belonging.readings_of_poses import relate_readings as relations
 from truing.belonging.relation import SlipKind, State

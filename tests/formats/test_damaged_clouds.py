@@ -9,8 +9,8 @@ import pytest
 
 from tests.formats.reading import SHAPES, read
 from tests.formats.test_other_formats import write_c3d
+from truing.formats.cloud_files import lzf_decompressed
 from truing.formats.faultlog import FaultLog
-from truing.formats.pcd import lzf_decompressed
 from truing.formats.read import read_table
 from truing.formats.source import CampaignFiles
 from truing.schemas.campaign import read_campaign
@@ -197,7 +197,7 @@ def test_markers_that_end_the_process_of_their_library(tmp_path, monkeypatch):
     entry = {"path": "take.c3d", "constants": {"body": "b"}}
     assert len(read(tmp_path, entries=entry).records) == 11
     ended = subprocess.CompletedProcess([], -11)
-    monkeypatch.setattr("truing.formats.c3d_file.subprocess.run", lambda *_, **__: ended)
+    monkeypatch.setattr("truing.formats.motion_capture.subprocess.run", lambda *_, **__: ended)
     (fault,) = read(tmp_path, entries=entry).faults
     assert (fault.file, fault.expected) == ("take.c3d", "a whole C3D file; this one is damaged")
 
@@ -243,7 +243,7 @@ def test_markers_whose_reading_never_ends_are_given_up(tmp_path, monkeypatch):
     content = bytearray((tmp_path / "take.c3d").read_bytes()[:700])
     content[2:4], content[16:18], content[514] = bytes(2), b"\1\0", 0
     (tmp_path / "take.c3d").write_bytes(content)
-    monkeypatch.setattr("truing.formats.c3d_file.SECONDS", 1.0)
+    monkeypatch.setattr("truing.formats.motion_capture.SECONDS", 1.0)
     (fault,) = read(tmp_path, entries=MARKERS).faults
     assert fault.expected == "a whole C3D file; this one is damaged: it was not read after 1 s"
 

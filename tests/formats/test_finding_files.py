@@ -9,7 +9,7 @@ import pytest
 
 from tests.formats.reading import read, written
 from truing.formats import file_search
-from truing.formats.discretion import discreet
+from truing.formats.faultlog import discreet
 from truing.formats.file_search import TooManyEntries, find_files
 from truing.schemas.settings_text import read_settings_text
 

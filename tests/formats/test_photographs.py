@@ -16,8 +16,7 @@ from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 
 from tests.tolerance import assert_close
 from truing.formats.faultlog import FaultLog
-from truing.formats.image_heads import read_head
-from truing.formats.image_pixels import read_grey
+from truing.formats.image_files import read_grey, read_head
 from truing.formats.photographs import list_photographs
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles, has_photographs, raw_files

@@ -297,7 +297,7 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
     }
     for name in (
         *("stages/declaration.py", "truing/child_processes.py"),
-        *("truing/formats/source.py", "truing/formats/companions.py", "truing/formats/file_search.py"),
+        *("truing/formats/source.py", "truing/formats/file_search.py", "truing/formats/file_search.py"),
     ):
         files[name] = (PROJECT / name).read_text()
     for name, text in files.items():

@@ -20,8 +20,7 @@ from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays
 from truing.estimation.bundle.start_values import find_start
 from truing.estimation.image_targets.boards import BoardCorners, BoardPlan, measure_board
-from truing.formats.image_heads import read_head
-from truing.formats.image_pixels import read_grey
+from truing.formats.image_files import read_grey, read_head
 
 Array = NDArray[np.float64]
 

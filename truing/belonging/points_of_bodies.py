@@ -1,31 +1,231 @@
-"""Do measured points belong to the survey of their body, and are all poses measurements of their own?"""
+"""Do measured points belong to the survey of their body, in all poses or in some, and are all poses their own?"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.belonging.partial_slips import rounding
-from truing.belonging.points_in_poses import BodyPoints, slips_in_poses
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, State, Tested, both_ways
+from truing.belonging.slips_in_rows import places, rounding
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
+_FIFTH = 0.2  # the share of the misfit that a slip may leave
+_HALF = 0.5  # of the misfit: what decides whether a pose is better with the slip undone
+_AS_RIGHT = 5.0  # typical misfits, up to which a pose is right as it stands
+_AS_OTHERS = 3.0  # typical misfits of the other poses, which a slip may leave
+_SCALE = 0.02  # relative, to a factor between units
+_NEARER = 3.0  # how much nearer to the other poses one change of axes has to bring points than any other
+_WITHIN = 1.5  # of how far the other poses lie from their middle: where points of the right axes lie
+_LEAST_TARGETS = 4  # three points are congruent to their mirror image
+_MOST_TARGETS = 40  # of a body whose exchanges of two labels are tried
+_AXES = ("x_mm", "y_mm", "z_mm")
 SURVEY, COPIES = "points-against-survey", "copied-poses"
 _POSES_TO_COMPARE = 2
-_LEAST_TARGETS = 4  # three points are congruent to their mirror image
 _FLAT = 0.02  # thickness over length, below which a body is its own mirror image
 _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
-_FIFTH = 0.2  # the share of the misfit that a slip may leave
 _OTHER_BODY = 0.05  # of a body's size (rms from its middle): by as much no body deforms
-_SCALE = 0.02  # relative, to a factor between units
 _ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; rounding three coordinates makes half of it
 _CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
+
+
+@dataclass(frozen=True)
+class AsAnother:
+    """Points (B, K, 3), m, that a body has in each pose, seen (B, K), and the survey (K, 3) of another body ``name``.
+
+    They are paired by the names of targets, or by their places in the file.
+    """
+
+    name: str
+    survey: Array
+    points: Array
+    seen: Mask
+
+    def chosen(self, rows: Index) -> AsAnother:
+        """Return them in some poses."""
+        return replace(self, points=self.points[rows], seen=self.seen[rows])
+
+
+@dataclass(frozen=True)
+class BodyPoints:
+    """One body: survey (T, 3) and points (B, T, 3) in m, seen (B, T), sigma of a coordinate in m.
+
+    ``poses`` (B,) in the order of the file; ``groups``: columns that sort poses, with their values; ``others``: what
+    was written down for this body, as points of others.
+    """
+
+    name: str
+    survey: Array
+    points: Array
+    seen: Mask
+    sigma: float
+    poses: tuple[str, ...] = ()
+    groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    others: tuple[AsAnother, ...] = ()
+
+    def chosen(self, rows: Index) -> BodyPoints:
+        """Return the body in some poses."""
+        names = tuple(self.poses[row] if self.poses else str(row) for row in rows.tolist())
+        groups = tuple((name, tuple(np.asarray(own)[rows].tolist())) for name, own in self.groups)
+        others = tuple(one.chosen(rows) for one in self.others)
+        return replace(self, points=self.points[rows], seen=self.seen[rows], poses=names, groups=groups, others=others)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """What may explain poses (B,): kind, quantity, factor; misfit (B,), m, with it undone, infinite for none."""
+
+    kind: SlipKind
+    quantity: str
+    factor: float
+    misfit: Array
+
+
+def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[Slip, ...], Mask]:
+    """Return the slips in some poses of a body, the points of others being right, and the poses (B,) concerned.
+
+    limit: misfit, m, up to which points fit their survey. No slip where every pose, or none, is right as it stands, and
+    none in poses with fewer than four targets.
+    """
+    usable = np.flatnonzero(
+        np.max([one.sum(axis=1) for one in (body.seen, *(other.seen for other in body.others))], axis=0)
+        >= _LEAST_TARGETS
+    )
+    concerned = np.zeros(len(body.seen), bool)
+    if not len(usable):
+        return (), concerned
+    own = body.chosen(usable)
+    plain = _fitted(own.survey, own.points, own.seen)
+    trials = [*_in_other_units(own), _mirrored(own), *_of_other_bodies(own)]
+    after = np.stack([trial.misfit for trial in trials])
+    best, least = after.argmin(axis=0), after.min(axis=0)
+    is_better = (plain > limit) & (least < _FIFTH * plain)
+    typical = float(np.median(np.where(is_better, least, plain)))
+    right = ~is_better & (plain <= max(limit, _AS_RIGHT * typical))
+    is_unit = np.array([trial.kind is SlipKind.UNIT for trial in trials])[best]
+    # a factor of a thousand is told by the size alone: numbers in metres may be coarse
+    slipped = is_better & (is_unit | (least <= max(_AS_OTHERS * typical, limit)))
+    if not right.any() or not slipped.any():
+        return (), concerned
+    named = tuple(_slips(own, trials, np.where(slipped, best, -1), plain, right))
+    concerned[usable] = np.any([one.rows for one in named], axis=0) if named else False
+    return tuple(one.slip for one in named), concerned
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A slip and the poses (B,) that fit better with it undone."""
+
+    slip: Slip
+    rows: Mask
+
+
+def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Array, right: Mask) -> Iterator[_Named]:
+    for number, trial in enumerate(trials):
+        rows = which == number
+        if not rows.any() or (trial.kind is SlipKind.MIRRORED and _labels_explain(body, rows, trial.misfit)):
+            continue
+        # a pose with a gross error fits neither way, and belongs to those about it where it fits better
+        kept = right | (trial.misfit > _HALF * plain) | ((which >= 0) & ~rows)
+        axes = _changed_axes(body, rows, right) if trial.kind is SlipKind.MIRRORED else np.full(len(rows), -1)
+        for change in dict.fromkeys(axes[rows].tolist()):
+            slip = _CHANGES[change].slip if change >= 0 else Slip(trial.kind, trial.quantity, (), trial.factor)
+            own = rows & (axes == change)
+            where = places(own, kept | (rows & ~own), body.poses, body.groups)
+            yield _Named(replace(slip, subjects=(*where, body.name)), own | (~kept & ~rows))
+
+
+def _fitted(survey: Array, points: Array, seen: Mask) -> Array:
+    """Misfit (B,), m, of points to their survey; infinite where fewer than four were seen."""
+    rms = umeyama(survey, points, seen.astype(float)).rms
+    return np.where(np.isfinite(rms) & (seen.sum(axis=1) >= _LEAST_TARGETS), rms, np.inf)
+
+
+def _in_other_units(body: BodyPoints) -> Iterator[_Trial]:
+    scaled = umeyama(body.survey, body.points, body.seen.astype(float), with_scale=True)
+    enough = np.isfinite(scaled.rms) & (body.seen.sum(axis=1) >= _LEAST_TARGETS)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for factor in both_ways(LENGTH_FACTORS):
+            near = np.abs(np.log(scaled.scale * factor)) < _SCALE
+            yield _Trial(SlipKind.UNIT, "points", factor, np.where(enough & near, factor * scaled.rms, np.inf))
+
+
+def _mirrored(body: BodyPoints) -> _Trial:
+    return _Trial(SlipKind.MIRRORED, "points", 1.0, _fitted(body.survey * [-1.0, 1.0, 1.0], body.points, body.seen))
+
+
+def _of_other_bodies(body: BodyPoints) -> Iterator[_Trial]:
+    for other in body.others:
+        quantity = f"points of body {other.name} in place of those of another body"
+        yield _Trial(SlipKind.MISLABELLED, quantity, 1.0, _fitted(other.survey, other.points, other.seen))
+
+
+def _labels_explain(body: BodyPoints, rows: Mask, mirrored: Array) -> bool:
+    """Whether two labels exchanged explain a pose as well as a mirror image: bodies that are symmetric."""
+    row = int(np.flatnonzero(rows)[0])
+    seen = np.flatnonzero(body.seen[row])
+    if len(seen) > _MOST_TARGETS:
+        return False
+    pairs = list(combinations(range(len(seen)), 2))
+    order = np.tile(np.arange(len(seen)), (len(pairs), 1))
+    for at, (one, other) in enumerate(pairs):
+        order[at, [one, other]] = [other, one]
+    fitted = umeyama(body.survey[seen][order], np.broadcast_to(body.points[row][seen], (*order.shape, 3)))
+    return bool(np.nanmin(fitted.rms) <= _AS_OTHERS * mirrored[row])
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A change of axes that undoes a slip: right = recorded @ matrix."""
+
+    slip: Slip
+    matrix: Array
+
+
+def _changes() -> Iterator[_Change]:
+    """Changes of the axes that make a mirror image: an odd number of signs, or two axes exchanged."""
+    for signs in product((1.0, -1.0), repeat=3):
+        if np.prod(signs) < 0.0:
+            turned = " and ".join(name for name, sign in zip(_AXES, signs, strict=True) if sign < 0.0)
+            yield _Change(Slip(SlipKind.SIGN, f"{turned} of points"), np.diag(signs))
+    for order in permutations(range(3)):
+        matrix = np.eye(3)[:, list(order)]
+        if np.linalg.det(matrix) < 0.0:
+            moved = " and ".join(_AXES[axis] for axis in range(3) if order[axis] != axis)
+            yield _Change(Slip(SlipKind.COLUMNS, f"{moved} of points"), matrix)
+
+
+_CHANGES = tuple(_changes())
+
+
+def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
+    """Which change (B,) brings the points of mirrored poses where those of the right ones lie; -1 where none clearly
+    does, as with an instrument that stood elsewhere."""
+    found = np.full(len(rows), -1)
+    points = np.where(body.seen[:, :, None], body.points, np.nan)
+    known = np.isfinite(points[right]).any(axis=(0, 2))
+    middle = np.full(points.shape[1:], np.nan)
+    middle[known] = np.nanmedian(points[right][:, known], axis=0)
+    spread = _WITHIN * float(np.nanmax(_apart(points[right], middle)))
+    for row in np.flatnonzero(rows).tolist():
+        apart = np.array([_apart((points[row] @ change.matrix)[None], middle)[0] for change in _CHANGES])
+        nearest, second = np.argsort(apart)[:2]
+        if apart[nearest] <= spread and apart[second] > _NEARER * apart[nearest]:
+            found[row] = nearest
+    return found
+
+
+def _apart(points: Array, middle: Array) -> Array:
+    """Root mean square distance (B,) of points (B, T, 3) from where they usually are."""
+    square = np.sum((points - middle) ** 2, axis=2)
+    known = np.isfinite(square)
+    return np.asarray(np.sqrt(np.where(known, square, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)))
 
 
 def relate_survey(body: BodyPoints) -> Tested:

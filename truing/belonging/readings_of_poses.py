@@ -7,12 +7,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.belonging.leg_hypotheses import Description, Motion, descriptions
-from truing.belonging.partial_slips import copied_columns, rounded_to, rounding, stray_readings
-from truing.belonging.reading_hypotheses import PENALTY, Written, best_written, reached
+from truing.belonging.reading_hypotheses import (
+    PENALTY,
+    Description,
+    Motion,
+    Written,
+    best_written,
+    descriptions,
+    reached,
+)
 from truing.belonging.relation import Slip, SlipKind, State, Tested
-from truing.belonging.row_hypotheses import RowOrder, best_order
-from truing.belonging.slips_in_rows import agreement, places, slipped_rows
+from truing.belonging.slips_in_rows import (
+    RowOrder,
+    agreement,
+    best_order,
+    copied_columns,
+    places,
+    rounded_to,
+    rounding,
+    slipped_rows,
+    stray_readings,
+)
 from truing.simulation.mechanisms.legs.kinematics import closure_rows, upper_joints
 
 Array = NDArray[np.float64]

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.formats.companions import companions, plain_ending
 from truing.formats.compression import open_plain
+from truing.formats.file_search import companions, plain_ending
 from truing.formats.interior_orientation import Row, camera_row, from_millimetres
-from truing.formats.raw import RawBatch, Unusable, Wanted
+from truing.formats.raw import RawBatch, Unusable, Wanted, one_batch, whole_numbers
 from truing.formats.source import RawFile
-from truing.formats.whole_file import one_batch, whole_numbers
 
 _LARGEST = 1 << 28
 _PER_CAMERA = 5

@@ -1,7 +1,7 @@
 """Reads one C3D file in a process of its own, for ezc3d may hang, end its process or take all memory over damage.
 
-``python -m truing.formats.c3d_child FILE FOLDER BYTES`` leaves in FOLDER what `truing.formats.c3d_file` takes up, or
-the reason why not; BYTES is the memory that the process may take, where the system can limit it.
+``python -m truing.formats.c3d_child FILE FOLDER BYTES`` leaves in FOLDER what `truing.formats.motion_capture` takes up,
+or the reason why not; BYTES is the memory that the process may take, where the system can limit it.
 """
 
 from __future__ import annotations

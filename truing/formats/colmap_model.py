@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.formats.raw import Unusable
-from truing.formats.whole_file import whole_numbers
+from truing.formats.raw import Unusable, whole_numbers
 
 # number -> (name, number of parameters)
 MODELS = {

@@ -25,12 +25,10 @@ from truing.formats.dictionaries import (
 from truing.formats.faultlog import CellFaults, Records
 from truing.formats.mapping import Plan
 from truing.formats.numbers import Notation
-from truing.formats.origins import Constant, Group, Joined, RawColumn, Spread, joined_by
+from truing.formats.origins import Constant, Group, Joined, RawColumn, RowNumber, Spread, joined_by
 from truing.formats.patterns import bounded
 from truing.formats.raw import RawBatch
-from truing.formats.raw_values import as_meant
-from truing.formats.reshaping import spread_arrays, widen
-from truing.formats.row_groups import RowNumber
+from truing.formats.reshaping import as_meant, spread_arrays, widen
 from truing.formats.shapes import COORDINATES
 from truing.schemas.column import LARGEST, Column
 

@@ -1,7 +1,12 @@
-"""Collecting what is wrong with raw files: every kind of fault, the first few of each, and how many more."""
+"""Collecting what is wrong with raw files: every kind of fault, the first few of each, and how many more.
+
+A path may lead out of the campaign's folder, and so to what its reader never meant to show: of a file there, messages
+show numbers alone.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -16,8 +21,10 @@ if TYPE_CHECKING:
 
 SHOWN = 3
 """How many faults of one kind are listed one by one."""
-
 Records = NDArray[np.int64]
+_NUMBER = re.compile(r"[-+\d.,' ]{0,30}([eE][-+]?\d{1,3})?|[-+]?(nan|inf)", re.IGNORECASE)
+_COUNT = re.compile(r"\d{1,18} (bytes|cells|columns|files|frames|labels|lines|numbers|points|rows|vertices)")
+_HIDDEN = "text that is not shown, as the file lies outside the campaign's folder"
 
 
 @dataclass(frozen=True)
@@ -125,3 +132,15 @@ def _capped(faults: list[Fault], count: int) -> list[Fault]:
     if count > len(shown):
         shown[-1] = replace(shown[-1], more=count - len(shown))
     return shown
+
+
+def discreet(value: str | None) -> str | None:
+    """Return a value from a file outside the campaign's folder as it may be shown."""
+    if value is None or _NUMBER.fullmatch(value) or _COUNT.fullmatch(value):
+        return value
+    return _HIDDEN
+
+
+def discreet_cells(faults: CellFaults) -> CellFaults:
+    """Return faults of cells without their text."""
+    return replace(faults, cells=tuple((record, discreet(value)) for record, value in faults.cells))

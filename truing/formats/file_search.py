@@ -1,4 +1,4 @@
-"""Finding the files that a path or glob of campaign.toml means, without walking a whole disk."""
+"""Finding the files that a path or glob of campaign.toml means, without walking a whole disk, and those beside them."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ MOST_ENTRIES = 200_000
 SECONDS = 10.0
 _WILD = re.compile(r"[*?[]")
 _ANY_DEPTH = "**"
+_BESIDE = {".phc": (".ior", ".eor")}
+_OF_MODEL = ("cameras", "images")
 
 
 class TooManyEntries(Exception):
@@ -129,3 +131,31 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 def _natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def companions(path: Path) -> tuple[Path, ...]:
+    """The files read along with one: of the same name with another ending, else the only one that ends so."""
+    stem, ending = _parts(path)
+    if stem.lower() == "points3d":
+        return tuple(one for name in _OF_MODEL if is_raw_file(one := path.with_name(f"{name}{ending}")))
+    found = (_beside(path.parent, stem, other) for other in _BESIDE.get(ending, ()))
+    return tuple(one for one in found if one is not None)
+
+
+def plain_ending(path: Path) -> str:
+    """The ending that tells the format, in small letters and without that of a compression."""
+    return _parts(path)[1]
+
+
+def _beside(folder: Path, stem: str, ending: str) -> Path | None:
+    try:
+        others = sorted(path for path in folder.iterdir() if plain_ending(path) == ending and is_raw_file(path))
+    except OSError:
+        return None
+    same = [path for path in others if _parts(path)[0] == stem]
+    return same[0] if same else others[0] if len(others) == 1 else None
+
+
+def _parts(path: Path) -> tuple[str, str]:
+    plain = Path(re.sub(r"\.(gz|bz2|xz|zip)$", "", path.name, flags=re.IGNORECASE))
+    return plain.stem, plain.suffix.lower()

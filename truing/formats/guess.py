@@ -1,9 +1,34 @@
-"""What a file of unknown layout seems to hold."""
+"""What a file of unknown layout seems to hold, where its look or its name gives the program away."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+Known = tuple[dict[str, Any], tuple[str, ...], str]
+"""Keys for [files.points], the names of the columns, and what to look at again."""
+_TRACKER = {"feature", "id", "x", "y", "z"}
+_METASHAPE = re.compile(r"#?\s*Label[,;\t].*\bX_est\b")
+_WHERE = "say under from_name or constants which pose and body it is"
+_FLAGS_FROM = 7  # columns of an adjustment's list after id, three coordinates and three sigmas
+_BETWEEN = ("_", ".", ":", "-", " ", "")
+_UNIT_BEHIND = re.compile(r"[\s_]*[\[(/]?\s*(mm|cm|um|µm|m|in)\s*[\])]?$")
+_FEWEST = 2  # targets side by side
+# what forces, motions and settings are called: their components are no coordinates
+_NO_POINTS = re.compile(
+    r"force|moment|torque|\bload|sensor|accel|gyro|veloc|speed|goal|command|setpoint|roll|pitch|yaw|"
+    r"(?:^|[ _])q[wxyz]\b",
+    re.I,
+)
+_RAYS = ("image", "camera", "point", "x_px", "y_px")
+_CAMERA = ("camera", "width_px", "height_px", "focal_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
+_POINT = ("target", "x", "y", "z")
+_ONE_POSE = "one pose is taken: say under from_name, split or constants which pose each image belongs to"
+OF_RIGS = "no table: how cameras of a COLMAP model hang together; its images hold what is needed"
+_RIGS = ("# Rig calib list", "# Frame list")
+_NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_points"
 
 
 @dataclass(frozen=True)
@@ -19,3 +44,162 @@ class Guess:
     others: tuple[str, ...] = ()
     known: bool = False
     beside: tuple[Guess, ...] = ()
+
+
+def metashape(lines: Sequence[str]) -> Known | None:
+    """Markers of Metashape's reference pane, whose line of names begins like a comment."""
+    heading = next((line for line in lines[:10] if _METASHAPE.match(line)), None)
+    if heading is None:
+        return None
+    note = f"Metashape: measured are X_est Y_est Z_est, taken to be in m; {_WHERE}"
+    names = tuple(re.split(r"[,;\t]", heading.lstrip("# ")))
+    return {"format": "metashape", "constants": {"body": "body"}}, names, note
+
+
+def tracker(names: Sequence[str], thousands: str | None) -> Known | None:
+    """A laser tracker's list of readings."""
+    if not ({name.casefold() for name in names} >= _TRACKER and thousands == ","):
+        return None
+    note = "a laser tracker's export: say under from_name or constants which body and target it is"
+    return {"format": "tracker", "constants": {"body": "body"}}, tuple(names), note
+
+
+def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str], bool]) -> Known | None:
+    """A list of points without header: V-STARS' ``id x y z sx sy sz``, or AICON's, with rays and flags."""
+    width = len(records[0])
+    names = tuple(str(i + 1) for i in range(width))
+    if width < 4 or not all(is_number(cell) for record in records for cell in record[1:]):
+        return None
+    if is_id(records) and width >= _FLAGS_FROM and _are_sigmas(records):
+        if width >= _FLAGS_FROM + 2 and all(cell.isdigit() for record in records for cell in record[_FLAGS_FROM:]):
+            note = f"AICON: id x y z sx sy sz rays used, where 0 under used is a point to leave out; {_WHERE}"
+            return {"format": "aicon", "select": {"used": "1"}, "constants": {"body": "body"}}, names, note
+        return _vstars(names)
+    return _vstars(names) if width <= _FLAGS_FROM + 1 and all(record[0][:1].isalpha() for record in records) else None
+
+
+def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> dict[str, Any]:
+    """The ``select`` of coded targets, which keep their numbers from bundle to bundle, where others are among them."""
+    names = [re.split(f"[{separators}]", line.strip(), maxsplit=1)[0] for line in lines if line.strip()]
+    coded = sum(re.fullmatch(r"CODE\d+", name) is not None for name in names)
+    return {"select": {"target": r"CODE\d+"}} if 0 < coded < len(names) else {}
+
+
+def _vstars(names: tuple[str, ...]) -> Known:
+    note = f"V-STARS: id x y z sx sy sz; {_WHERE}"
+    return {"format": "vstars", "constants": {"body": "body"}}, names, note
+
+
+def is_id(records: Sequence[Sequence[str]]) -> bool:
+    """Whether the first column holds numbers of points: whole, each once, beside coordinates that are not."""
+    first = [record[0] for record in records]
+    marks = [re.search(r"\d[.,]\d", cell) is not None for record in records for cell in record[1:4]]
+    return all(cell.isdigit() for cell in first) and len(set(first)) == len(first) and bool(marks) and all(marks)
+
+
+def _are_sigmas(records: Sequence[Sequence[str]]) -> bool:
+    """Whether columns 5 to 7 are positive and mostly below one."""
+    cells = [cell.replace(",", ".") for record in records for cell in record[4:7]]
+    values = [float(cell) if re.fullmatch(r"\d+\.\d+", cell) else -1.0 for cell in cells]
+    return all(value >= 0.0 for value in values) and sum(value < 1.0 for value in values) > 0.5 * len(values)
+
+
+def wide_template(names: Sequence[str]) -> tuple[str, str | None] | None:
+    """The template of coordinates of several targets in one row, and their unit where the names end with one."""
+    found = [_UNIT_BEHIND.search(name) for name in names]
+    behind = {match[0] for name, match in zip(names, found, strict=True) if match and re.search(r"[xyzXYZ]", name)}
+    best: tuple[int, int, str, str | None] = (0, 0, "", None)
+    for rank, between in enumerate(_BETWEEN):
+        for ending in ("", *sorted(behind)):
+            for template in (f"{{target}}{between}{{axis}}{ending}", f"{{axis}}{between}{{target}}{ending}"):
+                count = _targets_of(template, names)
+                unit = _UNIT_BEHIND.search(ending)
+                best = max(best, (count, -rank, template, unit[1] if unit else None), key=lambda one: one[:2])
+    return best[2:] if best[0] >= _FEWEST and not _NO_POINTS.search(" ".join(names)) else None
+
+
+def _targets_of(template: str, names: Sequence[str]) -> int:
+    """How many targets have all three coordinates by a template."""
+    pattern = (
+        re.escape(template).replace(r"\{target\}", r"(?P<target>\w.*?)").replace(r"\{axis\}", "(?P<axis>[xyzXYZ])")
+    )
+    axes: dict[str, set[str]] = {}
+    for name in names:
+        if match := re.fullmatch(pattern, name):
+            axes.setdefault(match["target"], set()).add(match["axis"].lower())
+    return sum(len(found) == 3 for found in axes.values())
+
+
+@dataclass(frozen=True)
+class KnownNetwork:
+    """What a file holds: the tables, keys for [files.<table>], the columns, what to look at again."""
+
+    tables: tuple[str, ...]
+    mapping: dict[str, Any]
+    columns: tuple[str, ...]
+    note: str
+
+
+def by_format(file_format: str, name: str) -> KnownNetwork | None:
+    """What a file of a format holds that its name has told."""
+    if file_format == "colmap":
+        return _colmap(name.lower().split(".")[0])
+    pose = {"constants": {"pose": 1}}
+    return {
+        "phc": KnownNetwork(("image_points",), pose, _RAYS, f"AICON's image coordinates; {_ONE_POSE}"),
+        "ior": KnownNetwork(("cameras",), {}, _CAMERA, "AICON's interior orientations: what is estimated, free says"),
+        "scale": KnownNetwork(("scale_bars",), {}, ("bar", "first", "second", "length_mm", "sigma_mm"), "AICON's bars"),
+        "gsi": KnownNetwork(
+            ("points",), {"constants": {"body": "body"}}, _POINT, "Leica GSI: coordinates, each in the unit of its word"
+        ),
+    }.get(file_format)
+
+
+def by_look(lines: Sequence[str]) -> KnownNetwork | None:
+    """What a text holds whose first lines only one program writes."""
+    head = "\n".join(lines[:12])
+    for model, mark in (("cameras", "# Camera list"), ("images", "# Image list"), ("points3d", "# 3D point list")):
+        if head.startswith(mark):
+            return _colmap(model, named=True)
+    if head.startswith("<?xml") and re.search(r"<(chunk|document|marker)\b", head):
+        note = f"Metashape: projections of markers, whose sigma is [noise] image_px; {_ONE_POSE}"
+        calibrated = any("<calibration" in line for line in lines)
+        tables = ("image_points", "cameras") if calibrated else ("image_points",)
+        return KnownNetwork(tables, {"format": "metashape", "constants": {"pose": 1}}, _RAYS, note)
+    if _is_photomodeler(lines):
+        note = f"PhotoModeler: marks with sigmas, cameras, points; {_ONE_POSE}"
+        mapping = {"format": "photomodeler", "constants": {"pose": 1}}
+        return KnownNetwork(("image_points", "cameras"), mapping, _RAYS, note)
+    if re.match(r"\*?1[01]\d{4}[+-]\S{8}", head) and re.search(r"\b81....[+-]\d{8}", head):
+        return by_format_named("gsi")
+    return None
+
+
+def tells_of_rigs(name: str, head: str = "") -> bool:
+    """Whether a file is one of those of a COLMAP model that hold no table, by its name or its first line."""
+    return name.lower().startswith(("rigs.bin", "frames.bin")) or head.startswith(_RIGS)
+
+
+def by_format_named(file_format: str) -> KnownNetwork | None:
+    """What a file holds whose name does not tell its format, so that it has to be named."""
+    known = by_format(file_format, "")
+    if known is None:
+        return None
+    return KnownNetwork(known.tables, {"format": file_format, **known.mapping}, known.columns, known.note)
+
+
+def _colmap(model: str, *, named: bool = False) -> KnownNetwork | None:
+    own = {"format": "colmap"} if named else {}
+    if model == "images":
+        return KnownNetwork(("image_points",), {**own, "constants": {"pose": 1}}, _RAYS, f"{_NO_SCALE}; {_ONE_POSE}")
+    if model == "cameras":
+        return KnownNetwork(("cameras",), own, _CAMERA, "COLMAP's cameras, to start from")
+    note = f"{_NO_SCALE}; better read the images: their rays are adjusted with their covariance"
+    return KnownNetwork(("points",), {**own, "constants": {"pose": 1, "body": "body"}}, _POINT, note)
+
+
+def _is_photomodeler(lines: Sequence[str]) -> bool:
+    """Whether five lines of numbers follow a title, then the first photo's name behind its number."""
+    counts = [len(line.split()) for line in lines[1:5]]
+    numbers = all(re.fullmatch(r"[-+.\deE\s]+", line) for line in lines[1:5])
+    return len(lines) > 6 and numbers and counts == [4, 9, 10, 10] and re.match(r"\s*\d+ \S", lines[5]) is not None

@@ -10,8 +10,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from truing.formats.raw import RawBatch, Unusable, Wanted
-from truing.formats.whole_file import one_batch
+from truing.formats.raw import RawBatch, Unusable, Wanted, one_batch
 
 _LARGEST = 1 << 27
 _WORD = re.compile(r"(\d\d)(....)([+-])(\S+)")

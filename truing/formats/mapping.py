@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from truing.formats.header_units import expanded, unit_in_brackets
 from truing.formats.numbers import is_plain_number
 from truing.formats.origins import (
     Constant,
@@ -17,15 +16,16 @@ from truing.formats.origins import (
     Joined,
     Origin,
     RawColumn,
+    RowNumber,
     Spread,
+    is_side_by_side,
     made_of,
     template_fields,
 )
 from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
-from truing.formats.row_groups import RowNumber, is_side_by_side
 from truing.formats.shapes import COORDINATES, Shape
-from truing.formats.units import UnknownUnit, conversion
+from truing.formats.units import UnknownUnit, conversion, expanded, unit_in_brackets
 from truing.schemas.column import Column
 from truing.schemas.mapping import FileMapping, is_uncertainty
 

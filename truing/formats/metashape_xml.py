@@ -12,8 +12,7 @@ from xml.parsers import expat
 import numpy as np
 
 from truing.formats.interior_orientation import CORNER, Row, camera_row
-from truing.formats.raw import RawBatch, Unusable, Wanted
-from truing.formats.whole_file import one_batch, whole_numbers
+from truing.formats.raw import RawBatch, Unusable, Wanted, one_batch, whole_numbers
 
 Lines = dict[ElementTree.Element, int]
 

@@ -1,20 +1,124 @@
-"""Marker trajectories: C3D by ezc3d, and TRC as the delimited text that it is."""
+"""Marker trajectories: C3D by ezc3d, read in a process with limits, and TRC as the delimited text that it is."""
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import struct
+import subprocess
+import sys
+import tempfile
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from truing.formats.c3d_file import read_trajectories
+from truing.child_processes import child_environment
+from truing.formats.c3d_child import FACTS, POINTS, REASON
 from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
 from truing.formats.text import BLOCK, utf8_chunks
 from truing.schemas.mapping import FileMapping
 
+SECONDS = 30.0  # besides those that a file's size takes
+_BYTES_PER_SECOND = 1e6
+_MEMORY = 2 << 30  # bytes, besides those that a file's size takes
+_MEMORY_PER_BYTE = 40
+_BLOCK = 512
+_MAGIC = 0x50
+_ORDERS = {84: ("<", 3), 85: ("<", 1), 86: (">", 0)}  # processor: order of bytes, and the byte of a real's sign
+_WHOLE = "a whole C3D file"
+_MOST = 0xFFFF  # what a header's counts end at; longer recordings say no more than this
 _C3D_COLUMNS = ("frame", "time_s", "label", "x", "y", "z", "residual")
 _TRC_HEADER_LINES = 5
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Markers over frames: ``xyz`` (3, markers, frames) in ``unit``, residuals (markers, frames), negative or NaN where
+    a marker was not seen; ``rate`` in Hz."""
+
+    labels: list[str]
+    xyz: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    first: int
+    rate: float
+    unit: str
+
+
+def read_trajectories(path: Path) -> Trajectories:
+    """Return the markers of a C3D file; raises Unusable where it is damaged, cut short or none at all."""
+    if importlib.util.find_spec("ezc3d") is None:
+        raise Unusable("TRC or text here: C3D needs ezc3d, which this platform has no wheel of")
+    announced = announced_frames(path)
+    with tempfile.TemporaryDirectory(prefix="truing-") as place:
+        found = _read_elsewhere(path, Path(place))
+    if not found.xyz.size:
+        raise Unusable("at least one marker and frame")
+    frames = found.xyz.shape[2]
+    if len(found.labels) < found.xyz.shape[1]:
+        raise Unusable("a label for every marker", value=f"{len(found.labels)} labels of {found.xyz.shape[1]} markers")
+    if announced is not None and frames != announced:
+        raise Unusable(f"{_WHOLE}; its header announces {announced} frames, {frames} could be read: export it anew")
+    if not (np.isfinite(found.rate) and found.rate > 0):
+        raise Unusable("a C3D file with a frame rate above 0 Hz", value=f"{found.rate:g}")
+    return found
+
+
+def announced_frames(path: Path) -> int | None:
+    """Return how many frames a header announces, None where there are more than it can say.
+
+    Raises Unusable where the header is none, or announces more than the file holds.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_BLOCK)
+        if len(head) < _BLOCK or head[1] != _MAGIC or not head[0]:
+            raise Unusable(f"{_WHOLE}, which begins with a header of {_BLOCK} bytes")
+        start = (head[0] - 1) * _BLOCK
+        file.seek(start)
+        parameters = file.read(4)
+    if len(parameters) < 4 or parameters[3] not in _ORDERS:
+        raise Unusable(f"{_WHOLE}; its parameters are not where its header says")
+    order, sign = _ORDERS[parameters[3]]
+    markers, analog, first, last = struct.unpack(f"{order}4H", head[2:10])
+    (data,) = struct.unpack(f"{order}H", head[16:18])
+    value = 4 if head[12 + sign] & 0x80 else 2  # bytes of each: reals where the scale is negative, else integers
+    begin = max(start + parameters[2] * _BLOCK, (data - 1) * _BLOCK)
+    frames = last - first + 1 if first <= last < _MOST else None
+    needed = begin + (frames or 0) * (4 * markers + analog) * value
+    if needed > size:
+        raise Unusable(f"{_WHOLE}; its header announces {needed} bytes", value=f"{size} bytes")
+    return frames
+
+
+def _read_elsewhere(path: Path, folder: Path) -> Trajectories:
+    """Read the file in a process that may take no more than so much time and memory."""
+    size = path.stat().st_size
+    memory = _MEMORY + _MEMORY_PER_BYTE * size
+    words = [sys.executable, "-P", "-m", "truing.formats.c3d_child", str(path.resolve()), str(folder), str(memory)]
+    seconds = SECONDS + size / _BYTES_PER_SECOND
+    try:
+        subprocess.run(
+            words,
+            env=child_environment(),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=seconds,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise Unusable(f"{_WHOLE}; this one is damaged: it was not read after {seconds:.0f} s") from None
+    if (reason := folder / REASON).exists():
+        raise Unusable(_WHOLE, value=reason.read_text(encoding="utf-8"))
+    if not (folder / FACTS).exists():
+        raise Unusable(f"{_WHOLE}; this one is damaged")
+    facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
+    values = np.fromfile(folder / POINTS).reshape(4, facts["markers"], facts["frames"])
+    labels = facts["labels"][: facts["markers"]]
+    return Trajectories(labels, values[:3], values[3], facts["first"], facts["rate"], facts["unit"])
 
 
 def read_c3d(path: Path, wanted: Wanted) -> Iterator[RawBatch]:

@@ -2,12 +2,155 @@
 
 from __future__ import annotations
 
+import math
 import string
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from truing.formats.faultlog import CellFaults, Records
 from truing.formats.patterns import BoundedPattern
-from truing.formats.row_groups import RowNumber
+from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
+from truing.schemas.mapping import FileMapping
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_ROW_PER_POSE = ("poses", "configurations")
+_WIDEST = {"text": 2, "identifier": 1, "seconds": 0, "number": 0}
+
+
+@dataclass(frozen=True)
+class RowNumber:
+    """The number of the record in its file; so many share it, or it counts anew after so many."""
+
+    first: int
+    rows_per_number: int = 1
+    rows_per_count: int | None = None
+
+    def of(self, records: Records) -> Records:
+        """The number of each record (N,), which count from 0."""
+        if self.rows_per_count is not None:
+            records = records % self.rows_per_count
+        return records // self.rows_per_number + self.first
+
+
+def is_side_by_side(entry: FileMapping, table: str) -> bool:
+    """Whether several rows of a file stand side by side as one of a table that has one row per pose."""
+    return entry.rows_per_pose is not None and table in _ROW_PER_POSE
+
+
+class RowCount:
+    """The rows of one file on their way from its reader: ``side_by_side`` of them make a record."""
+
+    def __init__(self, entry: FileMapping, side_by_side: int) -> None:
+        groups = [*entry.rows_per_group.values(), *filter(None, [entry.rows_per_pose])]
+        self._whole = math.lcm(*groups) if groups else 1
+        self._per = side_by_side
+        self._names = entry.names
+        self._width = 0
+        self._kinds: Mapping[int, Kind] = {}
+
+    def wanted(self, asked: Wanted) -> Wanted:
+        """What to tell the reader, where the mapping speaks of the columns of rows laid side by side."""
+        if self._per == 1:
+            return asked
+
+        def of_rows(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
+            self._width = len(names)
+            laid = side_by_side_names(len(names), self._per)
+            if len(names) < len(self._names) <= len(laid):  # names of the whole record, not of one row
+                laid = (*self._names, *laid[len(self._names) :])
+            kinds = asked(laid, unit)
+            if kinds is None:
+                return None
+            self._kinds = kinds
+            found: dict[int, Kind] = {}
+            for place, kind in kinds.items():
+                known = found.setdefault(place % len(names), kind)
+                found[place % len(names)] = max(known, kind, key=lambda one: _WIDEST[one])
+            return found
+
+        return of_rows
+
+    def through(self, batches: Iterator[RawBatch]) -> Iterator[RawBatch]:
+        """The batches; raises Unusable at their end where the last group of rows is not whole."""
+        rows = 0
+        held: RawBatch | None = None
+        for batch in batches:
+            rows = max([rows, *(_last(batch))])
+            if self._per == 1:
+                yield batch
+                continue
+            held, whole = self._cut(batch if held is None else _joined(held, batch))
+            yield whole
+        if rows % self._whole:
+            raise Unusable(f"a multiple of {self._whole} rows, as they belong together", value=f"{rows} rows")
+
+    def _cut(self, batch: RawBatch) -> tuple[RawBatch, RawBatch]:
+        """The rows of the last record, which may not be whole, and the records before them."""
+        group = batch.records // self._per
+        before = group < (group[-1] if len(group) else 0)
+        if len(group) and batch.records[-1] % self._per == self._per - 1:
+            before[:] = True
+        rest = RawBatch(
+            {place: _rows(values, ~before) for place, values in batch.columns.items()}, batch.records[~before]
+        )
+        return rest, self._laid(batch, before)
+
+    def _laid(self, batch: RawBatch, chosen: np.ndarray) -> RawBatch:
+        groups, counts = np.unique(batch.records[chosen] // self._per, return_counts=True)
+        whole = groups[counts == self._per]  # of the others a row was faulty, which has been said
+        rows = np.flatnonzero(chosen & np.isin(batch.records // self._per, whole)).reshape(-1, self._per)
+        import pyarrow as pa
+
+        columns = {
+            place: batch.columns[place % self._width].take(pa.array(rows[:, place // self._width]))
+            for place in self._kinds
+        }
+        faults = tuple(
+            CellFaults(f.expected, f.column, tuple((row // self._per, value) for row, value in f.cells), f.count)
+            for f in batch.faults
+        )
+        return RawBatch(columns, whole, faults)
+
+
+def side_by_side_names(width: int, rows: int) -> tuple[str, ...]:
+    """Names of the columns of rows side by side: m00, m01, ... where they make the matrix of a pose, else positions."""
+    if width == 4 and rows in (3, 4):
+        return tuple(f"m{row}{column}" for row in range(rows) for column in range(width))
+    return tuple(str(place + 1) for place in range(width * rows))
+
+
+def _last(batch: RawBatch) -> Iterator[int]:
+    """How many rows a batch shows that there are."""
+    if len(batch.records):
+        yield int(batch.records[-1]) + 1
+    yield from (row + 1 for fault in batch.faults for row, _ in fault.cells)
+
+
+def _rows(values: pa.Array, chosen: np.ndarray) -> pa.Array:
+    import pyarrow as pa
+
+    return values.filter(pa.array(chosen))
+
+
+def _joined(first: RawBatch, second: RawBatch) -> RawBatch:
+    """Two batches as one; a column that was read as numbers in one alone becomes text."""
+    columns = {place: _one_after_other(values, second.columns[place]) for place, values in first.columns.items()}
+    records = np.concatenate([first.records, second.records])
+    return RawBatch(columns or second.columns, records, second.faults)
+
+
+def _one_after_other(first: pa.Array, second: pa.Array) -> pa.Array:
+    import pyarrow as pa
+
+    if first.type == second.type and not pa.types.is_dictionary(first.type):
+        return pa.concat_arrays([first, second])
+    texts = pa.concat_arrays([first.cast(pa.string()), second.cast(pa.string())])
+    return texts.dictionary_encode() if any(pa.types.is_dictionary(one.type) for one in (first, second)) else texts
 
 
 @dataclass(frozen=True)

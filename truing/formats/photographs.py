@@ -11,11 +11,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.image_heads import Head, read_head
-from truing.formats.passed_over import PassedOver, passed_over, why_not_read
+from truing.formats.image_files import Head, read_head
 from truing.formats.patterns import TooSlow, bounded
 from truing.formats.raw import Unusable
-from truing.formats.source import PICTURES, CampaignFiles, RawFile
+from truing.formats.source import PICTURES, CampaignFiles, PassedOver, RawFile, passed_over, why_not_read
 from truing.schemas.faults import Fault
 from truing.schemas.mapping import FileMapping
 

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_corrections
-from truing.formats.raw import RawBatch, Unusable, Wanted
-from truing.formats.whole_file import one_batch, whole_numbers
+from truing.formats.raw import RawBatch, Unusable, Wanted, one_batch, whole_numbers
 
 _LARGEST = 1 << 28
 _HEAD = 5

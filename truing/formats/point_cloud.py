@@ -10,10 +10,8 @@ from typing import IO
 
 import numpy as np
 
-from truing.formats.cloud_layout import CloudLayout
+from truing.formats.cloud_files import CloudLayout, pcd_layout, pcd_points, ply_layout, ply_vertices
 from truing.formats.delimited import read_delimited
-from truing.formats.pcd import pcd_layout, pcd_points
-from truing.formats.ply import ply_layout, ply_vertices
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
 from truing.schemas.mapping import FileMapping
 

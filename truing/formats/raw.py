@@ -1,12 +1,13 @@
-"""What every reader yields: the columns of a raw file as they stand there, a batch at a time."""
+"""What every reader yields: the columns of a raw file as they stand there, a batch at a time or all at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truing.formats.faultlog import CellFaults, Records
 
@@ -16,10 +17,10 @@ if TYPE_CHECKING:
 Kind = Literal["number", "seconds", "identifier", "text"]
 """How a raw column is wanted: float64 if all its cells are plain numbers (``seconds``: or moments), int64 if all are
 integers, or as text."""
-
 Wanted = Callable[[tuple[str, ...], str | None], Mapping[int, Kind] | None]
 """Given the names of a file's columns, and the unit of its coordinates where the file states one: which positions to
 read, and as what; None where the file is of no use."""
+_LARGEST = 2.0**53
 
 
 @dataclass(frozen=True)
@@ -50,3 +51,39 @@ class Unusable(Exception):
 def consecutive(first: int, count: int) -> Records:
     """The numbers of ``count`` records from ``first`` on."""
     return np.arange(first, first + count, dtype=np.int64)
+
+
+def one_batch(
+    columns: Mapping[str, Sequence[Any] | Any],
+    wanted: Wanted,
+    unit: str | None = None,
+    lines: Sequence[int] | None = None,
+) -> Iterator[RawBatch]:
+    """The columns that are wanted of a file, all of them equally long; ``unit`` is that of its coordinates, ``lines``
+    where each row stands in a text, from 1.
+
+    Raises Unusable where there is no row.
+    """
+    import pyarrow as pa
+
+    rows = len(next(iter(columns.values())))
+    if not rows:
+        raise Unusable("at least one row of this table; the file holds none")
+    kinds = wanted(tuple(columns), unit)
+    if kinds is None:
+        return
+    records = consecutive(0, rows) if lines is None else np.asarray(lines, dtype=np.int64) - 1
+    values = list(columns.values())
+    yield RawBatch({position: pa.array(values[position]) for position in kinds}, records)
+
+
+def whole_numbers(values: NDArray[np.float64], what: str, rows: Sequence[int] | None = None) -> NDArray[np.int64]:
+    """Numbers of points, images and cameras, and of pixels, as they are; ``rows`` where each stands in a text, from 1.
+
+    Raises Unusable at the first that is none.
+    """
+    strange = np.flatnonzero(~((values == np.floor(values)) & (np.abs(values) < _LARGEST)))
+    if len(strange):
+        row = None if rows is None else int(rows[strange[0]])
+        raise Unusable(f"whole numbers of {what}", row=row, value=f"{values[strange[0]]:g}")
+    return values.astype(np.int64)

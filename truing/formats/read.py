@@ -6,19 +6,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from truing.formats.compression import DAMAGED, Refused, open_plain, plain_path
 from truing.formats.delimited import read_delimited, separator_of
-from truing.formats.discretion import discreet, discreet_cells
 from truing.formats.evaluation import TableBatch, evaluate
-from truing.formats.faultlog import FaultLog
+from truing.formats.faultlog import FaultLog, discreet, discreet_cells
 from truing.formats.mapping import Plan
+from truing.formats.origins import RowCount, is_side_by_side
 from truing.formats.patterns import TooSlow
-from truing.formats.photogrammetry import OF_PHOTOGRAPHS, read_of_photographs
 from truing.formats.presets import format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
-from truing.formats.row_groups import RowCount, is_side_by_side
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
@@ -26,14 +25,54 @@ from truing.schemas.faults import Fault
 from truing.schemas.mapping import FileMapping
 
 if TYPE_CHECKING:
-    from truing.formats.cloud_layout import CloudLayout
-    from truing.formats.colmap_network import Estimate
+    from truing.formats.cloud_files import CloudLayout
+    from truing.formats.colmap import Estimate
 
+_POINTS = ("points", "targets", "resurveys")
+OF_PHOTOGRAPHS: dict[str, tuple[str, ...]] = {
+    "colmap": ("image_points", "cameras", *_POINTS),
+    "photomodeler": ("image_points", "cameras", *_POINTS),
+    "metashape xml": ("image_points", "cameras"),
+    "phc": ("image_points",),
+    "ior": ("cameras",),
+    "scale": ("scale_bars",),
+    "gsi": _POINTS,
+}
 T = TypeVar("T")
 _MOST_COLUMNS = 30_000  # each is compared with the names that are known
-
 CLOUDS = ("ply", "pcd")
 _TEXT = frozenset({"delimited", "vstars", "aicon", "metashape", "tracker", "xyz", "trc"})
+
+
+def read_of_photographs(
+    file_format: str, raw: RawFile, path: Path, wanted: Wanted, table: str, estimate: Estimate | None
+) -> Iterator[RawBatch]:
+    """The rows of ``table`` in a file, which lies at ``path`` without its compression; raises Unusable where it holds
+    none."""
+    tables = OF_PHOTOGRAPHS[file_format]
+    if table not in tables:
+        raise Unusable(f"a file of {table}: such a file is read as {' or '.join(tables)}")
+    if file_format == "colmap":
+        from truing.formats.colmap import read_colmap
+
+        return read_colmap(path, wanted, table, raw.path, estimate)
+    if file_format == "photomodeler":
+        from truing.formats.photomodeler import read_photomodeler
+
+        return read_photomodeler(path, wanted, table)
+    if file_format == "metashape xml":
+        from truing.formats.metashape_xml import read_metashape_xml
+
+        return read_metashape_xml(path, wanted, table)
+    if file_format == "gsi":
+        from truing.formats.leica_gsi import read_gsi
+
+        return read_gsi(path, wanted)
+    from truing.formats.aicon import read_ior, read_phc, read_scale
+
+    if file_format == "phc":
+        return read_phc(raw, path, wanted)
+    return read_ior(path, wanted) if file_format == "ior" else read_scale(path, wanted)
 
 
 @dataclass(frozen=True)

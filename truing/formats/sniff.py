@@ -4,29 +4,44 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
-from truing.formats.guess import Guess
-from truing.formats.header_units import bare_and_unit, expanded, may_be
-from truing.formats.known_exports import Known, adjusted_points, coded_alone, is_id, metashape, tracker, wide_template
-from truing.formats.known_networks import OF_RIGS, KnownNetwork, by_format, by_look, tells_of_rigs
-from truing.formats.load_columns import load_columns
+from truing.formats.guess import (
+    OF_RIGS,
+    Guess,
+    Known,
+    KnownNetwork,
+    adjusted_points,
+    by_format,
+    by_look,
+    coded_alone,
+    is_id,
+    metashape,
+    tells_of_rigs,
+    tracker,
+    wide_template,
+)
+from truing.formats.named_columns import Poses, bare_poses, is_one_motion, load_columns, pose_columns
 from truing.formats.numbers import Notation
-from truing.formats.pose_columns import Poses, bare_poses, is_one_motion, pose_columns
 from truing.formats.presets import format_of
+from truing.formats.raw import Unusable
 from truing.formats.shapes import COORDINATES
 from truing.formats.source import RawFile
+from truing.formats.units import bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import FileMapping, is_uncertainty
 from truing.schemas.memory import raise_shortage
+
+if TYPE_CHECKING:
+    from truing.formats.matlab import Variable
 
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _CONTRACTS = {"fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm", "load", "x_mm"}  # names that need no guess
@@ -83,6 +98,8 @@ _KNOWN = {
 _READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
 _COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
 _DENSE = 1000  # a cloud of more points than this is a scan of a surface, not a set of targets
+Sniff = Callable[[list[list[str]], dict[str, Any]], Guess]
+_SHOWN = 12
 
 
 def sniff_file(path: Path) -> Guess:
@@ -97,8 +114,6 @@ def sniff_file(path: Path) -> Guess:
         return Guess(notes=(OF_RIGS,), known=True)
     try:
         if file_format in ("xlsx", "mat"):
-            from truing.formats.sniff_binary import sniff_matlab, sniff_workbook
-
             return (sniff_workbook if file_format == "xlsx" else sniff_matlab)(path, sniff_cells)
         if file_format in ("delimited", "xyz", "aicon", "metashape xml"):
             return _sniff_text(path)
@@ -378,3 +393,61 @@ def _table(names: set[str]) -> str | None:
 
 def _matching(names: set[str]) -> Iterator[str]:
     yield from (table for table, wanted in _SIGNS if wanted <= names)
+
+
+def sniff_workbook(path: Path, sniff: Sniff) -> Guess:
+    """A proposal for the sheet that holds most; the others are named in a note."""
+    from truing.formats.workbook import first_rows, text_of
+
+    try:
+        sheets = first_rows(path, _LINES)
+    except Unusable as error:
+        return Guess(notes=(f"it cannot be read: expected {error.expected}",))
+    guesses: dict[str, Guess] = {}
+    for name, rows in sheets.items():
+        texts = [[text_of(cell) for cell in row] for row in rows]
+        width = max(len(row) for row in texts)
+        texts = [[*row, *[""] * (width - len(row))] for row in texts]
+        filled = [sum(cell != "" for cell in row) for row in texts]
+        first = next(i for i, count in enumerate(filled) if count >= 0.6 * max(filled))
+        keys: dict[str, Any] = {"sheet": name} if len(sheets) > 1 else {}
+        guesses[name] = sniff(texts[first:], {**keys, **({"skip_lines": first} if first else {})})
+    if not guesses:
+        return Guess(notes=("no sheet holds anything",))
+    name, best = next(((n, g) for n, g in guesses.items() if g.table is not None), next(iter(guesses.items())))
+    others = [other for other in guesses if other != name]
+    more = (f"sheet {name} is read; there are {', '.join(others[:_SHOWN])}",) if others else ()
+    return replace(best, notes=(*best.notes, *more))
+
+
+def sniff_matlab(path: Path, sniff: Sniff) -> Guess:
+    """A proposal for the one variable that is a table of poses or points; else its variables, to choose from."""
+    from truing.formats.matlab import open_variables
+
+    try:
+        with open_variables(path) as variables:
+            return _of_variables(variables, sniff)
+    except Unusable as error:
+        return Guess(notes=(f"it cannot be read: expected {error.expected}",))
+
+
+def _of_variables(variables: Mapping[str, Variable], sniff: Sniff) -> Guess:
+    from truing.formats.matlab import blocks_of, shape_of
+
+    variables = {name: value for name, value in variables.items() if name != "None"}  # objects without a name
+    listed = [f"{name} {shape_of(value)}" for name, value in variables.items()]
+    told = f"variables: {', '.join(listed[:_SHOWN])}{', ...' if len(listed) > _SHOWN else ''}"
+    tables = [name for name, value in variables.items() if isinstance(value, np.ndarray) and min(value.shape) > 1]
+    for name in tables if len(tables) == 1 else ():
+        keys = {} if len(variables) == 1 else {"variable": name}
+        (block,) = blocks_of(variables, FileMapping(path="x.mat", variable=name))
+        names = block.names
+        cells = [[repr(float(value)) for value in row] for row in block.values[:_LINES]]
+        guess = sniff(cells, {}) if len(cells) > 1 else Guess()
+        plain = {key: value for key, value in guess.mapping.items() if key in ("columns", "constants", "number_rows")}
+        if guess.table == "poses" and names[0] == "m00":
+            plain.pop("columns")  # they have these names already
+        if guess.table == "poses" or (guess.table == "points" and len(variables) == 1 and len(cells) > _AXES):
+            return Guess({**keys, **plain}, names, guess.table, (*guess.notes, told))
+    example = next(iter(variables), "x")
+    return Guess(notes=(f"{told}; say which: variable = {example!r}, and transpose where rows are columns",))

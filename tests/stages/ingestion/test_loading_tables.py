@@ -18,8 +18,8 @@ from truing.schemas.faults import CampaignFaults
 from truing.schemas.interferometer import Interferometer
 from truing.stages import ingest
 from truing.stages.declaration import Outcome
-from truing.stages.quality.limits import CampaignLimits
-from truing.stages.quality.of_quadrature import quadrature_checks
+from truing.stages.quality.check import CampaignLimits
+from truing.stages.quality.loading_checks import quadrature_checks
 from truing.stages.responses.axis_positioning import positioning_rows
 
 HEAD = "run,step,time_s,load_axis,load,channel,reading"

@@ -23,7 +23,7 @@ from truing.simulation.detection_trials import concerned
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.stages.diagnosis.ray_points import gather_rays
 from truing.stages.power import ray_plan_of
-from truing.stages.simulated_campaigns.ray_plan import NEEDS, RayPlan
+from truing.stages.simulated_campaigns.plan import NEEDS, RayPlan
 
 
 @pytest.fixture(scope="module")

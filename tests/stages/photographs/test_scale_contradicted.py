@@ -13,8 +13,7 @@ import pytest
 from tests.photographs.machine import photograph
 from tests.stages.line import run_line
 from truing.schemas.photograph_artifacts import LENGTH, LENGTH_SIGMA
-from truing.stages.quality.bundle_figures import Figures
-from truing.stages.quality.scale_contradiction import Contradiction, scale_contradiction
+from truing.stages.quality.scale_checks import Contradiction, Figures, scale_contradiction
 
 TOO_LONG = 2e-3
 

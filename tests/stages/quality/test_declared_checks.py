@@ -17,7 +17,7 @@ from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.schemas.quality_checks import CHECKS, settable
 from truing.schemas.sections import SetLimits
-from truing.stages.quality.limits import CampaignLimits
+from truing.stages.quality.check import CampaignLimits
 
 # What others may rely on: names are added here, never taken out or renamed.
 # fmt: off

@@ -18,7 +18,7 @@ from truing.quality.loading import ChannelView
 from truing.report.measured_loads import measured_loads
 from truing.schemas.checks_of_loads import OF_LOADS
 from truing.stages.quality.check import FAIL
-from truing.stages.quality.of_readings import noise
+from truing.stages.quality.reading_checks import noise
 
 Tables = tuple[pd.DataFrame, pd.DataFrame]
 Change = Callable[[pd.DataFrame, pd.DataFrame], Tables | None]

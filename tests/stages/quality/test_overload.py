@@ -9,8 +9,8 @@ import numpy as np
 from tests.tolerance import assert_close
 from truing.schemas.sections import Loading
 from truing.simulation.bench.causes.stiffness import Hysteresis
-from truing.stages.quality.limits import CampaignLimits
-from truing.stages.quality.of_steps import load_range
+from truing.stages.quality.check import CampaignLimits
+from truing.stages.quality.steps_and_surroundings import load_range
 
 
 def test_how_far_an_overload_test_went_is_said():

@@ -10,8 +10,8 @@ import pytest
 
 from tests.tolerance import assert_close
 from truing.pipeline.in_memory import StageLine, stage_line
-from truing.stages.quality.limits import CampaignLimits
-from truing.stages.quality.of_positions import PositioningRun, position_checks
+from truing.stages.quality.check import CampaignLimits
+from truing.stages.quality.position_checks import PositioningRun, position_checks
 
 WAYS = ("forward", "backward")
 LIMITS = CampaignLimits("interferometer")

@@ -7,10 +7,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from truing.stages.quality.bundle_figures import Figures
-from truing.stages.quality.check import Check
-from truing.stages.quality.limits import CampaignLimits
-from truing.stages.quality.of_scale import bar_lengths, scale, target_sizes
+from truing.stages.quality.check import CampaignLimits, Check
+from truing.stages.quality.scale_checks import Figures, bar_lengths, scale, target_sizes
 
 LIMITS = CampaignLimits("photogrammetry")
 SURVEY = [("survey, a/1 to a/2", "a/1"), ("survey, a/3 to a/4", "a/3"), ("survey, b/1 to b/2", "b/1")]

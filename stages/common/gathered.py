@@ -1,0 +1,136 @@
+"""Gathered tables of a campaign: columns as arrays, units by row, standard deviations and keys checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.formats.faultlog import FaultLog
+from truing.formats.gather import Gathered
+from truing.formats.units import UnknownUnit, conversion
+from truing.schemas.column import SIGMA_BOUNDS
+from truing.schemas.faults import Fault
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+# The square of a bound is no exact number.
+_ROUNDING = 1e-9
+
+
+def numbers(found: Gathered, name: str) -> Array:
+    """A column (N,) of numbers, NaN where it has none."""
+    return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
+
+
+def texts(found: Gathered, name: str) -> NDArray[np.object_]:
+    """A column (N,) as it stands."""
+    return np.asarray(found.table.column(name).to_pylist(), dtype=object)
+
+
+def numbered(found: Gathered, *names: str) -> NDArray[np.int64]:
+    """(N,) a number for every combination of values in these columns, in order of appearance."""
+    rows = list(zip(*(found.table.column(name).to_pylist() for name in names), strict=True))
+    place = {key: number for number, key in enumerate(dict.fromkeys(rows))}
+    return np.array([place[key] for key in rows], dtype=np.int64)
+
+
+def unit_factors(found: Gathered, name: str, kind: str, wanted: Mapping[str, str], log: FaultLog) -> Array:
+    """(N,) what brings a column into the unit that the value of ``kind`` in each row wants.
+
+    A unit of another dimension concerns other rows: kN says nothing of torques, nm nothing of angles. One that no row
+    could want is a fault.
+    """
+    values = texts(found, kind)
+    factors = np.ones(len(values))
+    start = 0
+    for file, records in found.parts:
+        rows = slice(start, start + len(records))
+        start += len(records)
+        unit = file.entry.units.get(name)
+        if unit is not None:
+            by_value = _factors(unit, wanted)
+            if not by_value:
+                expected = f"a unit that can become {' or '.join(dict.fromkeys(wanted.values()))}"
+                log.add(Fault(file.raw.name, expected, column=name, value=unit))
+            factors[rows] = [by_value.get(value, 1.0) for value in values[rows]]
+    return factors
+
+
+def _factors(unit: str, wanted: Mapping[str, str]) -> dict[str, float]:
+    """What brings a unit into those that values want, where it is of their dimension."""
+    found = {}
+    for value, target in wanted.items():
+        try:
+            found[value] = conversion(unit, target)[0]
+        except UnknownUnit:
+            continue
+    return found
+
+
+def declared_missing(found: Gathered) -> NDArray[np.bool_]:
+    """(N,) rows of files whose mapping says which values mean missing."""
+    return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in found.parts])
+
+
+def without(found: Gathered, rows: NDArray[np.bool_], reason: str) -> Gathered:
+    """The table without some rows (N,), which are counted as left out."""
+    import pyarrow as pa
+
+    if not rows.any():
+        return found
+    parts, left_out, start = [], found.left_out.copy(), 0
+    for file, records in found.parts:
+        out = rows[start : start + len(records)]
+        start += len(records)
+        parts.append((file, records[~out]))
+        left_out[(file.raw.name, reason)] += int(out.sum())
+    faulty = {name: told[~rows] for name, told in found.faulty.items()}
+    return replace(found, table=found.table.filter(pa.array(~rows)), parts=parts, left_out=+left_out, faulty=faulty)
+
+
+def check_sigma(
+    found: Gathered, values: Array, name: str, unit: str, log: FaultLog, *, or_zero: bool = False, cure: str = ""
+) -> None:
+    """Note rows whose standard deviation (N,), in ``unit``, is 0 or beyond ``SIGMA_BOUNDS``; NaN is none given.
+
+    ``or_zero``: 0 is allowed, and stands for what is taken as exact. ``cure``: what to do where none is known.
+    """
+    least, most = SIGMA_BOUNDS[unit]
+    too_small = (values < least) & ~((values == 0.0) & or_zero)
+    expected = f"{'0, or ' if or_zero else 'a standard deviation above 0, from '}{least:g} to {most:g} {unit}{cure}"
+    found.fault(log, np.asarray(too_small | (values > most), dtype=bool), name, expected)
+
+
+def check_variance(found: Gathered, values: Array, name: str, unit: str, log: FaultLog) -> None:
+    """Note rows whose variance (N,), in ``unit`` squared, is 0 or beyond the squares of ``SIGMA_BOUNDS``."""
+    least, most = (bound**2 for bound in SIGMA_BOUNDS[unit])
+    wrong = (values < least * (1.0 - _ROUNDING)) | (values > most * (1.0 + _ROUNDING))
+    found.fault(log, np.asarray(wrong, dtype=bool), name, f"a variance above 0, from {least:g} to {most:g} {unit}²")
+
+
+@dataclass
+class SmallTable:
+    """A table of the run, and how many raw rows were left out of it, by (file, reason)."""
+
+    table: pa.Table
+    left_out: dict[tuple[str, str], int] = field(default_factory=dict)
+    file: str = field(default="", kw_only=True)
+
+
+def once(found: Gathered, log: FaultLog, key: tuple[str, ...]) -> None:
+    """A fault at every row whose key stood in a row before."""
+    import pyarrow as pa
+
+    if any(name not in found.table.column_names for name in key):
+        return
+    rows = found.table.select(key).append_column("row", pa.array(np.arange(len(found.table))))
+    first = rows.group_by(list(key)).aggregate([("row", "min")]).column("row_min")
+    again = np.ones(len(rows), dtype=bool)
+    again[np.asarray(first)] = False
+    found.fault(log, again, key[-1], f"every {', '.join(key)} once")

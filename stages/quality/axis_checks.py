@@ -1,0 +1,132 @@
+"""Quality of an axis' rows: units, readings that stand still, copied rows, sides of approach."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.report.numbers import count
+from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
+
+Array = NDArray[np.float64]
+# What a column may have been written in instead, as the ratio of its movement to the command's.
+_SLIPS = {
+    "deg": {
+        np.pi / 180.0: "radians",
+        60.0: "arc minutes",
+        3600.0: "arc seconds",
+        1e3: "millidegrees",
+        1.0 / 360.0: "turns",
+        10.0 / 9.0: "gon",
+    },
+    "mm": {1e-3: "metres", 0.1: "centimetres", 1e3: "micrometres", 1.0 / 25.4: "inches"},
+}
+_OF_SLIP = 0.01  # how near a ratio lies to that of a slip
+_ODD, _WRONG = 0.1, 2.0
+_FEWEST = 3
+# From here on, readings are so coarse that equal rows say nothing.
+_COARSE = 0.5
+
+
+def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterator[Check], str]:
+    """Return the checks, and what they rest on in words."""
+    table = tables["configurations"]
+    columns = columns_of(settings, table)
+    limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
+    return _checks(table, columns, command_sigma(settings), limits), f"{count(len(table), 'row')} of an axis"
+
+
+def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignLimits) -> Iterator[Check]:
+    rows = columns.rows(table, off)
+    in_time = np.argsort(rows.order)
+    command = rows.command[in_time]
+    for encoder, column in columns.encoders.items():
+        raw = number_column(table, column)[in_time]
+        yield _unit(encoder, column, columns, command, columns.si(table, column)[in_time])
+        yield _standing(encoder, command, raw, np.array(rows.poses, object)[in_time], off, limits)
+    yield _repeated(table, columns, np.array(rows.poses, object), limits)
+    yield _approach(rows.direction, limits)
+
+
+def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, reading: Array) -> Check:
+    """Whether an encoder moves as far as the command: the ratio of their movements from row to row, in the middle."""
+    both = np.isfinite(command) & np.isfinite(reading)
+    moves, found = np.diff(command[both]), np.diff(reading[both])
+    moved = np.abs(moves) > 1e-3 * np.ptp(command[both]) if both.any() else np.zeros(0, bool)
+    if moved.sum() < _FEWEST:
+        return without("too few movements", "axis-units", encoder, f"the command moves {int(moved.sum())} times")
+    ratio = float(np.median(found[moved] / moves[moved]))
+    slip = next((words for at, words in _SLIPS[columns.unit].items() if abs(abs(ratio) / at - 1.0) < _OF_SLIP), "")
+    sign = " with its sign turned" if ratio < 0.0 else ""
+    said = f"{column} moves {ratio:.6g} times as far as {columns.command}"
+    if slip or (sign and abs(abs(ratio) - 1.0) < _ODD):
+        meant = f"in {slip}{sign}" if slip else f"{columns.unit}{sign}"
+        return Check(
+            "axis-units", encoder, ratio, 1.0, "1", FAIL, f"{said}: did you mean {meant}? Mend its unit or its sign."
+        )
+    if sign or not 1.0 / _WRONG <= ratio <= _WRONG:
+        cure = f"Mend its unit, counts_per_{columns.unit} or the column that [mechanism] names."
+        return Check("axis-units", encoder, ratio, 1.0, "1", FAIL, f"{said}, which no axis does. {cure}")
+    if abs(ratio - 1.0) > _ODD:
+        return Check(
+            "axis-units", encoder, ratio, 1.0, "1", WARN, f"{said}: is its unit or counts_per_{columns.unit} right?"
+        )
+    return Check("axis-units", encoder, ratio, 1.0, "1", PASS, f"{said}.")
+
+
+def _standing(
+    encoder: str, command: Array, raw: Array, poses: NDArray[np.object_], off: float, limits: CampaignLimits
+) -> Check:
+    """Rows whose reading equals that of the row before, to the last digit, although the command moved."""
+    steps = np.abs(np.diff(command))
+    known = np.isfinite(raw[1:]) & np.isfinite(raw[:-1])
+    least = max(10.0 * off, 1e-3 * float(np.ptp(command[np.isfinite(command)])))
+    moved = known & (steps > least)
+    if moved.sum() < _FEWEST:
+        return without(
+            "too few movements", "axis-standing-rows", encoder, f"the command moves {int(moved.sum())} times"
+        )
+    standing = moved & (np.diff(raw) == 0.0)
+    share = float(standing.sum() / moved.sum())
+    named = listed([str(pose) for pose in poses[1:][standing]])
+    said = f"{int(standing.sum())} of {int(moved.sum())} moves of the command leave the reading as it was"
+    said += f": rows {named}. Look whether the axis was disabled, or cells were filled down." if named else "."
+    return limits.of("axis-standing-rows").row(encoder, share, "1", said)
+
+
+def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_], limits: CampaignLimits) -> Check:
+    """Rows equal to an earlier one in the command and every encoder, beyond what few digits repeat by chance."""
+    raw = np.column_stack([number_column(table, name) for name in (columns.command, *columns.encoders.values())])
+    whole = np.isfinite(raw).all(1)
+    _, first, inverse = np.unique(raw[whole], axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(whole)[first[np.ravel(inverse)] != np.arange(int(whole.sum()))]
+    # Readings relative to the command of rows sent elsewhere that are equal as well: as many repeat by chance.
+    away = np.round(raw[whole][:, 1:] - raw[whole][:, :1], 9)
+    share = 1.0 - len(np.unique(away, axis=0)) / max(len(away), 1)
+    expected = share * len(again)
+    beyond = max(len(again) - expected, 0.0) if share < _COARSE else 0.0
+    named = listed([str(pose) for pose in poses[again]])
+    said = f"{len(again)} rows equal an earlier one in every encoder's last digit"
+    if again.size:
+        said += f": rows {named}. Take out copies; where encoders resolve no more, state their step in [noise]."
+    else:
+        said += "."
+    return limits.of("axis-repeated-rows").row("", float(np.floor(beyond)), "1", said)
+
+
+def _approach(direction: Array, limits: CampaignLimits) -> Check:
+    share = float(min(np.mean(direction > 0.0), np.mean(direction < 0.0)))
+    said = f"{100.0 * share:.0f} % of the rows were approached from the rarer side"
+    said += "" if share else ": lost motion cannot show. Measure the same commands coming from the other side"
+    return limits.of("axis-approach").row("", share, "1", f"{said}.")

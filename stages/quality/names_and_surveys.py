@@ -1,0 +1,232 @@
+"""Targets under names that the survey does not know, and targets that a later survey found elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rigid_poses.points import PosePoints
+from truing.estimation.rigid_poses.rigid import FitStatus
+from truing.quality.bodies import BodyView, Surroundings
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.near_names import meant_by
+from truing.schemas.sections import Overrule
+from truing.stages.common.point_arrays import pose_points
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_NEAR = 10.0  # deviations of its mean place, as for labels that are exchanged
+_NEAR_SHARE = 0.02  # of the distance to the nearest other target
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class LikelyName:
+    """A target that vanishes, and an unknown name at its place from ``from_pose`` to ``to_pose`` (ids)."""
+
+    body: str
+    called: str
+    target: str
+    from_pose: int | str | None
+    to_pose: int | str | None
+    poses: int
+    off_mm: float
+
+
+def likely_names(
+    observations: pa.Table, bodies: Sequence[BodyView], around: Surroundings, settled: set[tuple[str, str]]
+) -> list[LikelyName]:
+    """Unknown names that lie at the place of a target which is not seen in any of their poses.
+
+    settled: body and name of what is known to be another target.
+    """
+    found, names = [], _names(observations)
+    for body in bodies:
+        known = {*body.survey.targets, *(name for of, name in settled if of == body.name)}
+        unknown = tuple(name for name in names[body.name] if name not in known)
+        if unknown:
+            points = pose_points(observations, body.name, around.poses, unknown)
+            found += [one for at in range(len(unknown)) if (one := _likely(body, points, at)) is not None]
+    return found
+
+
+def _names(observations: pa.Table) -> dict[str, list[str]]:
+    """The names of the targets that were seen, by body, in order of appearance."""
+    pairs = observations.select(["body", "target"]).group_by(["body", "target"], use_threads=False).aggregate([])
+    out: dict[str, list[str]] = {}
+    for body, target in zip(pairs.column("body").to_pylist(), pairs.column("target").to_pylist(), strict=True):
+        out.setdefault(body, []).append(target)
+    return out
+
+
+def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
+    rows = np.flatnonzero(points.seen[:, at] & body.fit.ok)
+    if not len(rows):
+        return None
+    seen = np.einsum("bij,bi->bj", body.fit.R[rows], points.points[rows, at] - body.fit.t[rows])
+    off = np.linalg.norm(body.survey.points - np.median(seen, axis=0), axis=1)
+    off[body.points.seen[rows].any(axis=0)] = np.inf  # both in one pose: two targets
+    nearest = int(off.argmin())
+    sigma = float(np.sqrt(np.trace(points.cov[rows[0], at]) + np.trace(body.survey.cov[nearest])))
+    others = np.delete(body.survey.points, nearest, axis=0)
+    apart = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
+    if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * apart):
+        return None
+    own = np.flatnonzero(body.points.seen[:, nearest])
+    before, after = (own < rows[0]).any(), (own > rows[-1]).any()
+    poses = body.points.poses
+    return LikelyName(
+        body.name,
+        points.targets[at],
+        body.survey.targets[nearest],
+        poses[rows[0]] if before else None,
+        poses[rows[-1]] if after else None,
+        len(rows),
+        1e3 * float(off[nearest]),
+    )
+
+
+def names_known(
+    observations: pa.Table, bodies: Sequence[BodyView], likely: Sequence[LikelyName], settled: set[tuple[str, str]]
+) -> Iterator[Check]:
+    """A row per body; or per unknown name that lies where a target is missing, which warns."""
+    names = _names(observations)
+    for body in bodies:
+        here = [one for one in likely if one.body == body.name]
+        for one in here:
+            since = "" if one.from_pose is None else f" from pose {one.from_pose}"
+            until = "" if one.to_pose is None else f" to pose {one.to_pose}"
+            said = (
+                f"{body.name}: {one.called} lies {one.off_mm:.3f} mm from the place of {one.target}, which is not seen"
+            )
+            said += f"{since}{until}: is it called so there? Nothing was renamed; [[renamed]] would say so."
+            yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, said)
+        if here:
+            continue
+        if not body.is_surveyed:
+            yield without(
+                "names of targets", "names-known", body.name, f"{body.name}: no survey says how they are called"
+            )
+            continue
+        other = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in settled]
+        said = f"{body.name}: all targets are known by their names."
+        if other:
+            said = f"{body.name}: {listed(other)} {'is' if len(other) == 1 else 'are'} in no survey, and at no "
+            said += f"missing target{meant_by(other, body.survey.targets) or '.'}"
+        yield Check("names-known", body.name, 0.0, 0.0, "1", PASS, said)
+
+
+def settled_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
+    """Body and name of the targets that something declared calls so."""
+    if relabelled is None:
+        return set()
+    return set(zip(relabelled.column("body").to_pylist(), relabelled.column("target").to_pylist(), strict=True))
+
+
+def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
+    """The artifact likely_names."""
+    import pyarrow as pa
+
+    rows: list[dict[str, Any]] = [
+        {
+            "body": one.body,
+            "called": one.called,
+            "target": one.target,
+            "from_pose": None if one.from_pose is None else str(one.from_pose),
+            "to_pose": None if one.to_pose is None else str(one.to_pose),
+            "rows": one.poses,
+            "distance_mm": one.off_mm,
+        }
+        for one in likely
+    ]
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["likely_names"].arrow_schema())
+
+
+def due(resurveys: pa.Table | None, body: BodyView, around: Surroundings) -> NDArray[np.bool_]:
+    """(B, T) which targets should be seen: one that a later survey found elsewhere or anew holds from its pose on, and
+    the one that it was until then."""
+    out = np.ones(body.points.seen.shape, bool)
+    place = {name: at for at, name in enumerate(body.survey.targets)}
+    since = {str(pose): at for at, pose in enumerate(around.poses)}
+    rows = [] if resurveys is None else resurveys.to_pylist()
+    held = {name: name for name in place}
+    for row in rows:
+        if row["body"] != body.name or not row["holds_as"]:
+            continue
+        new, start = place.get(row["holds_as"]), since.get(str(row["from_pose"]))
+        if start is None:  # no point of that very pose: since it was seen first
+            start = 0 if new is None else int(body.points.seen[:, new].argmax())
+        if new is not None:
+            out[:start, new] = False
+        if row["holds_as"] != row["target"] and (old := place.get(held.get(row["target"], ""))) is not None:
+            out[start:, old] = False
+        held[row["target"]] = row["holds_as"]
+    return out
+
+
+def later_surveys(resurveys: pa.Table | None, exclude: Sequence[Overrule], limits: CampaignLimits) -> Iterator[Check]:
+    """A row per body and survey, or per target that moved; one whose old place still holds counts."""
+    if resurveys is None or not resurveys.num_rows:
+        yield without("a later survey", "resurvey", "", "the targets were surveyed once; survey them again at the end")
+        return
+    for (survey, body), rows in groupby(resurveys.to_pylist(), key=lambda row: (row["later_survey"], row["body"])):
+        yield from _of_body(f"{body} survey {survey}", body, list(rows), exclude, limits)
+
+
+def _of_body(
+    subject: str, body: str, rows: list[dict[str, Any]], exclude: Sequence[Overrule], limits: CampaignLimits
+) -> Iterator[Check]:
+    compared = [row for row in rows if row["shift_x_mm"] is not None]
+    if not compared:
+        yield _untold(subject, rows)
+        return
+    moved = [row for row in compared if row["relocated"]]
+    limit = limits.of("resurvey")
+    for row in moved:
+        size, ratio = _size(row), _over_sigma(row)
+        taken = _taken_into_account(row, exclude)
+        said = f"{body}: {row['target']} lies {size:.3f} mm elsewhere in survey {row['later_survey']} ("
+        said += ", ".join(f"{row[f'shift_{a}_mm']:+.3f} ± {row[f'sigma_{a}_mm']:.3f}" for a in _AXES) + " mm); "
+        said += taken or "since when is not said, and its first place holds for all poses."
+        yield limit.row(f"target {row['target']} survey {row['later_survey']}", ratio, "sigma", said, counts=not taken)
+    if not moved:
+        worst = max(compared, key=_over_sigma)
+        said = f"{subject}: all {len(compared)} targets lie where they did, their common motion taken out; most off is "
+        said += f"{worst['target']}, by {_size(worst):.3f} mm (p = {worst['p_value']:.2g})."
+        yield limit.row(subject, 0.0, "sigma", said)
+
+
+def _untold(subject: str, rows: list[dict[str, Any]]) -> Check:
+    """Of a body whose targets could not be compared one by one: something moved, or too little is there to tell."""
+    status = FitStatus(rows[0]["status"])
+    if status not in (FitStatus.NO_CONSENSUS, FitStatus.AMBIGUOUS):
+        why = f"its targets of both surveys, but those known to have moved, fix no frame ({status})"
+        return without("a later survey", "resurvey", subject, why)
+    said = f"{subject}: targets lie otherwise than before, but which of them moved cannot be told ({status}); "
+    said += "the first survey holds for all poses."
+    return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, said)
+
+
+def _size(row: dict[str, Any]) -> float:
+    return float(np.linalg.norm([row[f"shift_{a}_mm"] for a in _AXES]))
+
+
+def _over_sigma(row: dict[str, Any]) -> float:
+    return _size(row) / float(np.sqrt(np.mean([row[f"sigma_{a}_mm"] ** 2 for a in _AXES])))
+
+
+def _taken_into_account(row: dict[str, Any], exclude: Sequence[Overrule]) -> str:
+    if row["holds_as"]:
+        return f"from pose {row['from_pose']} on it is {row['holds_as']}."
+    for rule in exclude:
+        if rule.pose is None and rule.body in (None, row["body"]) and rule.target == row["target"]:
+            return f"it was excluded by {rule.signed}."
+    return ""

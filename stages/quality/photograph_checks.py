@@ -1,0 +1,301 @@
+"""The network that photographs make: rays, angles, format, noise, rejected rays, known points, stability of cameras."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
+from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
+from truing.report.numbers import count as counted
+from truing.schemas.photograph_artifacts import BENT, SHARED
+from truing.stages.common.point_arrays import number_column, text_column
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.scale_checks import Figures, bar_lengths, rows_of, scale, target_sizes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_FEWEST_RAYS = 3
+_WORST = 0.1
+_BEYOND_CHANCE = 1e-3
+_MATTERS = 0.1  # of the noise of a ray: a mean residual below it bends no point by more than noise does
+_KNOWN = 3.0  # standard deviations by which a noise has to be off its stated one to count
+Array = NDArray[np.float64]
+_MOVES_POINTS = 1.0  # of their standard deviations: points that move less are as good as they were
+_FAR = 3.0  # times their uncertainty: poses that differ by less in what no image shows by itself
+_TOLD_IMAGES = 8  # as many images as a sentence holds
+_LEVEL = 1e-3
+_TOLD_POINTS = 4  # as many as a sentence holds
+
+
+def photograph_checks(tables: Mapping[str, pa.Table], limits: CampaignLimits) -> Iterator[Check]:
+    """Every check of the network; none where the campaign's points do not come out of photographs."""
+    if "bundle_statistics" not in tables:
+        return
+    figures = Figures(tables["bundle_statistics"])
+    images = tables.get("image_cameras")
+    points, residuals = tables["object_points"], tables["image_residuals"]
+    yield from _oriented(tables["photographs"], tables["image_orientations"], limits)
+    survey = tables.get("survey")
+    yield from scale(figures, tables.get("scale_bar_lengths"), surveyed=survey is not None and survey.num_rows > 0)
+    yield from target_sizes(figures, limits)
+    yield from known_points(tables.get("known_point_errors"))
+    for pose in dict.fromkeys(points.column("pose").to_pylist()):
+        rows = rows_of(points, "pose", pose)
+        yield _rays_per_point(f"pose {pose}", rows, limits)
+        yield _angles(f"pose {pose}", rows, limits)
+    for camera in dict.fromkeys(residuals.column("camera").to_pylist()):
+        yield _coverage(camera, figures, limits)
+        yield _rejected(camera, rows_of(residuals, "camera", camera), limits)
+        yield _systematic(camera, figures, residuals)
+    yield from _noise(figures, limits)
+    yield from camera_stability(tables.get("ray_statistics"), tables.get("ray_information"), images, figures)
+    yield from bar_lengths(tables.get("scale_bar_lengths"), limits)
+
+
+def _oriented(photographs: pa.Table, orientations: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
+    keys = ("pose", "image")
+    known = set(zip(*(orientations.column(key).to_pylist() for key in keys), strict=True))
+    images: dict[object, list[str]] = {}
+    for pose, image in zip(*(photographs.column(key).to_pylist() for key in keys), strict=True):
+        images.setdefault(pose, []).append(image)
+    limit = limits.of("images-oriented")
+    for pose, all_of_pose in images.items():
+        lost = [image for image in all_of_pose if (pose, image) not in known]
+        said = (
+            f"pose {pose}: {len(all_of_pose) - len(lost)} of "
+            f"{counted(len(all_of_pose), 'photograph')} with an orientation"
+        )
+        said += f"; without: {listed(lost)}." if lost else "."
+        yield limit.row(f"pose {pose}", len(lost) / len(all_of_pose), "1", said)
+
+
+def _rays_per_point(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
+    rays = number_column(points, "rays")
+    few = text_column(points, "point")[rays < _FEWEST_RAYS]
+    said = f"{subject}: {counted(len(rays), 'point')}, {np.median(rays):.0f} rays each in the middle"
+    said += f"; fewer than three to {listed(few.tolist())}." if len(few) else ", three or more to all."
+    return limits.of("rays-per-point").row(subject, len(few) / len(rays), "1", said)
+
+
+def _angles(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
+    angle = number_column(points, "largest_angle_deg")
+    worst = float(np.quantile(angle, _WORST))
+    name = text_column(points, "point")[int(np.argmin(angle))]
+    said = f"{subject}: rays meet at {np.median(angle):.0f} deg in the middle, those to the worst-placed tenth of the "
+    said += f"points at {worst:.0f} deg at most; least at {name}, {angle.min():.1f} deg."
+    return limits.of("intersection-angles").row(subject, worst, "deg", said)
+
+
+def _coverage(camera: str, figures: Figures, limits: CampaignLimits) -> Check:
+    share = figures.told("covered share of the format").get(camera, 0.0)
+    said = f"Camera {camera}: image points lie in {100 * share:.0f} % of its format's cells."
+    return limits.of("format-coverage").row(f"camera {camera}", share, "1", said)
+
+
+def _rejected(camera: str, residuals: pa.Table, limits: CampaignLimits) -> Check:
+    """Of rays to points with a name: circles that no other image shows are no rejected rays."""
+    named = text_column(residuals, "point") != ""
+    rejected = np.asarray(residuals.column("rejected").to_pylist(), dtype=bool) & named
+    count = int(named.sum())
+    image = text_column(residuals, "image")[rejected]
+    names, times = np.unique(image.astype(str), return_counts=True)
+    first = [f"{name} ({k})" for k, name in sorted(zip(times.tolist(), names.tolist(), strict=True), reverse=True)[:3]]
+    said = f"Camera {camera}: {int(rejected.sum())} of {count} rays are left out"
+    said += f", most in {', '.join(first)}." if first else "."
+    return limits.of("rejected-rays").row(f"camera {camera}", rejected.sum() / max(count, 1), "1", said)
+
+
+def _systematic(camera: str, figures: Figures, residuals: pa.Table) -> Check:
+    subject = f"camera {camera}"
+    p_value = figures.told("systematic residuals, p-value").get(camera)
+    mean = figures.told("systematic residuals, largest mean").get(camera)
+    if p_value is None or mean is None:
+        return without("residuals by region", "residuals-systematic", subject, "no ray is left")
+    sigma = float(np.median(number_column(rows_of(residuals, "camera", camera), "sigma_x_px")))
+    trips = p_value < _BEYOND_CHANCE and mean > _MATTERS * sigma
+    said = f"Camera {camera}: the largest mean residual of a part of its format is {mean:.3f} px"
+    said += f" (p = {p_value:.2g} of all parts together), the noise of a ray {sigma:.3f} px."
+    return Check("residuals-systematic", subject, p_value, _BEYOND_CHANCE, "1", WARN if trips else PASS, said)
+
+
+def _noise(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
+    limit = limits.of("image-noise")
+    spread = figures.told("noise over stated, sigma")
+    for subject, ratio in figures.told("noise over stated").items():
+        off = max(ratio, 1.0 / ratio)
+        sigma = spread.get(subject, 0.0)
+        said = f"{subject}: the noise of image coordinates is {ratio:.2f} ± {sigma:.2f} times what is stated."
+        yield limit.row(subject, off, "times", said, counts=abs(ratio - 1.0) > _KNOWN * sigma)
+
+
+def camera_stability(
+    statistics: pa.Table | None, information: pa.Table | None, images: pa.Table | None, figures: Figures
+) -> Iterator[Check]:
+    """A row per camera: the principal distance of each image against that of most, else principal distance and point
+    of each pose against those that all poses share."""
+    changed = {} if images is None else _changed(images)
+    for camera, rows in changed.items():
+        yield _images_apart(camera, rows, figures)
+    if statistics is None or information is None or not statistics.num_rows:
+        yield without("stability of cameras", "camera-stability", "", "the rays of single poses tell nothing of it")
+        return
+    poses = list(dict.fromkeys(statistics.column("pose").to_pylist()))
+    cameras = [name for name in dict.fromkeys(statistics.column("shared_number").to_pylist()) if name.endswith(" c")]
+    for named in cameras:
+        camera = named.removesuffix(" c").removeprefix("camera ")
+        if camera in changed:
+            continue
+        watched = [named.removesuffix("c") + name for name in _WATCHED]
+        if len(poses) < 2:
+            yield without("stability", "camera-stability", f"camera {camera}", "there is but one pose")
+            continue
+        yield _stability(camera, poses, _scores(statistics, poses, watched), _blocks(information, poses, watched))
+
+
+def _scores(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
+    """(S, 3) what the residuals of each pose say of the parameters."""
+    out = np.zeros((len(poses), len(watched)))
+    rows = zip(*(table.column(name).to_pylist() for name in ("pose", "shared_number", "score")), strict=True)
+    for pose, parameter, value in rows:
+        if parameter in watched:
+            out[poses.index(pose), watched.index(parameter)] = value
+    return out
+
+
+def _blocks(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
+    """(S, 3, 3) how well each pose tells them, given all else that is common."""
+    out = np.zeros((len(poses), len(watched), len(watched)))
+    names = ("pose", "shared_number", "other_number", "information")
+    for pose, one, other, value in zip(*(table.column(name).to_pylist() for name in names), strict=True):
+        if one in watched and other in watched:
+            i, j = watched.index(one), watched.index(other)
+            out[poses.index(pose), i, j] = out[poses.index(pose), j, i] = value
+    return out
+
+
+def _stability(camera: str, poses: list[object], score: Array, information: Array) -> Check:
+    """The poses' own values against their common one."""
+    found = camera_deviations(score, information)
+    if not found.freedom:
+        return without("stability", "camera-stability", f"camera {camera}", "fewer than two poses tell of it")
+    sigma = np.sqrt(np.diagonal(found.covariance_px2, axis1=1, axis2=2))
+    worst = int(np.nanargmax(found.chi2))
+    deviation = found.deviation_px[worst]
+    shown = ", ".join(f"{name} by {deviation[k]:+.2f} ± {sigma[worst, k]:.2f} px" for k, name in enumerate(_WATCHED))
+    p_value, ratio = found.overall_p_value, np.sqrt(found.overall_chi2 / found.freedom)
+    said = f"Camera {camera}: poses differ in principal distance and point by {ratio:.2f} times their uncertainty "
+    said += f"(p = {p_value:.2g}); most in pose {poses[worst]} (p = {found.p_value[worst]:.2g}): {shown}."
+    verdict = PASS if p_value >= _BEYOND_CHANCE else FAIL if ratio > _FAR else WARN
+    return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", verdict, said)
+
+
+Row = dict[str, Any]
+
+
+def _changed(images: pa.Table) -> dict[str, list[Row]]:
+    """The images of every camera of which some have another principal distance than most."""
+    found: dict[str, list[Row]] = {}
+    for row in images.to_pylist():
+        found.setdefault(row["camera"], []).append(row)
+    return {camera: rows for camera, rows in found.items() if any(row["setting"] for row in rows)}
+
+
+def _images_apart(camera: str, rows: list[Row], figures: Figures) -> Check:
+    """Images that differ, by how much, what it does to points, and how to let them have a camera of their own."""
+    apart = [row for row in rows if row["setting"]]
+    p_value = figures.told(SHARED).get(camera, 0.0)
+    moved = figures.told(BENT)
+    worst = max(moved, key=lambda pose: moved[pose], default="")
+    said = f"Camera {camera}: {len(apart)} of {len(rows)} photographs have another principal distance than the others "
+    said += f"(p = {p_value:.2g}): {'; '.join(_told_settings(apart, rows))}."
+    if moved:
+        said += f" Points of {worst} move by {moved[worst]:.1f} standard deviations where these have a camera of their "
+        said += "own."
+    said += f' Give them one: [[cameras]] name = "{camera} 2", of = "{camera}", {_chosen(apart, rows)}.'
+    fails = not moved or moved[worst] > _MOVES_POINTS
+    return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", FAIL if fails else WARN, said)
+
+
+def _told_settings(apart: list[Row], rows: list[Row]) -> Iterator[str]:
+    for setting in sorted({row["setting"] for row in apart}):
+        own = [row for row in apart if row["setting"] == setting]
+        off = np.array([row["principal_distance_off_px"] for row in own])
+        sigma = np.array([row["principal_distance_sigma_px"] for row in own])
+        poses = _whole_poses(own, rows)
+        named = [f"{row['image']} of pose {row['pose']}" for row in own if row["pose"] not in poses]
+        which = [f"all of pose {pose}" for pose in poses] + named
+        yield f"{listed(which, _TOLD_IMAGES)} by {np.median(off):+.2f} ± {np.median(sigma):.2f} px each"
+
+
+def _whole_poses(own: list[Row], rows: list[Row]) -> list[object]:
+    """Poses of which all images are among these."""
+    count = Counter(row["pose"] for row in rows)
+    return [pose for pose, number in Counter(row["pose"] for row in own).items() if number == count[pose]]
+
+
+def _chosen(apart: list[Row], rows: list[Row]) -> str:
+    """The keys of campaign.toml that choose the first setting that differs."""
+    own = [row for row in apart if row["setting"] == apart[0]["setting"]]
+    poses = _whole_poses(own, rows)
+    if len({row["pose"] for row in own}) == len(poses):
+        return f"poses = [{', '.join(map(_toml, poses))}]"
+    chosen, poses = {row["image"] for row in own}, list(dict.fromkeys(row["pose"] for row in own))
+    images = f"images = [{', '.join(_toml(row['image']) for row in own)}]"
+    if sum(row["image"] in chosen for row in rows) == len(own):
+        return images
+    here = [row for row in own if row["pose"] == poses[0]]  # names that come again in other poses: pose by pose
+    return f"poses = [{_toml(poses[0])}], images = [{', '.join(_toml(row['image']) for row in here)}]"
+
+
+def _toml(value: object) -> str:
+    return str(value) if isinstance(value, int) else json.dumps(str(value), ensure_ascii=False)
+
+
+def known_points(errors: pa.Table | None) -> Iterator[Check]:
+    """A row per pose with known points that are the datum."""
+    if errors is None or not errors.num_rows:
+        yield without("known points", "known-points", "", "none are the datum")
+        return
+    for pose in dict.fromkeys(errors.column("pose").to_pylist()):
+        yield _known(f"pose {pose}", rows_of(errors, "pose", pose).to_pylist())
+
+
+def _known(subject: str, rows: list[dict[str, Any]]) -> Check:
+    """The points of a pose, by the least p-value times how many were tested."""
+    tested = [row for row in rows if row["p_value"] is not None]
+    lost = [row["point"] for row in rows if not row["rays"]]
+    wrong = sorted((row for row in tested if row["reason"]), key=_distance, reverse=True)
+    if not tested and not lost:
+        return without("known points", "known-points", subject, "rays alone do not check them")
+    p_value = min((row["p_value"] for row in tested), default=1.0) * max(len(tested), 1)
+    said = f"{subject}: {counted(len(rows), 'known point')}"
+    if wrong:
+        said += f"; {wrong[0]['reason']}: {'; '.join(map(_off, wrong[:_TOLD_POINTS]))}"
+        said += f"; and {len(wrong) - _TOLD_POINTS} more" if len(wrong) > _TOLD_POINTS else ""
+    said += f"; without any ray that is left, and not measured: {listed(lost)}" if lost else ""
+    if not wrong and tested:
+        worst = max(tested, key=_distance)
+        said += f"; the furthest is {_off(worst)}"
+    verdict = FAIL if wrong or lost else PASS
+    return Check("known-points", subject, min(p_value, 1.0), _LEVEL, "1", verdict, f"{said}.")
+
+
+def _distance(row: dict[str, Any]) -> float:
+    return float(np.linalg.norm([row["dx_mm"], row["dy_mm"], row["dz_mm"]]))
+
+
+def _off(row: dict[str, Any]) -> str:
+    """By how much, and where to, a known point is off."""
+    off = np.array([row["dx_mm"], row["dy_mm"], row["dz_mm"]])
+    size, spread = float(np.linalg.norm(off)), [row[f"sigma_{axis}_mm"] for axis in "xyz"]
+    own = "" if None in spread else f" ± {np.linalg.norm(off / max(size, 1e-12) * np.array(spread)):.2g}"
+    along = ", ".join(f"{axis} {value:+.3g}" for axis, value in zip("xyz", off, strict=True))
+    return f"{row['point']} is known {size:.3g}{own} mm from where it is ({along})"

@@ -1,0 +1,147 @@
+"""The checks of a campaign of object points: its bodies as they see them, and how they share the budget of chance.
+
+A failing check gates the exit code, so together they may trip on one good campaign in a hundred at most: that budget
+(``[qa] false_alarm``) is shared out among the checks that rest on chance, and within a check among its
+subjects. Checks that only warn are held at ten times their share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.counted_times import merely_counts
+from truing.quality.bodies import BodyView, Surroundings, body_view, first_shape
+from truing.schemas.columns import COLUMNS
+from truing.stages.common.point_arrays import number_column, pose_ids, pose_points, survey_points
+from truing.stages.common.repeats import repeated_poses
+from truing.stages.quality.check import CampaignLimits, Check
+from truing.stages.quality.names_and_surveys import due
+from truing.stages.quality.repeat_checks import repeatability
+from truing.stages.quality.target_checks import (
+    attachment_labels,
+    completeness,
+    exchanged_labels,
+    geometry,
+    gross_errors,
+    moved_targets,
+    noise,
+    noise_by_pose,
+    unobserved_poses,
+)
+from truing.stages.quality.time_and_temperature import (
+    base_drift,
+    temperature_columns,
+    temperature_span,
+    temperature_units,
+    time_gaps,
+    time_unit,
+)
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
+
+_CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip
+
+
+def surroundings(observations: pa.Table, configurations: pa.Table | None, drives: tuple[str, ...]) -> Surroundings:
+    """The poses that were observed, ordered by time where the campaign tells it, else as they came."""
+    observed, shared = pose_ids(observations), "point" in observations.column_names
+    if configurations is None:
+        none = np.zeros((len(observed), 0))
+        return Surroundings(observed, np.arange(float(len(observed))), none, (), None, shared=shared, is_counted=True)
+    time = number_column(configurations, "time_s")
+    order = np.argsort(time, kind="stable")
+    ids = configurations.column("pose").to_pylist()
+    seen = set(observed)
+    rows = np.array([i for i in order if ids[i] in seen], dtype=np.int64)
+    names = [n for n in configurations.schema.names if COLUMNS["rho"].matches(n) or n in drives]
+    values = {n: number_column(configurations, n)[rows] for n in names}
+    varying = tuple(n for n in names if np.nanstd(values[n]) > 0.0)
+    has_temperature = "temperature_c" in configurations.schema.names
+    return Surroundings(
+        tuple(ids[i] for i in rows),
+        time[rows],
+        np.column_stack([values[n] for n in varying]) if varying else np.zeros((len(rows), 0)),
+        varying,
+        number_column(configurations, "temperature_c")[rows] if has_temperature else None,
+        tuple(pose for pose in ids if pose not in seen),
+        shared,
+        merely_counts(time[order], np.arange(len(order)), np.zeros(len(order), dtype=np.int64)),
+    )
+
+
+def body_views(tables: Mapping[str, pa.Table], around: Surroundings) -> list[BodyView]:
+    """Every body of the observations, fitted robustly pose by pose."""
+    observations, survey = tables["observations"], tables.get("survey")
+    bodies = dict.fromkeys(observations.column("body").to_pylist())
+    return [_view(observations, survey, body, around) for body in bodies]
+
+
+def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: Surroundings) -> BodyView:
+    place = survey_points(survey, body) if survey is not None else None
+    is_surveyed = place is not None and bool(place.targets)
+    if place is None or not is_surveyed:
+        place = first_shape(pose_points(observations, body, around.poses))
+    points = pose_points(observations, body, around.poses, place.targets)
+    return body_view(body, place, points, around, is_surveyed=is_surveyed)
+
+
+def all_checks(
+    bodies: Sequence[BodyView],
+    reference: BodyView | None,
+    around: Surroundings,
+    attachments: NDArray[np.float64],
+    settings: Campaign,
+    limits: CampaignLimits,
+    tables: Mapping[str, pa.Table],
+) -> Iterator[Check]:
+    """Every check: of the campaign's tables, body by body, then over time; attachments (L, 3) nominal, in m."""
+    resurveys, table = tables.get("resurveys"), tables.get("configurations")
+    share = settings.qa.false_alarm / _CHANCE_CHECKS
+    yield unobserved_poses(around, limits)
+    yield from attachment_labels(bodies, attachments)
+    for body in bodies:
+        yield from completeness(body, due(resurveys, body, around), limits)
+        yield from geometry(body, limits)
+        yield from gross_errors(body, limits)
+        yield from exchanged_labels(body, around)
+        yield from moved_targets(body, around, 10.0 * share / len(bodies))
+        yield from noise(body, around, share / len(bodies))
+        yield from noise_by_pose(body, around, share / len(bodies))
+    yield from base_drift(reference, 10.0 * share, frame_stays=settings.is_frame_fixed)
+    stood = settings.is_frame_fixed and reference is None
+    yield from repeatability(bodies, around, *_repeats(table, around, settings), share, instrument_stood=stood)
+    yield time_gaps(around, limits)
+    time = around.time if table is None else number_column(table, "time_s")
+    yield time_unit(time, None, "configurations", "pose", is_counted=around.is_counted)
+    yield temperature_span(around, limits)
+    yield from _temperature_units(table, settings.mechanism.reference_temperature_c)
+
+
+def _temperature_units(configurations: pa.Table | None, reference_c: float) -> Iterator[Check]:
+    if configurations is None:
+        yield from temperature_units({}, reference_c)
+        return
+    recorded = {name: number_column(configurations, name) for name in temperature_columns(configurations.column_names)}
+    order = np.argsort(number_column(configurations, "time_s"), kind="stable")
+    rows = [f"pose {pose}" for pose in configurations.column("pose").to_pylist()]
+    yield from temperature_units(recorded, reference_c, rows, order)
+
+
+def _repeats(
+    configurations: pa.Table | None, around: Surroundings, settings: Campaign
+) -> tuple[list[NDArray[np.int64]], str]:
+    """Poses that repeat one another, as numbers of those that were seen, and how that is known."""
+    if configurations is None:
+        return [], ""
+    groups, how = repeated_poses(configurations, settings.campaign.drives, settings.noise.actuator_mm)
+    poses = configurations.column("pose").to_pylist()
+    place = {pose: at for at, pose in enumerate(around.poses)}
+    seen = ([place[poses[row]] for row in group if poses[row] in place] for group in groups)
+    return [np.array(group) for group in seen if len(group) > 1], how

@@ -1,0 +1,317 @@
+"""Quality of positioning runs: do positions belong to their targets, and is what they scatter by the axis' own?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging.approaches import TargetMatch, match_targets
+from truing.estimation.interferometry.approaches import (
+    copied_series,
+    cycle_drift,
+    gross_errors,
+    overflow,
+    resolution,
+    row_jump,
+    turned_cycles,
+    widest_gap,
+)
+from truing.estimation.interferometry.log_quality import temperatures_out_of_reach
+from truing.report.belonging import slip_words
+from truing.report.numbers import count as counted
+from truing.stages.common.belonging import subject_of
+from truing.stages.common.point_arrays import number_column
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+WAYS = ("forward", "backward")
+_UM = 1e3  # per mm
+_NO_MATCH, _NOTED = 0.05, 0.01  # rms misfit over the travel
+_CHANCE, _COPIED, _DRIFT, _JUMP = 1e-3, 1e-4, 1e-4, 1e-6
+_FEW, _TWO = 3, 2
+_TIMES_SCATTER = 10.0
+_STRAIGHT = 0.9
+
+
+@dataclass(frozen=True)
+class PositioningRun:
+    """One run: target (P,), position and position as read (P, 2, C) in mm, the place of each row in its file (P, 2, C),
+    and cycles (C,).
+
+    Directions are forward, backward. ``temperature_c`` (P, 2, C), None where it was not recorded.
+    """
+
+    name: str
+    target: Array
+    position: Array
+    read: Array
+    row_order: NDArray[np.int64]
+    cycles: tuple[int, ...]
+    temperature_c: Array | None
+
+    @property
+    def subject(self) -> str:
+        """What a row of qa.parquet calls the run."""
+        return subject_of(self.name)
+
+    @property
+    def deviation(self) -> Array:
+        """Position less target (P, 2, C), um."""
+        return _UM * (self.position - self.target[:, None, None])
+
+    @property
+    def step_um(self) -> float:
+        """The step of the readings, um; 0 where they have none."""
+        return _UM * resolution(self.read)
+
+    @property
+    def cycle_order(self) -> NDArray[np.int64]:
+        """The order (P, 2, C) of a usual test, whatever the file is sorted by: up and down again, cycle by cycle."""
+        targets, _, cycles = self.position.shape
+        up = np.arange(targets)
+        within = np.stack([up, 2 * targets - 1 - up], axis=1)
+        return np.asarray(within[..., None] + 2 * targets * np.arange(cycles))
+
+    def place(self, at: Sequence[int]) -> str:
+        """One approach in words."""
+        return f"target {self.target[at[0]]:g} mm {WAYS[at[1]]} in cycle {self.cycles[at[2]]}"
+
+    def places(self, where: NDArray[np.bool_]) -> str:
+        """Approaches (P, 2, C) in words: whole cycles or whole targets where they are that."""
+        cycles, targets = np.all(where, axis=(0, 1)), np.all(where, axis=(1, 2))
+        if np.array_equal(where, np.broadcast_to(cycles, where.shape)):
+            return f"all of cycle {listed([str(self.cycles[k]) for k in np.flatnonzero(cycles)])}"
+        if np.array_equal(where, np.broadcast_to(targets[:, None, None], where.shape)):
+            return f"all of target {listed([f'{self.target[k]:g} mm' for k in np.flatnonzero(targets)])}"
+        return listed([self.place(at) for at in np.argwhere(where).tolist()], 4)
+
+
+def positioning_runs(positions: pa.Table) -> Iterator[PositioningRun]:
+    """The runs of the table ``positions``, whose rows are in order of run, target, direction and cycle."""
+    names = [str(name) for name in positions.column("run").to_pylist()]
+    for name in dict.fromkeys(names):
+        own = positions.filter([one == name for one in names])
+        target = np.unique(number_column(own, "target_mm"))
+        shape = len(target), len(WAYS), -1
+        columns = own.column_names
+        order = number_column(own, "row_order") if "row_order" in columns else np.arange(own.num_rows)
+        warmth = number_column(own, "material_temperature_c") if "material_temperature_c" in columns else None
+        cycles = tuple(dict.fromkeys(own.column("cycle").to_pylist()))
+        yield PositioningRun(
+            name,
+            target,
+            number_column(own, "position_mm").reshape(shape),
+            number_column(own, "position_read_mm" if "position_read_mm" in columns else "position_mm").reshape(shape),
+            order.astype(np.int64).reshape(shape),
+            cycles,
+            None if warmth is None else warmth.reshape(shape),
+        )
+
+
+def position_checks(runs: Sequence[PositioningRun], limits: CampaignLimits) -> Iterator[Check]:
+    """Every check of every run; where positions do not follow their targets, nothing else can be judged."""
+    for run in runs:
+        match = _matched(run)
+        found = _overflow(run, match)
+        yield found
+        yield _against_targets(run, match)
+        yield _cycles(run, limits)
+        yield _temperature(run)
+        yield _copied(run)
+        if match.is_slip or found.verdict == FAIL:
+            continue
+        yield _jumps(run, limits)
+        yield _errors(run)
+        if _departs(run, match):
+            continue
+        yield _directions(run)
+        yield _drift(run)
+
+
+def _matched(run: PositioningRun) -> TargetMatch:
+    target = np.broadcast_to(run.target[:, None, None], run.position.shape).ravel()
+    order = np.argsort(run.row_order, axis=None)
+    return match_targets(target[order], run.position.ravel()[order])
+
+
+def _departs(run: PositioningRun, match: TargetMatch) -> bool:
+    return match.is_slip or match.misfit > _NO_MATCH * float(np.ptp(run.target)) > 0.0
+
+
+def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
+    travel = float(np.ptp(run.target))
+    if travel == 0.0:
+        why = "a single target tells neither unit nor sign"
+        return without("positions against targets", "positions-against-targets", run.subject, why)
+    limit = _NO_MATCH * travel
+    said = f"Run {run.name}: positions depart from their targets by {match.misfit:.3g} mm rms over {travel:g} mm."
+    if match.deviations:
+        said += " They are deviations, it seems: position_mm is the target plus the deviation."
+    elif match.slips:
+        said += f" Did you mean: {'; and '.join(slip_words(slip) for slip in match.slips)}?"
+        said += f" The misfit is then {match.explained:.3g} mm."
+        if match.rivals:
+            said += f" As likely: {'; or '.join(slip_words(slip) for slip in match.rivals[:_FEW])}."
+    elif match.misfit > limit:
+        said += " No slip that was tried explains that."
+    verdict = FAIL if _departs(run, match) else WARN if match.misfit > _NOTED * travel else PASS
+    return Check("positions-against-targets", run.subject, match.misfit, limit, "mm", verdict, said)
+
+
+def _cycles(run: PositioningRun, limits: CampaignLimits) -> Check:
+    count = len(run.cycles)
+    said = f"Run {run.name}: {counted(count, 'cycle')} at {counted(len(run.target), 'target')}; ISO 230-2 asks for 5."
+    return limits.of("approach-cycles").row(run.subject, float(count), "1", said)
+
+
+def _temperature(run: PositioningRun) -> Check:
+    if run.temperature_c is None or not np.isfinite(run.temperature_c).any():
+        return without("temperature of the axis", "axis-temperature", run.subject, "it was not recorded")
+    found = temperatures_out_of_reach(run.temperature_c.ravel())
+    worst = float(np.nanmax(np.abs(run.temperature_c)))
+    said = f"Run {run.name}: the axis' temperature is {worst:.4g} °C at most"
+    said += ", beyond what a laboratory has; is the unit right?" if len(found.where) else "."
+    verdict = FAIL if len(found.where) else PASS
+    return Check("axis-temperature", run.subject, worst, found.limit, "degC", verdict, said)
+
+
+def _overflow(run: PositioningRun, match: TargetMatch) -> Check:
+    step = run.step_um
+    if step == 0.0 or match.is_slip:
+        why = "positions are no whole multiples of a step; position-jumps looks for jumps of any size"
+        why = "positions do not follow their targets" if match.is_slip else why
+        return without("overflow of an encoder", "encoder-overflow", run.subject, why)
+    found = overflow(run.deviation, step)
+    if found is None:
+        said = f"Run {run.name}: no positions differ by 2^n steps of {step:.3g} um."
+        return Check("encoder-overflow", run.subject, 0.0, 0.0, "um", PASS, said)
+    said = f"Run {run.name}: positions jump by {found.jump / _UM:.6g} mm, 2^{found.bits} steps of {step:.3g} um: an "
+    said += f"encoder overflowed at {run.places(found.where)}."
+    return Check("encoder-overflow", run.subject, found.jump, 0.0, "um", FAIL, said)
+
+
+def _jumps(run: PositioningRun, limits: CampaignLimits) -> Check:
+    """The larger of two ratios: a step from some row on over the scatter, a gap between groups over their range."""
+    limit = limits.of("position-jumps")
+    for order, known_by in ((run.row_order, "rows"), (run.cycle_order, "cycles")):
+        step = row_jump(run.deviation, order, run.step_um)
+        if step is not None and step.p_value < _JUMP and limit.verdict(abs(step.size) / step.scatter) != PASS:
+            said = f"Run {run.name}: from {run.place(step.after)} on, in the order of the {known_by}, positions stand "
+            said += f"{step.size:+.3g} um elsewhere; their scatter is {step.scatter:.2g} um."
+            return limit.row(run.subject, abs(step.size) / step.scatter, "1", said)
+    found = widest_gap(run.deviation, run.step_um)
+    if found is None:
+        said = f"Run {run.name}: deviations part by direction alone."
+        return limit.row(run.subject, 0.0, "1", said)
+    said = f"Run {run.name}: the widest gap between deviations is {found.size:.3g} um, the range on its wider side "
+    said += f"{found.spread:.3g} um."
+    if limit.verdict(found.ratio) != PASS:
+        said += f" Apart stands {run.places(found.where)}."
+    return limit.row(run.subject, min(found.ratio, 1e9), "1", said)
+
+
+def _errors(run: PositioningRun) -> Check:
+    found = gross_errors(run.deviation, _CHANCE, 0.5 * run.step_um)
+    count, times = int(found.where.sum()), abs(found.off) / max(found.scatter, 1e-300)
+    said = f"Run {run.name}: the approach farthest from the others of its target and direction is "
+    said += f"{run.place(found.worst)}, {found.off:+.3g} um off, scatter of the others {found.scatter:.2g} um"
+    said += f". Beyond chance: {run.places(found.where)}." if count else "."
+    if count and len(run.cycles) == _TWO:
+        said += " Of two cycles nobody can tell which one is wrong."
+    verdict = PASS if not count else FAIL if times > _TIMES_SCATTER else WARN
+    return Check("position-errors", run.subject, abs(found.off), _TIMES_SCATTER * found.scatter, "um", verdict, said)
+
+
+def _copied(run: PositioningRun) -> Check:
+    pairs, chance = copied_series(run.read)
+    still = _still(run)
+    alike = float(np.ptp(run.read, axis=2).max()) == 0.0
+    count = len(pairs) if chance < _COPIED or alike else 0
+    said = f"Run {run.name}: no two series of approaches are equal in every digit, and no reading stands still."
+    if alike:
+        said = (
+            f"Run {run.name}: all {len(run.cycles)} cycles are equal in every digit: copies, or a reading coarser than "
+        )
+        said += "the axis' scatter. Nothing tells its repeatability."
+    elif count:
+        named = [f"{_series(run, i)} and {_series(run, j)}" for i, j in pairs]
+        said = f"Run {run.name}: series are equal in every digit: {listed(named, 3)}."
+    elif len(still):
+        said = f"Run {run.name}: the reading stands still from one target to another: {listed(still, 3)}."
+    verdict = FAIL if alike or count or len(still) else PASS
+    return Check("copied-approaches", run.subject, float(max(count, len(still))), 0.0, "1", verdict, said)
+
+
+def _series(run: PositioningRun, number: int) -> str:
+    way, cycle = divmod(number, len(run.cycles))
+    return f"{WAYS[way]} in cycle {run.cycles[cycle]}"
+
+
+def _still(run: PositioningRun) -> list[str]:
+    """Approaches that read exactly what the row before reads, which went to another target."""
+    order = np.argsort(run.row_order, axis=None)
+    at = [np.array(k)[order] for k in np.unravel_index(np.arange(run.position.size), run.position.shape)]
+    read = run.read.ravel()[order]
+    again = np.flatnonzero((np.diff(read) == 0.0) & (np.diff(at[0]) != 0)) + 1
+    return [run.place([int(k[row]) for k in at]) for row in again]
+
+
+def _directions(run: PositioningRun) -> Check:
+    turned = turned_cycles(run.deviation)
+    contrary = _contrary(run)
+    said = f"Run {run.name}: by the order of the rows the axis moved forward and backward as written."
+    if turned:
+        names = listed([str(run.cycles[k]) for k in turned])
+        said = f"Run {run.name}: in cycle {names} forward and backward are exchanged: its reversal has the sign "
+        said += "opposite to that of the others."
+    elif contrary:
+        said = f"Run {run.name}: by the order of the rows the axis moved backward wherever forward is written, and "
+        said += "forward wherever backward is. Exchanged, the reversal changes its sign; nothing else does."
+    elif not _shows_movements(run):
+        why = "the order of the rows does not show how the axis moved; all of a run exchanged would look the same"
+        return without("directions", "approach-directions", run.subject, why)
+    verdict = FAIL if turned else WARN if contrary else PASS
+    return Check("approach-directions", run.subject, float(len(turned)), 0.0, "1", verdict, said)
+
+
+def _contrary(run: PositioningRun) -> bool:
+    """Whether rows in the order of the file go down wherever forward is written, and up wherever backward is.
+
+    A file that is sorted by target goes one way in both, and tells nothing.
+    """
+    forward, backward = _movements(run)
+    return bool(len(forward) and len(backward) and (forward < 0).all() and (backward > 0).all())
+
+
+def _shows_movements(run: PositioningRun) -> bool:
+    """Whether most rows go up wherever forward is written, and down wherever backward is."""
+    forward, backward = _movements(run)
+    return bool(len(forward) and len(backward) and np.median(forward) > 0 and np.median(backward) < 0)
+
+
+def _movements(run: PositioningRun) -> tuple[Array, Array]:
+    """The signs of the steps between neighbouring rows of the file that are both forward, both backward."""
+    order = np.argsort(run.row_order, axis=None)
+    target = np.broadcast_to(run.target[:, None, None], run.position.shape).ravel()[order]
+    way = np.broadcast_to(np.arange(2)[:, None], run.position.shape).ravel()[order]
+    going, same = np.sign(np.diff(target)), np.diff(way) == 0
+    return going[same & (way[1:] == 0)], going[same & (way[1:] == 1)]
+
+
+def _drift(run: PositioningRun) -> Check:
+    found = cycle_drift(run.deviation)
+    if found is None:
+        return without("drift", "position-drift", run.subject, "fewer than four cycles tell no walk")
+    walks = found.p_value < _DRIFT and found.share > _STRAIGHT
+    said = f"Run {run.name}: from the first cycle to the last the deviations walk by {found.walked:+.3g} um"
+    said += f", {100.0 * found.share:.0f} % of their differences between cycles." if walks else ", no more than chance "
+    said += "" if walks else "or other differences between cycles make."
+    return Check("position-drift", run.subject, abs(found.walked), None, "um", WARN if walks else PASS, said)

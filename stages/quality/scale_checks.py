@@ -1,0 +1,254 @@
+"""What gives photographs their scale, what checks or contradicts it, and what bars and reference lengths say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.bundle.length_errors import LengthErrors, length_errors
+from truing.report.numbers import count as counted
+from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA
+from truing.stages.common.point_arrays import number_column, text_column
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, CampaignLimits, Check, without
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+_BEYOND = 5.0  # sigmas
+# Relative, by which lengths differ: what is warm grows less, and less than that is told bar by bar.
+_MATTERS = 5e-4
+_LEAST = 1e-9
+_SURVEY = "survey of "
+# Checks that a wrong scale trips: nothing follows from them before it is mended.
+_CONSEQUENCES = frozenset(
+    (
+        *("poses-determined", "gross-errors", "noise", "residuals-systematic", "image-noise", "bar-lengths"),
+        *("camera-stability", "target-sizes", "length-errors", "points-against-survey"),
+    )
+)
+_SIZES = "size over stated"
+_NO_BAR = (FROM_SURVEY, FROM_MARKER)
+
+
+class Figures:
+    """The rows of bundle_statistics by figure and subject."""
+
+    def __init__(self, table: pa.Table) -> None:
+        rows = zip(*(table.column(name).to_pylist() for name in ("figure", "subject", "value")), strict=True)
+        self.values: dict[str, dict[str, float]] = {}
+        for figure, subject, value in rows:
+            self.values.setdefault(figure, {})[subject] = value
+
+    def told(self, figure: str) -> dict[str, float]:
+        """Values by subject."""
+        return self.values.get(figure, {})
+
+
+def rows_of(table: pa.Table, column: str, value: object) -> pa.Table:
+    """The rows in which a column has a value."""
+    import pyarrow.compute as pc
+
+    return table.filter(pc.equal(table.column(column), value))
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """A length, or several, that contradict the others: names, by how much relative to these, its sigma."""
+
+    odd: tuple[str, ...]
+    others: tuple[str, ...]
+    by: float
+    sigma: float
+
+    @property
+    def told(self) -> str:
+        """The sentence of the check ``scale``."""
+        size = f"{1e3 * abs(self.by):.3g} ± {1e3 * self.sigma:.1g} mm/m {'larger' if self.by > 0 else 'smaller'}"
+        one, others = listed(self.odd), listed(self.others)
+        if len(self.others) == 1:
+            said = f"{one} and {others} contradict each other about the scale: lengths by {one} are {size}."
+            return f"{said} One of them is wrong; a third length would tell which."
+        said = f"{one} contradicts {others} about the scale: lengths by {one} are {size}, and the others agree."
+        return f"{said} Look at its length, its ends and its unit."
+
+
+def scale_contradiction(figures: Figures) -> Contradiction | None:
+    """What gives or checks the scale and differs from the others; None where all agree as well as lengths do."""
+    names, x, s = _statements(figures)
+    if len(names) < 2:
+        return None
+    odd = np.zeros(len(names), bool)
+    odd[0 if len(names) == 2 else int(np.argmin([_chi2(np.delete(x, k), np.delete(s, k)) for k in range(len(x))]))] = (
+        True
+    )
+    mean = [float(np.average(x[part], weights=s[part] ** -2)) for part in (odd, ~odd)]
+    sigma = float(np.sqrt(sum(1.0 / np.sum(s[part] ** -2) for part in (odd, ~odd))))
+    by = mean[0] / mean[1] - 1.0
+    sides = [tuple(name for name, own in zip(names, part, strict=True) if own) for part in (odd, ~odd)]
+    if abs(by) <= max(_MATTERS, _BEYOND * sigma):
+        return None
+    return Contradiction(sides[0], sides[1], by, sigma)
+
+
+def _statements(figures: Figures) -> tuple[list[str], Array, Array]:
+    """Names, ratios and sigmas of what states lengths; bodies of one survey that agree are one statement."""
+    ratio, spread = figures.told(LENGTH), figures.told(LENGTH_SIGMA)
+    bodies = [name for name in ratio if name.startswith(_SURVEY)]
+    others = [name for name in ratio if name not in bodies]
+    x, s = (np.array([told[name] for name in bodies]) for told in (ratio, spread))
+    names, values, sigmas = others, [ratio[name] for name in others], [spread[name] for name in others]
+    if len(bodies) > 1 and np.ptp(x) <= max(_MATTERS, _BEYOND * float(s.max())):
+        names, values, sigmas = [*others, "the survey"], [*values, float(np.mean(x))], [*sigmas, float(s.max())]
+    else:
+        names, values, sigmas = [*others, *bodies], [*values, *x], [*sigmas, *s]
+    return names, np.array(values), np.maximum(np.array(sigmas), _LEAST)
+
+
+def _chi2(x: Array, s: Array) -> float:
+    return float(np.sum((x - np.average(x, weights=s**-2)) ** 2 / s**2))
+
+
+def without_consequences(checks: Iterable[Check]) -> Iterator[Check]:
+    """Checks of a network whose scale is contradicted, of which those that this trips say nothing."""
+    for check in checks:
+        if check.check in _CONSEQUENCES and check.verdict in (FAIL, WARN):
+            said = "Not evaluated: lengths contradict each other about the scale, as the check scale says."
+            yield replace(check, value=None, limit=None, unit="", verdict=NOT_EVALUATED, message=said)
+        else:
+            yield check
+
+
+def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iterator[Check]:
+    """Whether each pose has a scale, from what, and what checks it; surveyed: the shape of bodies is known."""
+    free = list(figures.told("scale from none"))
+    if free:
+        said = f"Nothing gives the scale of {listed(free)}: all lengths there are open together."
+        yield Check("scale", "", float(len(free)), 0.0, "1", FAIL, said)
+        return
+    columns = [] if lengths is None else [lengths.column(name).to_pylist() for name in ("bar", "serves")]
+    serving = dict(zip(*columns, strict=True)) if columns else {}
+    known = {what: len(figures.told(f"scale from {what}")) for what in ("scale bars", "known points", "markers")}
+    if (contradiction := scale_contradiction(figures)) is not None:
+        yield Check("scale", "", 1e3 * abs(contradiction.by), 0.0, "mm/m", FAIL, contradiction.told)
+        return
+    checks = _checked_by(serving, figures, surveyed)
+    said = f"{sum(known.values())} poses have a scale, from {' and '.join(_sources(serving, known))}"
+    if checks:
+        said += f", checked by {' and '.join(checks)}."
+    else:
+        said += " alone. Nothing checks it: were it in another unit, or wrong by a factor, all lengths would be, and "
+        said += "nothing would tell."
+    yield Check("scale", "", 0.0, 0.0, "1", PASS, said)
+
+
+def _sources(serving: dict[str, str], known: dict[str, int]) -> list[str]:
+    """What gives the scale, in words; what each bar serves as, and in how many poses each sort of thing is known."""
+    bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
+    found = [f"scale bar{'s' if len(bars) > 1 else ''} {listed(bars)}"] if bars else []
+    for start, words in ((FROM_SURVEY, "distances of the survey"), (FROM_MARKER, "diagonals of markers and boards")):
+        count = sum(bar.startswith(start) for bar in serving)
+        found += [f"{count} {words}"] if count else []
+    found += ["known points"] if known["known points"] else []
+    return found + (["the size of markers"] if known["markers"] else [])
+
+
+def _checked_by(serving: dict[str, str], figures: Figures, surveyed: bool) -> list[str]:
+    """What would tell a scale that is wrong; a survey does not where it gives the scale itself: all of it is wrong."""
+    checks = [bar for bar, serves in serving.items() if serves == "check"]
+    bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
+    found = [f"reference length{'s' if len(checks) > 1 else ''} {listed(checks)}"] if checks else []
+    found += ["each other"] if len(bars) > 1 else []
+    found += ["the survey"] if surveyed and not any(bar.startswith(FROM_SURVEY) for bar in serving) else []
+    return found + [f"the width of {kind}" for kind in figures.told(_SIZES)]
+
+
+def target_sizes(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
+    """How large targets are on the scale that was found, where it is told how large they are."""
+    sizes = figures.told(_SIZES)
+    if not sizes:
+        why = "no target's size is stated and seen, but for those that give the scale"
+        yield without("sizes of targets", "target-sizes", "", why)
+    for kind, ratio in sizes.items():
+        said = f"{kind}: they are {ratio:.3g} times as wide as stated (target_mm, marker_mm, image_targets.csv)."
+        yield limits.of("target-sizes").row(kind, max(ratio, 1.0 / ratio), "times", said)
+
+
+def bar_lengths(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Check]:
+    """Each scale bar as adjusted, distances of a survey and sizes of markers together; errors of reference lengths."""
+    if lengths is None or not lengths.num_rows:
+        yield without("scale bars", "bar-lengths", "", "no pose shows both ends of any bar")
+        yield without("length errors", "length-errors", "", "no reference length checks the scale")
+        return
+    names = text_column(lengths, "bar").astype(str)
+    ends = text_column(lengths, "first").astype(str)
+    subjects = np.array([_subject(name, first) for name, first in zip(names, ends, strict=True)], dtype=object)
+    for subject in dict.fromkeys(subjects):
+        yield _bar(subject, lengths.filter(subjects == subject), limits)
+    checking = rows_of(lengths, "serves", "check")
+    if not checking.num_rows:
+        yield without("length errors", "length-errors", "", "no reference length checks the scale")
+        return
+    found, length = _errors(checking), number_column(checking, "length_mm")
+    error = 1e3 * found.error_m
+    relative = 1e6 * error / length
+    worst = int(np.argmax(np.abs(relative)))
+    said = f"{len(error)} reference lengths from {length.min():.0f} to {length.max():.0f} mm: errors of "
+    said += f"{np.sqrt(np.mean(error**2)) * 1e3:.1f} um (rms), {relative[worst]:+.1f} um/m at most ("
+    said += f"{checking.column('bar').to_pylist()[worst]} in pose {checking.column('pose').to_pylist()[worst]})."
+    said += f" In common they have {1e6 * found.scale:+.1f} ± {1e6 * found.sigma_scale:.1f} um/m."
+    said += f" For an acceptance test the guideline asks for more: {'; '.join(found.lacks)}." if found.lacks else ""
+    yield limits.of("length-errors").row("", float(np.abs(relative[worst])), "um/m", said)
+
+
+def _errors(checking: pa.Table) -> LengthErrors:
+    """Errors of reference lengths; what poses have in common in them is left to the scale that is told beside."""
+    measured, calibrated = number_column(checking, "adjusted_mm"), number_column(checking, "length_mm")
+    sigma = 1e-3 * number_column(checking, "adjusted_sigma_mm")
+    _, line = np.unique(text_column(checking, "bar").astype(str), return_inverse=True)
+    return length_errors(
+        1e-3 * measured,
+        np.diag(sigma**2),
+        1e-3 * calibrated,
+        1e-3 * number_column(checking, "sigma_mm"),
+        line=line,
+    )
+
+
+def _subject(bar: str, first: str) -> str:
+    """What a length is told under: each bar by itself, distances of the survey by body, markers together."""
+    if bar.startswith(FROM_SURVEY):
+        return f"survey of {first.rpartition('/')[0]}".removesuffix(" of ")
+    return "markers and boards" if bar.startswith(FROM_MARKER) else f"bar {bar}"
+
+
+def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
+    deviation, sigma = number_column(rows, "deviation_mm"), number_column(rows, "deviation_sigma_mm")
+    told = sigma > 1e-6 * number_column(rows, "length_mm") * 1e-3
+    if not told.any():
+        why = "it gives the scale alone, so that its adjusted length is the calibrated one"
+        return without("deviation of the bar", "bar-lengths", subject, why)
+    over = np.where(told, np.abs(deviation) / np.where(told, sigma, 1.0), 0.0)
+    worst = int(np.argmax(over))
+    limit, name = limits.of("bar-lengths"), rows.column("bar").to_pylist()[worst]
+    off = f"{1e3 * deviation[worst]:+.1f} ± {1e3 * sigma[worst]:.1f} um from its"
+    length, pose = number_column(rows, "length_mm")[worst], rows.column("pose").to_pylist()[worst]
+    if not name.startswith(_NO_BAR):
+        said = (
+            f"Bar {name} ({rows.column('serves').to_pylist()[0]}) is {off} calibrated {length:.3f} mm in pose {pose}, "
+        )
+        said += f"the furthest of {counted(len(over), 'pose')}."
+    else:
+        far = int(sum(limit.verdict(float(one)) != PASS for one in over))
+        count, poses = (len(set(rows.column(column).to_pylist())) for column in ("bar", "pose"))
+        said = (
+            f"{subject}: {counted(count, 'distance')} in {counted(poses, 'pose')}, {far} of "
+            f"{len(over)} beyond the limit; the furthest, "
+        )
+        said += f"{name.partition(', ')[2]}, is {off} {length:.3f} mm in pose {pose}."
+    return limit.row(subject, float(over[worst]), "sigma", said)

@@ -1,0 +1,213 @@
+"""Quality of a sensor's signals and of the loads they answer: cut signals, open directions, exchanged rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.design.combinations import inseparable
+from truing.estimation.design.observability import Observability, observe
+from truing.estimation.interferometry.flexible_response import fit_channel, response_columns
+from truing.estimation.interferometry.log_quality import saturated
+from truing.estimation.interferometry.recorded_steps import LOADS
+from truing.estimation.sensor.exchanged_loads import RowExchange, least_seen, search_exchanges
+from truing.estimation.sensor.load_table import LoadTable, load_table
+from truing.quality.loading import LoadingView
+from truing.report.numbers import count as counted
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.stages.quality.unit_slips import FAR, unit_slip
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
+Array = NDArray[np.float64]
+_MILLIVOLT = 1e-3
+_APART = 1e3  # loads that differ from a combination of others by less than that part of their size are that combination
+_OVER_NOISE = 2.0  # power of a combination of signals over that of its noise, below which it is noise
+_SIGMAS = 6.0  # of the scatter of that power in few rows
+_ROUNDING = 1e-6  # of the largest signal: what is left of a combination that is exactly none
+_FEWEST = 8
+_LEAST_FREEDOM = 4
+
+
+def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int], share: float) -> Iterator[Check]:
+    """Every check of signals against loads; turned: runs whose sign is known to be wrong, and not their rows."""
+    steps = view.steps
+    if not steps.signals:
+        yield without("signals", "signals", "", "the campaign holds none")
+        return
+    used = np.flatnonzero(np.isfinite(steps.signal).all(axis=1))
+    for at, name in enumerate(steps.signals):
+        yield _cut(view, at, name, settings.signals.range_mv)
+    yield _noise(view, settings.noise.signal_mv)
+    if len(used) < _FEWEST:
+        yield without("calibration", "loads-span", "", "too few load steps with all signals")
+        return
+    load, signal = steps.load[used], steps.signal[used]
+    loaded = np.flatnonzero(load.any(axis=0))
+    yield _loads_span(load[:, loaded], [LOADS[k] for k in loaded])
+    about = signal if settings.signals.zero_mv is not None else signal - signal.mean(axis=0)
+    independent = _signals_independent(about, steps.signals, len(loaded), settings.noise.signal_mv)
+    yield independent
+    right = used[~np.isin(steps.run[used], sorted(turned))]
+    numbers = int(independent.value or 0) if independent.verdict == FAIL else len(steps.signals)
+    yield from _exchanged(view, right, len(loaded), numbers, share)
+
+
+def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check:
+    """Samples at an end of the amplifier's range, which a signal meets as a wall."""
+    steps = view.steps
+    rows = np.flatnonzero(np.isfinite(steps.signal[:, at]))
+    if not len(rows):
+        return without("never read", "saturated", f"signal {name}", "no step has a value of it")
+    value = steps.signal[rows, at]
+    limit = None if range_mv is None else range_mv * _MILLIVOLT
+    wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
+    wall[saturated(value, _followed(steps.load[rows], value)).where] = True
+    places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in rows[wall]]
+    said = f"{name}: no sample stands at an end of its range."
+    if places:
+        ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
+        said = (
+            f"{name}: {counted(len(places), 'sample')} {'is' if len(places) == 1 else 'are'} "
+            f"cut at {ends}: {listed(places)}."
+        )
+    count = float(len(places))
+    return Check("saturated", f"signal {name}", count, 0.0, "1", FAIL if places else PASS, said)
+
+
+def _noise(view: LoadingView, noise_mv: float | None) -> Check:
+    """The scatter of signals that follows neither loads nor time, over the declared noise: are the two of one size?"""
+    steps = view.steps
+    if noise_mv is None:
+        return without("noise", "noise", "signals", "no noise is declared for them")
+    ratios = [_scatter(view, at, noise_mv * _MILLIVOLT) for at in range(len(steps.signals))]
+    known = [ratio for ratio in ratios if np.isfinite(ratio)]
+    if not known:
+        return without("noise", "noise", "signals", "too few load steps beside what they may follow")
+    ratio = float(np.median(known))
+    slip = unit_slip(ratio, noise_mv, "mV")
+    said = (
+        f"signals: the scatter is {ratio:.3g} times the declared noise, in the middle of "
+        f"{counted(len(known), 'signal')}."
+    )
+    if slip and ratio > 1.0:
+        slip += " Else signals follow something that was not recorded."
+    return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, said + slip)
+
+
+def _scatter(view: LoadingView, at: int, sigma: float) -> float:
+    """Scatter over sigma of one signal; NaN where too few steps tell it."""
+    there = np.isfinite(view.steps.signal[:, at])
+    if there.sum() < _FEWEST:
+        return float("nan")
+    steps = view.steps.chosen(there)
+    run = np.unique(steps.run, return_inverse=True)[1]
+    groups = response_columns(steps.load, run, steps.time_s, np.zeros((len(run), 0)))
+    declared = np.full(len(run), sigma)
+    fit = fit_channel(steps.signal[:, at], declared, groups, run, steps.time_s, steps.load, view.load_sigma)
+    return float(np.sqrt(fit.chi_square / fit.dof)) if fit.dof >= _LEAST_FREEDOM else float("nan")
+
+
+def _followed(load: Array, value: Array) -> Array:
+    """What a signal (N,) would be by its loads (N, 6) and a zero, both fitted."""
+    design = np.column_stack([load / np.maximum(np.abs(load).max(axis=0), 1e-300), np.ones(len(load))])
+    return np.asarray(design @ np.linalg.lstsq(design, value, rcond=None)[0])
+
+
+def _loads_span(load: Array, names: list[str]) -> Check:
+    """Whether loads tell the components of the wrench apart; which were never loaded."""
+    never = [name for name in LOADS if name not in names]
+    if not names:
+        return Check("loads-span", "", 0.0, 6.0, "1", FAIL, "No step is loaded, so nothing can be calibrated.")
+    seen = observe(load, 1.0 / np.linalg.norm(load, axis=0), names, unidentifiable=_APART)
+    rank = int(seen.rank)
+    if rank < len(names):
+        said = f"The loads leave directions out, V V^T is singular: {_open(seen)}."
+        return Check("loads-span", "", float(rank), float(len(names)), "1", FAIL, said)
+    if never:
+        said = (
+            f"{listed(never)} never loaded: of the wrench {rank} components can be calibrated, and V V^T is singular."
+        )
+        return Check("loads-span", "", float(rank), 6.0, "1", WARN, said)
+    return Check("loads-span", "", 6.0, 6.0, "1", PASS, "The loads span all six components of the wrench.")
+
+
+def _open(seen: Observability) -> str:
+    return "; ".join(group.text for group in inseparable(seen))
+
+
+def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, noise_mv: float | None) -> Check:
+    """Whether signals (N, S), about their zero, hold as many independent numbers as loads: at all, and beyond noise."""
+    wanted, count = min(len(names), loaded), len(about)
+    size = float(np.linalg.norm(about, axis=0).max())
+    if size == 0.0:
+        said = "No signal changes with the load: V V^T is singular."
+        return Check("signals-independent", "", 0.0, float(wanted), "1", FAIL, said)
+    seen = observe(about, np.full(len(names), 1.0 / size), names, unidentifiable=1.0 / _ROUNDING)
+    verdict, but = FAIL, ""
+    if seen.rank >= wanted and noise_mv:
+        level = np.full(len(names), 1.0 / (noise_mv * _MILLIVOLT))
+        least = np.sqrt(count * max(_OVER_NOISE, 1.0 + _SIGMAS * np.sqrt(2.0 / count)))
+        seen = observe(about, level, names, unidentifiable=1.0 / least)
+        verdict, but = WARN, " but for noise"
+    rank = float(seen.rank)
+    if rank >= wanted:
+        said = f"The {len(names)} signals hold {rank:.0f} independent numbers, for {loaded} components of the load."
+        return Check("signals-independent", "", rank, float(wanted), "1", PASS, said)
+    said = f"The {len(names)} signals hold {rank:.0f} independent numbers, and the loads {loaded}: "
+    said += f"V V^T is singular{but}; {_open(seen)}."
+    return Check("signals-independent", "", rank, float(wanted), "1", verdict, said)
+
+
+def _exchanged(
+    view: LoadingView, rows: NDArray[np.int64], loaded: int, independent: int, share: float
+) -> Iterator[Check]:
+    """Rows whose loads stand in each other's place, by the signals."""
+    steps = view.steps
+    if loaded > independent or len(rows) < 3 * (len(steps.signals) + 1):
+        yield without(
+            "exchanged rows", "exchanged-rows", "", "too few signals or rows to tell the loads of each other row"
+        )
+        return
+    table = load_table(steps.signal[rows], steps.load[rows], steps.run[rows])
+    found, unseen = search_exchanges(table, share)
+    for one in found:
+        yield _pair(view, rows, one)
+    if unseen:
+        why = f"of {counted(len(rows), 'row')} so many are far from their place that {unseen} pairs were not looked at"
+        yield without("exchanged rows", "exchanged-rows", "other pairs", why)
+    elif not found:
+        yield _none_stands_out(table, share)
+
+
+def _none_stands_out(table: LoadTable, share: float) -> Check:
+    """No exchange found; the value is the difference of two loads, over their range, from which one is named."""
+    span = np.ptp(table.loads, axis=0)
+    used = np.flatnonzero(span > 0.0)
+    shares = least_seen(table, share)[used] / span[used]
+    names = [LOADS[k] for k in used]
+    least = float(shares.max(initial=0.0))
+    said = f"No exchange of loads stands out from chance among {len(table.loads)} rows, by a calibration of all. "
+    unseen = [name for name, own in zip(names, shares, strict=True) if own >= 1.0]
+    if unseen:
+        said += f"No exchange of {listed(unseen)} would: signals tell it less well than by its range. "
+    elif names:
+        worst = names[int(np.argmax(shares))]
+        said += f"Rows may be exchanged unseen where loads differ by less than {100.0 * least:.2g} % of the range "
+        said += f"({worst}, the worst). "
+    said += "Loads that are exchanged or turned round in whole runs would not show here."
+    return Check("exchanged-rows", "", least, None, "1", PASS, said)
+
+
+def _pair(view: LoadingView, rows: NDArray[np.int64], one: RowExchange) -> Check:
+    steps = view.steps
+    places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in rows[[one.first, one.second]]]
+    names = " ".join(LOADS[k] for k in one.components)
+    said = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: their signals miss by {one.before:.0f} "
+    said += f"sigmas as they stand, and by {one.after:.1f} the other way round."
+    return Check("exchanged-rows", " and ".join(places), one.before, one.after, "1", FAIL, said)

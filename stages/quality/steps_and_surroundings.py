@@ -1,0 +1,234 @@
+"""Quality of a loading programme: steps there, runs whole, range of loads; surroundings recorded, likely and steady."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.interferometry.log_quality import (
+    pressures_out_of_reach,
+    runs_cut_short,
+    steps_missing,
+    surroundings,
+    temperatures_out_of_reach,
+    worth_of_air,
+)
+from truing.estimation.interferometry.pressure_units import likely_pressure_unit
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
+from truing.quality.loading import TEMPERATURES, LoadingView
+from truing.report.numbers import count as counted
+from truing.simulation.air import ciddor_index, vapour_pressure_pa
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.common.words import listed
+from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.time_and_temperature import temperature_columns, temperature_units
+
+if TYPE_CHECKING:
+    from truing.schemas.interferometer import Interferometer
+    from truing.schemas.sections import Loading
+
+_FEW = 0.1  # of a run's steps: where a table says nothing at more, it was not meant to
+_RUNS_ALIKE = 3
+_ROUNDED = 1e-9  # a load at its range is in it
+_HUMIDITY_PCT = 50.0  # where it was not recorded: it hardly changes the index
+_HUMIDITY = "relative_humidity_pct"
+_MM, _HPA, _NM = 1e-3, 1e2, 1e-9
+
+
+def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
+    """Numbers of steps that a run leaves out, or one of its tables; where all runs count in twos or tens, that is how
+    they count."""
+    steps = view.steps
+    paces = np.diff(steps.step)[np.diff(steps.run) == 0]
+    stride = max(math.gcd(*(int(pace) for pace in paces)), 1) if len(paces) else 1
+    found = steps_missing(steps.run, (steps.step - _starts(view)[steps.run]) // stride)
+    lost = np.union1d(_lost(steps.run, steps.reading), _lost(steps.run, steps.signal))
+    missing = int(found.size.sum()) + len(lost)
+    share = missing / max(missing + len(steps.step), 1)
+    places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
+    places += [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in lost]
+    said = f"{counted(missing, 'step')} {'is' if missing == 1 else 'are'} missing: {listed(places)}."
+    said = said if missing else "No step is missing."
+    return limits.of("steps-missing").row("", share, "1", said)
+
+
+def _lost(run: NDArray, values: NDArray) -> NDArray:
+    """The few steps (N,) at which a table (B, K) of values says nothing, in runs (B,) of which it does."""
+    there = np.isfinite(values).any(axis=1)
+    lost = np.flatnonzero(~there & np.isin(run, np.unique(run[there])))
+    return lost if len(lost) <= _FEW * there.sum() else lost[:0]
+
+
+def _starts(view: LoadingView) -> NDArray[np.int64]:
+    """The number (R,) that the steps of each run begin with; the lowest where most runs begin with it."""
+    steps = view.steps
+    first = np.full(len(steps.runs), np.iinfo(np.int64).max)
+    np.minimum.at(first, steps.run, steps.step)
+    return np.full(len(first), first.min()) if np.mean(first == first.min()) > 0.5 else first
+
+
+def runs_whole(view: LoadingView) -> Check:
+    """Runs that end before the others do, of the same axis where each has three."""
+    steps = view.steps
+    few = np.bincount(view.axis + 1)[view.axis + 1].min(initial=_RUNS_ALIKE) < _RUNS_ALIKE
+    alike = np.zeros_like(view.axis) if few else view.axis
+    found = runs_cut_short(steps.run, steps.step - _starts(view)[steps.run], alike[steps.run])
+    names = [view.run_name(steps.run[row]) for row in found.where]
+    said = f"Runs that end earlier than others like them: {listed(names)}." if names else "No run was cut short."
+    return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, said)
+
+
+def readings_there(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]:
+    """Per channel, the share of readings missing in the runs that it was watched in."""
+    steps = view.steps
+    seen = np.isfinite(steps.reading)
+    for k, channel in enumerate(CHANNELS):
+        watched = np.isin(steps.run, np.unique(steps.run[seen[:, k]]))
+        if not watched.any():
+            continue
+        share = float(1.0 - seen[watched, k].mean())
+        said = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that it was watched in."
+        yield limits.of("completeness").row(f"channel {channel}", share, "1", said)
+    if never := [channel for k, channel in enumerate(CHANNELS) if not seen[:, k].any()]:
+        yield without("never read", "completeness", f"channels {' '.join(never)}", "what they would show stays unknown")
+
+
+def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
+    """A pause within a run much longer than the usual pace: zeros and temperatures may have moved meanwhile."""
+    steps = view.steps
+    within = np.flatnonzero(np.diff(steps.run) == 0)
+    pause = np.diff(steps.time_s)[within]
+    if view.is_counted:
+        return without("time gaps", "time-gaps", "", COUNTED)
+    if len(pause) < 3 or np.median(pause) <= 0.0:
+        return without("time gaps", "time-gaps", "", "too few steps with times")
+    longest, usual = int(pause.argmax()), float(np.median(pause))
+    after = within[longest] + 1
+    where = f"{view.run_name(steps.run[after])} step {steps.step[after]}"
+    times = pause[longest] / usual
+    said = f"The longest pause within a run is {pause[longest]:.0f} s, {times:.1f} times the usual, before {where}."
+    return limits.of("time-gaps", per=usual).row(where, float(pause[longest]), "s", said)
+
+
+def load_range(view: LoadingView, loading: Loading, limits: CampaignLimits) -> Iterator[Check]:
+    """Whether loads reach far enough into the range that the sensor is meant for."""
+    largest = np.abs(view.steps.load).max(axis=0, initial=0.0)
+    enough = limits.of("load-range")
+    for k, name in enumerate(LOAD_COLUMNS):
+        full, allowed = getattr(loading, name), loading.allowed(name)
+        if full is None or allowed is None or largest[k] == 0.0:
+            continue
+        share = float(largest[k] / full)
+        said = f"{LOADS[k]}: loads go to {100.0 * share:.0f} % of the range."
+        if share > 1.0 + _ROUNDED:
+            said += f" [loading] declares an overload test up to {100.0 * allowed / full:.0f} %."
+        if enough.verdict(share) != PASS:
+            said += " Beyond that, everything is extrapolated."
+        yield enough.row(f"load {LOADS[k]}", share, "1", said)
+
+
+def surroundings_checks(
+    view: LoadingView, optics: Interferometer, reference_c: float, limits: CampaignLimits
+) -> Iterator[Check]:
+    """Every check of temperatures, pressure and the air along the beams."""
+    known = view.steps.covariates
+    for name in (*TEMPERATURES, "air_pressure_hpa"):
+        what = name.rsplit("_", 1)[0].replace("_", " ")
+        if name not in known or not np.isfinite(known[name]).any():
+            yield without(what, "surroundings", what, "it was not recorded")
+            continue
+        yield _likely(view, name, what)
+        yield _steady(view, name, what, limits)
+    recorded = {name: known[name] for name in temperature_columns(known)}
+    steps = view.steps
+    rows = [f"{view.run_name(run)} step {step}" for run, step in zip(steps.run, steps.step, strict=True)]
+    yield from temperature_units(recorded, reference_c, rows, np.argsort(steps.time_s, kind="stable"))
+    yield from _humidity(view)
+    yield _air(view, optics, limits)
+
+
+def _likely(view: LoadingView, name: str, what: str) -> Check:
+    """Values that no laboratory has: another unit, or a sensor that is off."""
+    value = view.steps.covariates[name]
+    is_temperature = name in TEMPERATURES
+    found = temperatures_out_of_reach(value) if is_temperature else pressures_out_of_reach(value * _HPA)
+    places = [f"{view.run_name(view.steps.run[row])} step {view.steps.step[row]}" for row in found.where]
+    worst = float(np.nanmax(np.abs(value)))
+    unit = "degC" if is_temperature else "hPa"
+    limit = found.limit if is_temperature else found.limit / _HPA
+    said = f"The {what} is what a laboratory has."
+    likely = "" if is_temperature else likely_pressure_unit(float(np.nanmedian(value)))
+    if places:
+        meant = f"; did you mean {likely}?" if likely else "; is the unit right?"
+        said = f"The {what} is beyond what a laboratory has{meant} {listed(places)}."
+    elif likely:
+        said = f"The {what} is what a laboratory at great height has; did you mean {likely}?"
+    verdict = FAIL if places else WARN if likely else PASS
+    return Check("surroundings", what, worst, limit, unit, verdict, said)
+
+
+def _humidity(view: LoadingView) -> Iterator[Check]:
+    """A humidity of which every value is a fraction is likely one of 1, not of 100."""
+    value = view.steps.covariates.get(_HUMIDITY)
+    if value is None or not np.isfinite(value).any():
+        return
+    largest = float(np.nanmax(value))
+    is_share = 0.0 < largest <= 1.0
+    said = f"The relative humidity is {largest:.3g} % at most"
+    said += "; did you mean a share of 1, that is " + f"{100.0 * largest:.3g} %?" if is_share else "."
+    yield Check("surroundings", "relative humidity", largest, 1.0, "%", WARN if is_share else PASS, said)
+
+
+def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> Check:
+    """How far a quantity walked within a run, and over the campaign."""
+    value = view.steps.covariates[name]
+    went = surroundings(value, view.steps.run)
+    span = np.where(np.isfinite(went.span), went.span, 0.0)
+    worst = int(np.argmax(span))
+    over_all = float(np.nanmax(value) - np.nanmin(value))
+    is_temperature = name in TEMPERATURES
+    unit = "K" if is_temperature else "hPa"
+    read = np.isfinite(view.steps.reading).any(axis=1)
+    missing = float(1.0 - np.isfinite(value[read]).mean())
+    said = f"The {what} walked by {over_all:.3g} {unit} in all, within a run by {span[worst]:.3g} {unit} at most "
+    said += f"({view.run_name(worst)})."
+    if missing:
+        said += f" It is missing in {100.0 * missing:.0f} % of the steps."
+    limit = limits.of("temperature-span") if is_temperature else limits.of("pressure-span")
+    row = limit.row(what, float(span[worst]), unit, said)
+    return replace(row, verdict=WARN) if missing and row.verdict == PASS else row
+
+
+def _air(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> Check:
+    """What the change of the air since the start of each run is worth in readings, over dead path and displacement."""
+    known = view.steps.covariates
+    if not {"air_temperature_c", "air_pressure_hpa"} <= set(known):
+        return without("worth of the air", "worth-of-air", "", "temperature and pressure of the air were not recorded")
+    celsius, pressure = known["air_temperature_c"], known["air_pressure_hpa"]
+    humidity = np.nan_to_num(known.get("relative_humidity_pct", np.full(len(celsius), np.nan)), nan=_HUMIDITY_PCT)
+    vapour = vapour_pressure_pa(celsius, 1e-2 * humidity)
+    change = surroundings(
+        ciddor_index(_NM * optics.wavelength_nm, celsius, _HPA * pressure, vapour), view.steps.run
+    ).change
+    worst, at = 0.0, ""
+    noise = np.inf
+    for channel in view.channels:
+        if not channel.name.startswith("d"):
+            continue
+        reading = view.steps.reading[channel.rows, channel.place]
+        dead = _MM * getattr(optics.dead_path_mm, channel.name)
+        worth = worth_of_air(np.nan_to_num(change)[view.steps.run[channel.rows]], dead, reading)
+        noise = min(noise, channel.sigma)
+        if worth.max() >= worst:
+            worst, at = float(worth.max()), channel.name
+    if not at:
+        return without("worth of the air", "worth-of-air", "", "no linear channel was read")
+    said = f"Within a run the air changed by {1e6 * worst:.2g} um in {at} at most; readings are "
+    said += "compensated as they came." if optics.compensated else "compensated here."
+    limit = limits.of("worth-of-air", per=1e6 * noise)
+    return limit.row(at, 1e6 * worst, "um", said, counts=optics.compensated)

@@ -1,0 +1,303 @@
+"""Quality of the targets: are all there, do they fix a frame, does each sit in its place, is the noise as declared?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.quality import (
+    Scatter,
+    body_shape,
+    exchanged_pairs,
+    find_steps,
+    isolated,
+    successive_sigma,
+    unexplained_scatter,
+)
+from truing.estimation.rigid_poses.frame import redundancy
+from truing.quality.bodies import BodyView, Surroundings
+from truing.report.numbers import count
+from truing.report.numbers import count as counted
+from truing.stages.common.words import listed
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.unit_slips import unit_slip
+
+Array = NDArray[np.float64]
+_EITHER_SIDE = 3  # poses before and after a step
+_NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
+_AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
+_NOISE_NOTED = 1.1
+_POSE_NOISE_TOLERATED = 3.0
+_ODD_POSE = 1e-6
+_ODD_POSES_FAIL = 0.1
+
+
+def unobserved_poses(around: Surroundings, limits: CampaignLimits) -> Check:
+    """Configurations of which no point was measured: forgotten, or named otherwise in the points."""
+    lost = [str(pose) for pose in around.unobserved]
+    share = len(lost) / max(len(lost) + len(around.poses), 1)
+    said = f"No point was measured in pose {listed(lost)}." if lost else "Points were measured in every pose."
+    return limits.of("unobserved-poses").row("", share, "1", said)
+
+
+def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterator[Check]:
+    """Targets marked as sitting at an attachment, against the nominal attachments (L, 3): is their leg the nearest?"""
+    for body in bodies:
+        if body.name != "platform" or not len(attachments):
+            continue
+        marked = np.nonzero((body.survey.leg > 0) & (body.survey.leg <= len(attachments)))[0]
+        for t in marked:
+            distance = np.linalg.norm(attachments - body.survey.points[t], axis=1)
+            own, nearest = body.survey.leg[t], int(distance.argmin()) + 1
+            said = f"platform: target {body.survey.targets[t]} lies {1e3 * distance[own - 1]:.2f} mm from b_{own}"
+            said += (
+                "." if nearest == own else f", but {1e3 * distance.min():.2f} mm from b_{nearest}: is its leg right?"
+            )
+            yield Check(
+                "attachment-labels",
+                f"target {body.survey.targets[t]}",
+                1e3 * float(distance[own - 1]),
+                1e3 * float(np.delete(distance, own - 1).min()),
+                "mm",
+                PASS if nearest == own else FAIL,
+                said,
+            )
+
+
+def completeness(body: BodyView, due: NDArray[np.bool_], limits: CampaignLimits) -> Iterator[Check]:
+    """Targets seen per pose of those that were due (B, T), and poses without a frame."""
+    seen = body.points.seen
+    missing = due & ~seen
+    yield limits.of("completeness").row(
+        body.name,
+        float(missing.sum()) / max(int(due.sum()), 1),
+        "1",
+        f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
+        f"({count(seen.shape[1], 'target')}, {count(seen.shape[0], 'pose')}).",
+    )
+    lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
+    yield limits.of("poses-determined", per=len(seen)).row(
+        body.name,
+        float(len(lost)),
+        "1",
+        f"{body.name}: every pose can be determined."
+        if not lost
+        else f"{body.name}: {count(len(lost), 'pose')} with too few usable targets ({listed(lost)}).",
+    )
+
+
+def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
+    """Whether the targets fix a frame: spread across a line and a plane, and no single target on which it hangs."""
+    points = body.survey.points[body.frame]
+    if len(points) < 3:
+        yield Check(
+            "geometry", body.name, float(len(points)), 3.0, "1", FAIL, f"{body.name}: fewer than three targets."
+        )
+        return
+    shape = body_shape(points)
+    length = shape.extents[0] if shape.extents[0] > 0.0 else 1.0  # all targets in one place are neither wide nor thick
+    across, thick = shape.extents[1] / length, shape.extents[2] / length
+    spread, line = float(shape.extents[1] * 1e3), limits.of("geometry-line", per=float(np.median(body.sigma)) * 1e3)
+    in_line = line.verdict(spread) != PASS
+    yield line.row(
+        body.name,
+        spread,
+        "mm",
+        f"{body.name}: targets spread {shape.extents[0] * 1e3:.1f} x {shape.extents[1] * 1e3:.1f} x "
+        f"{shape.extents[2] * 1e3:.1f} mm (rms){': nearly in line, the roll is free' if in_line else ''}.",
+    )
+    plane, many = limits.of("geometry-plane"), len(points) > 3
+    flat = many and plane.verdict(float(thick)) != PASS
+    yield plane.row(
+        body.name,
+        float(thick),
+        "1",
+        f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
+        f"{': nearly planar, mirrored labels would not be noticed' if flat else ''}.",
+        counts=many,
+    )
+    names = np.array(body.survey.targets, dtype=object)[body.frame]
+    for name, leverage in zip(names, shape.leverage, strict=True):
+        said = f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame."
+        yield limits.of("geometry-leverage").row(f"target {name}", float(leverage), "1", said, counts=many)
+
+
+def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
+    """Share of targets far from their place, in poses that show enough of them; a few per cent are ordinary."""
+    if why := body.why_no_places:
+        yield without("gross errors", "gross-errors", body.name, why)
+        return
+    seen, gross = int(body.points.seen[body.framed].sum()), body.gross[body.framed]
+    share = float(gross.sum()) / max(seen, 1)
+    per_target = gross.sum(axis=0)
+    often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
+    tail = f", most often {', '.join(often)}" if often else ""
+    yield limits.of("gross-errors").row(
+        body.name,
+        share,
+        "1",
+        f"{body.name}: {int(gross.sum())} of {seen} readings are far from their place{tail}.",
+    )
+
+
+def exchanged_labels(body: BodyView, around: Surroundings) -> Iterator[Check]:
+    """Pairs of targets that lie on each other's places."""
+    if why := body.why_no_places or ("" if body.fit.ok.any() else f"{body.name}: no pose could be determined"):
+        yield without("exchanged labels", "exchanged-labels", body.name, why)
+        return
+    source = body.survey.points
+    expected = body.fit.apply(np.broadcast_to(source, body.points.points.shape))
+    ok = body.gross & body.fit.ok[:, None]
+    limit = np.maximum(10.0 * np.sqrt((body.sigma**2).sum(axis=2)), 0.02 * _nearest_neighbour(source))
+    pairs = exchanged_pairs(np.nan_to_num(expected), body.points.points, ok, limit)
+    if not pairs:
+        yield Check("exchanged-labels", body.name, 0.0, 0.0, "1", PASS, f"{body.name}: no labels are exchanged.")
+    for a, b in sorted({(a, b) for _, a, b in pairs}):
+        poses = [str(around.poses[p]) for p, i, j in pairs if (i, j) == (a, b)]
+        names = f"{body.survey.targets[a]} {body.survey.targets[b]}"
+        yield Check(
+            "exchanged-labels",
+            f"targets {names}",
+            float(len(poses)),
+            0.0,
+            "1",
+            FAIL,
+            f"{body.name}: the labels {names} are exchanged in pose {listed(poses)}.",
+        )
+
+
+def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+    """Targets that sit elsewhere from some pose on, with the pose and the shift."""
+    seen = body.points.seen & body.fit.ok[:, None]
+    own = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
+    kept = seen & ~isolated(body.residuals, own, seen, limit=4.0)
+    judged = kept.sum(axis=0) >= 2 * _EITHER_SIDE
+    if not judged.any():
+        why = f"{body.name}: no target was seen in three poses before and three after a step"
+        yield without("moved targets", "moved-targets", body.name, body.why_no_places or why)
+        return
+    step = find_steps(body.residuals, own, kept, _EITHER_SIDE)
+    moved = np.nonzero(step.p_value < share / max(len(body.survey.targets), 1))[0]
+    shifted = [
+        t for t in moved if not _is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])
+    ]
+    if not shifted:
+        said = f"{body.name}: no target has moved on its body."
+        if rare := [body.survey.targets[t] for t in np.flatnonzero(~judged)]:
+            said += f" Seen in too few poses to tell: {listed(rare)}."
+        yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, said)
+    for t in shifted:
+        d = step.size[t] * 1e3
+        size = float(np.linalg.norm(d))
+        yield Check(
+            "moved-targets",
+            f"target {body.survey.targets[t]}",
+            size,
+            0.0,
+            "mm",
+            WARN,
+            f"{body.name}: target {body.survey.targets[t]} sits {size:.3f} mm elsewhere "
+            f"({d[0]:+.3f}, {d[1]:+.3f}, {d[2]:+.3f}) "
+            f"from pose {around.poses[step.onset[t]]} on.",
+        )
+
+
+def _is_trend(values: Array, sigma: Array, kept: NDArray[np.bool_], time: Array, onset: int) -> bool:
+    """Whether a straight line in time explains the values (B, 3) better than the step at ``onset``."""
+    left = []
+    for shape in ((np.arange(len(time)) >= onset).astype(float), time):
+        design = np.column_stack([np.ones(int(kept.sum())), shape[kept]])
+        fitted = design @ np.linalg.lstsq(design, values[kept], rcond=None)[0]
+        left.append((((values[kept] - fitted) / sigma[kept]) ** 2).sum())
+    return bool(left[1] < left[0])
+
+
+def _nearest_neighbour(points: Array) -> Array:
+    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    return distance.min(axis=1)
+
+
+def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+    """Estimated against declared noise per axis, of what follows neither drives, time nor temperature."""
+    good = body.good & body.frame & ~_odd_poses(_scatter_by_pose(body))[:, None]
+    if good.sum() < 12:
+        yield without(f"noise of {body.name}", "noise", body.name, "too few readings")
+        return
+    part = redundancy(body.survey.points[body.frame], good[:, body.frame])
+    scatter = unexplained_scatter(
+        body.residuals[:, body.frame], body.measured_sigma[:, body.frame], part, around.covariates
+    )
+    whole = _pooled(scatter)
+    if whole.dof[0] < 1.0:
+        why = "a single pose without a survey leaves no residual"
+        yield without(f"noise of {body.name}", "noise", body.name, why)
+        return
+    declared = 1e3 * float(np.median(body.measured_sigma[good]))
+    first = _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
+    slip = unit_slip(float(whole.ratio[0]), declared, "mm")
+    is_warned = slip and first.verdict == PASS
+    yield replace(first, message=first.message + slip, verdict=WARN if is_warned else first.verdict)
+    for k, axis in enumerate("xyz"):
+        one = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
+        yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6, around.shared)
+
+
+def _pooled(scatter: Scatter) -> Scatter:
+    return Scatter(scatter.chi_square.sum(keepdims=True), scatter.dof.sum(keepdims=True))
+
+
+def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share: float, shared: bool) -> Check:
+    ratio = float(scatter.ratio[0])
+    failing = scatter.p_above(tolerated)[0] < share
+    # What all points of a pose share of their errors moves or scales them together: the declared is more than scatters.
+    below = not shared and scatter.p_below(1.0 / _NOISE_NOTED)[0] < share
+    noted = below or scatter.p_above(_NOISE_NOTED)[0] < share
+    where = f"the scatter along {axis}" if axis else "the scatter"
+    noise = "standard deviations, errors that points share among them" if shared else "declared noise"
+    sentence = (
+        f"{body}: {where} is {ratio:.2f} times the {noise} ({counted(round(scatter.dof[0]), 'degree')} of freedom)."
+    )
+    verdict = FAIL if failing else WARN if noted else PASS
+    return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)
+
+
+def noise_by_pose(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+    """Poses whose residuals are larger than the body's own scatter: one is a pose to look at, many are no campaign."""
+    scatter = _scatter_by_pose(body)
+    judged = scatter.dof > 0.0
+    if judged.sum() < 3:
+        yield without(f"noise by pose of {body.name}", "noise-by-pose", body.name, "too few targets per pose")
+        return
+    odd = _odd_poses(scatter)
+    much = scatter.p_above(_POSE_NOISE_TOLERATED) < share / judged.sum()
+    worst = int(np.argmax(np.where(judged, np.nan_to_num(scatter.ratio), -1.0)))
+    failing = much.sum() > _ODD_POSES_FAIL * judged.sum()
+    yield Check(
+        "noise-by-pose",
+        f"{body.name} pose {around.poses[worst]}",
+        float(scatter.ratio[worst]),
+        _POSE_NOISE_TOLERATED,
+        "1",
+        FAIL if failing else WARN if odd.any() else PASS,
+        f"{body.name}: the noisiest pose is {around.poses[worst]}, {scatter.ratio[worst]:.2f} times the ordinary "
+        f"scatter; {int(odd.sum())} of {int(judged.sum())} poses stand out.",
+    )
+
+
+def _scatter_by_pose(body: BodyView) -> Scatter:
+    """Chi-square of each pose's residuals in units of the body's ordinary scatter, the median over its poses."""
+    good = body.good & body.frame
+    dof = np.maximum(3.0 * good.sum(axis=1) - 6.0, 0.0)
+    square = np.where(good[..., None], (body.residuals / body.sigma) ** 2, 0.0).sum(axis=(1, 2))
+    judged = dof > 0.0
+    level = max(1.0, float(np.median(square[judged] / dof[judged]))) if judged.any() else 1.0
+    return Scatter(np.where(judged, square / level, 0.0), dof)
+
+
+def _odd_poses(scatter: Scatter) -> NDArray[np.bool_]:
+    """Poses that chance makes as noisy once in a million: a gross error that its few neighbours hid, most often."""
+    return (scatter.p_above(1.0) < _ODD_POSE) & (np.nan_to_num(scatter.ratio) > 1.5)

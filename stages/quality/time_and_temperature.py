@@ -1,0 +1,178 @@
+"""Quality over time: drift of the base, pauses, units of times; how far temperatures walked, and their units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.mixed_temperature_units import MistakenRows, mistaken_rows
+from truing.estimation.quality import find_drift
+from truing.estimation.temperature_units import MistakenUnit, mistaken_unit
+from truing.estimation.time_units import FEWEST, SECONDS, MistakenTimes, mistaken_times
+from truing.quality.bodies import BodyView, Surroundings
+from truing.report.numbers import count, duration
+from truing.stages.common.words import listed
+from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
+
+_LEAST_POSES = 8  # that tell a walk from chance
+_UNITS = {"d": "days", "h": "hours", "min": "minutes", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+_WORDS = {"K": "kelvin", "degF": "degrees Fahrenheit"}
+
+
+def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Iterator[Check]:
+    """A reference body that walks in the frame of the measurement.
+
+    Not evaluated where no body is known to be one, and where the frame may change by pose: a walk is told all the
+    same, standing still is not.
+    """
+    if body is None:
+        yield without("drift of the base", "base-drift", "", "[bodies] reference names no body that stands still")
+        return
+    if body.good.all(axis=1).sum() < _LEAST_POSES:
+        why = f"{body.name}: fewer than eight poses show all its targets"
+        yield without("drift of the base", "base-drift", body.name, why)
+        return
+    drift = find_drift(body.points.points, body.good)
+    size = float(drift.span.max(initial=0.0)) * 1e3
+    sigma = float(np.median(body.sigma)) * 1e3
+    walks = drift.p_value < share and size > 3.0 * sigma
+    target = body.survey.targets[int(drift.span.argmax())] if len(drift.span) else ""
+    if not walks and not frame_stays:
+        why = f"{body.name}: the frame may change from pose to pose ([measurement] frame)"
+        yield without("drift of the base", "base-drift", body.name, why)
+        return
+    message = f"{body.name}: stands still in the frame of the measurement."
+    if walks:
+        message = f"{body.name}: drifts by {size:.3f} mm in the frame of the measurement, most at target {target}."
+    yield Check("base-drift", body.name, size if walks else 0.0, 3.0 * sigma, "mm", WARN if walks else PASS, message)
+
+
+def time_gaps(around: Surroundings, limits: CampaignLimits) -> Check:
+    """A pause much longer than the usual pace: something may have changed meanwhile."""
+    steps = np.diff(around.time)
+    if around.is_counted:
+        return without("time gaps", "time-gaps", "", COUNTED)
+    if len(steps) < 3 or np.median(steps) <= 0.0:
+        return without("time gaps", "time-gaps", "", "no times")
+    longest = int(steps.argmax())
+    usual = float(np.median(steps))
+    return limits.of("time-gaps", per=usual).row(
+        f"pose {around.poses[longest + 1]}",
+        float(steps[longest]),
+        "s",
+        f"The longest pause is {steps[longest]:.0f} s, {steps[longest] / usual:.1f} times the usual, "
+        f"before pose {around.poses[longest + 1]}.",
+    )
+
+
+def time_unit(
+    time: NDArray[np.float64], run: NDArray[np.int64] | None, table: str, what: str, *, is_counted: bool
+) -> Check:
+    """Whether times (N,) of runs (N,), or of none, are seconds; table, what: which hold them, and what a row is."""
+    if is_counted:
+        return without("unit of times", "time-unit", "", COUNTED)
+    if np.isfinite(time).sum() < FEWEST:
+        return without("unit of times", "time-unit", "", "too few rows with times")
+    found = mistaken_times(time, run)
+    if found is None:
+        said = f"The times of {table} may well be seconds."
+        return Check("time-unit", table, 1.0, 1.0, "s", PASS, said)
+    factor = SECONDS[found.unit]
+    said = f"time_s of {table} goes on by {found.pace:.3g} from {what} to {what}, and is likely in "
+    said += f"{_UNITS.get(found.unit, found.unit)} ({_paced(found, found.unit)})"
+    said += "".join(f", or in {_UNITS[unit]} ({_paced(found, unit)})" for unit in found.others)
+    return Check("time-unit", table, factor, 1.0, "s", WARN, f"{said}: write {_cure(found.unit)} in [files.{table}].")
+
+
+def _paced(found: MistakenTimes, unit: str) -> str:
+    return f"{duration(float(f'{found.pace * SECONDS[unit]:.3g}'))} each"
+
+
+def _cure(unit: str) -> str:
+    if unit in ("ns", "100 ns"):
+        return f"columns = {{ time_s = {{ scale = {SECONDS[unit]:g} }} }}"
+    return f'units = {{ time_s = "{unit}" }}'
+
+
+def temperature_span(around: Surroundings, limits: CampaignLimits) -> Check:
+    """How far the temperature walked: what thermal effects have to work with."""
+    if around.temperature is None or not np.isfinite(around.temperature).any():
+        return without("temperature", "temperature-span", "", "no temperatures were recorded")
+    low, high = float(np.nanmin(around.temperature)), float(np.nanmax(around.temperature))
+    said = f"Temperature ran from {low:.2f} to {high:.2f} degrees C."
+    return limits.of("temperature-span").row("", high - low, "K", said)
+
+
+def temperature_columns(names: Iterable[str]) -> list[str]:
+    """Return which columns hold temperatures in degrees Celsius, by their names."""
+    return [name for name in names if name.endswith("_c")]
+
+
+def temperature_units(
+    recorded: Mapping[str, NDArray[np.float64]],
+    reference_c: float,
+    rows: Sequence[str] = (),
+    order: NDArray[np.int64] | None = None,
+) -> Iterator[Check]:
+    """A row per column of temperatures (N,), held against [mechanism] reference_temperature_c, and against itself.
+
+    rows (N,): what each row is called; order (N,): rows as they were taken. A contradiction fails: it would pass as an
+    expansion by tens or hundreds of kelvins. A reference that looks like another unit by itself warns.
+    """
+    columns = {name: value for name, value in recorded.items() if np.isfinite(value).any()}
+    for name, value in columns.items():
+        part = mistaken_rows(value, order)
+        if part is not None:
+            yield _of_part(name, value, part, reference_c, rows)
+        else:
+            yield _check(name, value, reference_c, mistaken_unit(value, reference_c))
+    if not columns:
+        alone = mistaken_unit([], reference_c)
+        if alone is None:
+            yield without("unit of temperatures", "temperature-unit", "", "no temperatures were recorded")
+        else:
+            yield _check("reference", np.array([reference_c]), reference_c, alone)
+
+
+def _of_part(
+    name: str, value: NDArray[np.float64], part: MistakenRows, reference_c: float, rows: Sequence[str]
+) -> Check:
+    """The check of a column of which a part is in another unit."""
+    low, high = float(value[part.rows].min()), float(value[part.rows].max())
+    read = f"{low:.5g}" if low == high else f"{low:.5g} to {high:.5g}"
+    known = int(np.isfinite(value).sum())
+    said = f"{name}: {len(part.rows)} of {count(known, 'row')} ({read}) likely in {_WORDS[part.unit]}, the others in "
+    said += f"degrees Celsius: did you mean {part.celsius:.5g} degC, beside {part.others:.5g}? "
+    said += f"Convert {listed(_stretches(part.rows, rows))}."
+    return Check("temperature-unit", name, high, reference_c, "degC", FAIL, said)
+
+
+def _stretches(at: NDArray[np.int64], names: Sequence[str]) -> list[str]:
+    """Rows (K,) by their names, those that follow one another as one."""
+    parts = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
+    called = [(_named(part[0], names), _named(part[-1], names)) for part in parts]
+    return [first if first == last else f"{first} to {last}" for first, last in called]
+
+
+def _named(row: int, names: Sequence[str]) -> str:
+    return names[row] if names else f"row {row + 1}"
+
+
+def _check(name: str, value: NDArray[np.float64], reference_c: float, found: MistakenUnit | None) -> Check:
+    typical = float(np.nanmedian(value))
+    if found is None:
+        said = f"{name}: {typical:.5g} degC, beside a reference of {reference_c:g} degC."
+        return Check("temperature-unit", name, typical, reference_c, "degC", PASS, said)
+    what = f"reference_temperature_c = {reference_c:g}" if found.of_reference else f"{name}: {typical:.5g}"
+    beside = f" beside a reference of {reference_c:g}" if not found.of_reference else f" beside {typical:.5g} in {name}"
+    said = f"{what}{beside if found.certain else ''} is likely in {_WORDS[found.unit]}; "
+    said += f"did you mean {found.celsius:.5g} degC"
+    if found.of_reference:
+        said += "?"
+    elif found.rows < np.isfinite(value).sum():
+        said += f"? It concerns {count(found.rows, 'row')}; convert these, for the others are in degrees Celsius."
+    else:
+        said += f'? It concerns {count(found.rows, "row")}; units = {{ {name} = "{found.unit}" }}.'
+    return Check("temperature-unit", name, typical, reference_c, "degC", FAIL if found.certain else WARN, said)

@@ -1,0 +1,409 @@
+"""The files of point clouds, PLY and PCD: what the head announces, and the points of binary files.
+
+Sources: G. Turk, "The PLY Polygon File Format", 1994; Point Cloud Library, "The PCD (Point Cloud Data) file format";
+its compression: M. Lehmann, LibLZF.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.formats.raw import Unusable
+
+LONGEST_HEAD = 1 << 16
+_MOST_DIGITS = 18  # a number of more is larger than any file
+_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+_PLY_FORMS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+_PASSED_OVER = ("comment", "obj_info")
+_WHOLE_PLY = "a whole PLY file"
+_LINE_ENDS = b"\r\n"
+_KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
+_PCD_FORMS = ("ascii", "binary", "binary_compressed")
+_SIZES = {"F": ("4", "8"), "I": ("1", "2", "4", "8"), "U": ("1", "2", "4", "8")}
+_WHOLE_PCD = "a whole PCD file"
+_LARGEST_RATIO = 100  # LZF makes 3 bytes of 264 at best
+_MOST_PER_POINT = 1 << 16
+
+
+@dataclass(frozen=True)
+class ListProperty:
+    """A property of a PLY element that is several numbers: the type of their count, and their own."""
+
+    name: str
+    count: np.dtype
+    item: np.dtype
+
+
+@dataclass(frozen=True)
+class Element:
+    """One kind of thing that a PLY file holds, such as vertices or faces; scalar properties by name and type."""
+
+    name: str
+    count: int
+    properties: tuple[tuple[str, np.dtype] | ListProperty, ...]
+
+    def fits(self, words: list[bytes], vertices: int) -> bool:
+        """Whether the words of a line of text can be one of them; faces have corners among the vertices."""
+        at = 0
+        for part in self.properties:
+            is_list = isinstance(part, ListProperty)
+            count = _counted(words[at : at + 1]) if is_list else 1
+            at += is_list
+            if count is None or at + count > len(words):
+                return False
+            if is_list and self.names_corners(part) and not _are_corners(words[at : at + count], vertices):
+                return False
+            at += count
+        return at == len(words)
+
+    def names_corners(self, part: object) -> bool:
+        """Whether a property is the vertices of a face."""
+        return (
+            self.name == "face" and isinstance(part, ListProperty) and part.name in ("vertex_indices", "vertex_index")
+        )
+
+    @property
+    def record(self) -> np.dtype | None:
+        """The type of one of them in a binary file; None where lists make them differ in size."""
+        scalars = [part for part in self.properties if not isinstance(part, ListProperty)]
+        return np.dtype(scalars) if len(scalars) == len(self.properties) else None
+
+
+def _counted(words: list[bytes]) -> int | None:
+    return int(words[0]) if words and words[0].isdigit() and len(words[0]) <= _MOST_DIGITS else None
+
+
+def _are_corners(words: list[bytes], vertices: int) -> bool:
+    numbers = [_counted([word]) for word in words]
+    return bool(numbers) and all(number is not None and number < vertices for number in numbers)
+
+
+@dataclass(frozen=True)
+class CloudLayout:
+    """What a head announces. ``form``: ascii, binary or binary_compressed; ``record``: the type of one point; ``begin``
+    and ``lines``: bytes and lines of the head; ``before`` and ``after``: what else a PLY file holds around the points.
+    """
+
+    kind: str
+    form: str
+    record: np.dtype
+    points: int
+    begin: int
+    lines: int
+    before: tuple[Element, ...] = ()
+    after: tuple[Element, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A name for every single number of a point; those of a field of several carry its place from 0."""
+        found: list[str] = []
+        for name in self.record.names or ():
+            width = int(np.prod(self.record[name].shape, dtype=int))
+            found += [name] if not self.record[name].shape else [f"{name}[{i}]" for i in range(width)]
+        return tuple(found)
+
+    def columns(self, records: NDArray[np.void]) -> list[NDArray]:
+        """The points' numbers, an array for each of ``names``: whole ones as int64, others as float64."""
+        singles: list[NDArray] = []
+        for name in self.record.names or ():
+            values = records[name].reshape(len(records), -1)
+            singles += [_plain(values[:, i]) for i in range(values.shape[1])]
+        return singles
+
+
+def _plain(values: NDArray) -> NDArray:
+    whole = values.dtype.kind in "iu" and values.dtype.str[1:] != "u8"  # uint64 reaches beyond int64
+    return np.ascontiguousarray(values, dtype=np.int64 if whole else np.float64)
+
+
+def head_lines(path: Path) -> list[tuple[list[str], int]]:
+    """The words of a file's first lines, each with the byte at which the next line begins.
+
+    Lines end as the first one does, for in binary data any byte may follow the head.
+    """
+    with path.open("rb") as file:
+        head = file.read(LONGEST_HEAD)
+    first = min((at for at in (head.find(b"\n"), head.find(b"\r")) if at >= 0), default=len(head))
+    end = b"\r\n" if head[first : first + 2] == b"\r\n" else head[first : first + 1] or b"\n"
+    found, at = [], 0
+    while (stop := head.find(end, at)) >= 0:
+        found.append((head[at:stop].decode("latin-1").split(), stop + len(end)))
+        at = stop + len(end)
+    return found
+
+
+def announced(words: list[str], kind: str, line: int) -> int:
+    """The only number of a line of a head; raises Unusable where there is none."""
+    if len(words) != 1 or not words[0].isascii() or not words[0].isdigit():
+        raise Unusable(f"a whole {kind} file, which announces a number here", row=line, value=" ".join(words)[:40])
+    return int(words[0][:_MOST_DIGITS])
+
+
+def record_of(fields: list[tuple[str, np.dtype, int]], kind: str) -> np.dtype:
+    """The type of one point from names, types and counts; raises Unusable where a name stands twice."""
+    names = [name for name, _, _ in fields]
+    twice = {name for name in names if names.count(name) > 1} - {"_"}  # which PCD calls bytes that mean nothing
+    if twice:
+        raise Unusable(f"a whole {kind} file, in which every field has a name of its own", value=sorted(twice)[0])
+    titled = [(f"_{i}" if name == "_" else name, *rest) for i, (name, *rest) in enumerate(fields)]
+    return np.dtype([(name, one) if count == 1 else (name, one, (count,)) for name, one, count in titled])
+
+
+def ply_layout(path: Path) -> CloudLayout:
+    """What the head of a PLY file announces; raises Unusable where it is damaged or announces no vertices."""
+    lines = head_lines(path)
+    if not lines or lines[0][0] != ["ply"]:
+        raise Unusable(f"{_WHOLE_PLY}, whose first line is ply", row=1)
+    form, elements = "", list[Element]()
+    for line, (words, stop) in enumerate(lines[1:], start=2):
+        if words == ["end_header"]:
+            return _layout_of_ply(form, elements, stop, line)
+        if words[:1] == ["format"] and words[1:2] and words[1] in _PLY_FORMS and words[2:] == ["1.0"] and not form:
+            form = words[1]
+        elif words[:1] == ["element"] and len(words) == 3 and form:
+            elements.append(Element(words[1], announced(words[2:], "PLY", line), ()))
+        elif words[:1] == ["property"] and elements:
+            elements[-1] = _with_property(elements[-1], words[1:], _PLY_FORMS[form], line)
+        elif words and words[0] not in _PASSED_OVER:
+            raise Unusable(f"{_WHOLE_PLY}; this line of its head means nothing", row=line, value=" ".join(words)[:40])
+    raise Unusable(f"{_WHOLE_PLY}, whose head ends with end_header")
+
+
+def _with_property(element: Element, words: list[str], order: str, line: int) -> Element:
+    added: tuple[str, np.dtype] | ListProperty
+    if len(words) == 4 and words[0] == "list" and {*words[1:3]} <= _TYPES.keys() and _TYPES[words[1]][0] != "f":
+        count, item = (np.dtype(order + _TYPES[name]) for name in words[1:3])
+        added = ListProperty(words[3], count, item)
+    elif len(words) == 2 and words[0] in _TYPES:
+        added = (words[1], np.dtype(order + _TYPES[words[0]]))
+    else:
+        expected = f"{_WHOLE_PLY}: a property with one of the types {', '.join(_TYPES)}"
+        raise Unusable(expected, row=line, value=" ".join(words)[:40])
+    return Element(element.name, element.count, (*element.properties, added))
+
+
+def _layout_of_ply(form: str, elements: list[Element], begin: int, lines: int) -> CloudLayout:
+    places = [i for i, element in enumerate(elements) if element.name == "vertex"]
+    if len(places) != 1 or not elements[places[0]].properties or not elements[places[0]].count:
+        raise Unusable("a whole PLY file with points: one element vertex with properties, and at least one of it")
+    at = places[0]
+    vertex = elements[at]
+    scalars = [(part[0], part[1], 1) for part in vertex.properties if not isinstance(part, ListProperty)]
+    if len(scalars) < len(vertex.properties):
+        raise Unusable("a PLY file whose vertices have single numbers as properties, no lists")
+    kind = "ascii" if form == "ascii" else "binary"
+    record = record_of(scalars, "PLY")
+    before, after = tuple(elements[:at]), tuple(elements[at + 1 :])
+    return CloudLayout("PLY", kind, record, vertex.count, begin, lines, before, after)
+
+
+def ply_vertices(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]:
+    """The vertices of a binary file; raises Unusable where it holds fewer or more bytes than its head announces."""
+    begin = _passed(layout.before, data, layout.begin, layout.points)
+    end = begin + layout.points * layout.record.itemsize
+    if end > len(data):
+        held = max(len(data) - begin, 0) // layout.record.itemsize
+        raise Unusable(
+            f"{_WHOLE_PLY}: {layout.points} vertices, as its head announces: export it anew", value=f"{held} vertices"
+        )
+    rest = data[_passed(layout.after, data, end, layout.points) :]
+    if rest[:3].tobytes().strip(_LINE_ENDS):
+        raise Unusable(f"{_WHOLE_PLY}, which ends where its head says", value=f"{len(rest)} more bytes")
+    return data[begin:end].view(layout.record)
+
+
+def _passed(elements: Sequence[Element], data: NDArray[np.uint8], at: int, vertices: int) -> int:
+    """The byte behind elements of a binary file."""
+    for element in elements:
+        if element.record is not None:
+            at += element.count * element.record.itemsize
+        else:
+            at = _passed_lists(element, data, at, vertices)
+        if at > len(data):
+            raise _fewer(element)
+    return at
+
+
+def _passed_lists(element: Element, data: NDArray[np.uint8], at: int, vertices: int) -> int:
+    """The byte behind elements with lists: all at once where they are equally long, else one by one."""
+    if not element.count:
+        return at
+    stride = _record_end(element, data, at, vertices) - at
+    stop = at + element.count * stride
+    only = element.properties[0]
+    if len(element.properties) == 1 and isinstance(only, ListProperty) and stop <= len(data):
+        records = data[at:stop].reshape(element.count, stride)
+        counts = records[:, : only.count.itemsize]
+        if (counts == counts[0]).all():
+            items = np.ascontiguousarray(records[:, only.count.itemsize :]).reshape(-1).view(only.item)
+            _check_corners(element, only, items, vertices)
+            return stop
+    for _ in range(element.count):
+        at = _record_end(element, data, at, vertices)
+    return at
+
+
+def _record_end(element: Element, data: NDArray[np.uint8], at: int, vertices: int) -> int:
+    for part in element.properties:
+        if not isinstance(part, ListProperty):
+            at += part[1].itemsize
+            continue
+        first = at + part.count.itemsize
+        if first > len(data):
+            raise _fewer(element)
+        count = int(data[at:first].view(part.count)[0])
+        at = first + count * part.item.itemsize
+        if count < 0 or at > len(data):
+            raise _fewer(element)
+        _check_corners(element, part, data[first:at].view(part.item), vertices)
+    return at
+
+
+def _check_corners(element: Element, part: ListProperty, items: NDArray, vertices: int) -> None:
+    """Refuse faces without corners, or with such as are no vertices: where they stand, something else does."""
+    if element.names_corners(part) and not (items.size and items.min() >= 0 and items.max() < vertices):
+        raise Unusable(
+            f"{_WHOLE_PLY}: faces with corners among its {vertices} vertices, where its head says that they are"
+        )
+
+
+def _fewer(element: Element) -> Unusable:
+    return Unusable(f"{_WHOLE_PLY}: {element.count} of {element.name}, as its head announces")
+
+
+def pcd_layout(path: Path) -> CloudLayout:
+    """What the head of a PCD file announces; raises Unusable where its lines are damaged or contradict each other."""
+    told: dict[str, tuple[int, list[str]]] = {}
+    for line, (words, stop) in enumerate(head_lines(path), start=1):
+        if not words or words[0].startswith("#"):
+            continue
+        if words[0] not in _KEYS or words[0] in told:
+            raise Unusable(f"{_WHOLE_PCD}; this line of its head means nothing", row=line, value=" ".join(words)[:40])
+        told[words[0]] = (line, words[1:])
+        if words[0] == "DATA":
+            return _layout_of_pcd(told, stop, line)
+    raise Unusable(f"{_WHOLE_PCD}, whose head ends with DATA")
+
+
+def _layout_of_pcd(told: dict[str, tuple[int, list[str]]], begin: int, lines: int) -> CloudLayout:
+    form = told["DATA"][1]
+    if len(form) != 1 or form[0] not in _PCD_FORMS:
+        raise Unusable(f"{_WHOLE_PCD}: DATA {', '.join(_PCD_FORMS)}", row=lines, value=" ".join(form)[:40])
+    for key in ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT"):
+        if key not in told:
+            raise Unusable(f"{_WHOLE_PCD}, whose head has a line {key}")
+    width, height = (announced(told[key][1], "PCD", told[key][0]) for key in ("WIDTH", "HEIGHT"))
+    points = announced(told["POINTS"][1], "PCD", told["POINTS"][0]) if "POINTS" in told else width * height
+    if points != width * height:
+        raise Unusable(f"{_WHOLE_PCD}: as many POINTS as WIDTH times HEIGHT, {width * height}", value=str(points))
+    if not points:
+        raise Unusable("a whole PCD file with points", value="0 points")
+    return CloudLayout("PCD", form[0], _record(told), points, begin, lines)
+
+
+def _record(told: dict[str, tuple[int, list[str]]]) -> np.dtype:
+    names = told["FIELDS"][1]
+    counts = told["COUNT"][1] if "COUNT" in told else ["1"] * len(names)
+    columns = {"SIZE": told["SIZE"][1], "TYPE": told["TYPE"][1], "COUNT": counts}
+    for key, words in columns.items():
+        if len(words) != len(names) or not names:
+            raise Unusable(f"{_WHOLE_PCD}: as many of {key} as of FIELDS, {len(names)}", value=str(len(words)))
+    fields = []
+    for name, size, kind, count in zip(names, *columns.values(), strict=True):
+        if size not in _SIZES.get(kind, ()):
+            raise Unusable(
+                f"{_WHOLE_PCD}: types F of 4 or 8 bytes, I or U of 1, 2, 4 or 8", value=f"{kind} {size}"[:40]
+            )
+        number = announced([count], "PCD", told["COUNT"][0] if "COUNT" in told else told["FIELDS"][0])
+        if not 1 <= number <= _MOST_PER_POINT:
+            raise Unusable(f"{_WHOLE_PCD}: a COUNT of 1 to {_MOST_PER_POINT}", value=count[:40])
+        fields.append((name, np.dtype(f"<{kind.lower()}{size}"), number))
+    return record_of(fields, "PCD")
+
+
+def pcd_points(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]:
+    """The points of a binary file; raises Unusable where it holds fewer or more bytes than its head announces."""
+    held = data[layout.begin :]
+    if layout.form == "binary_compressed":
+        return _by_fields(layout, _decompressed(layout, held))
+    size = layout.points * layout.record.itemsize
+    if len(held) < size:
+        expected = f"{_WHOLE_PCD}: {layout.points} points, as its head announces: export it anew"
+        raise Unusable(expected, value=f"{len(held) // layout.record.itemsize} points")
+    _refuse_more(held[size:])
+    return held[:size].view(layout.record)
+
+
+def _refuse_more(rest: NDArray[np.uint8]) -> None:
+    """Refuse what follows the points; zeros fill a page of memory up, and mean nothing."""
+    if rest.any() and rest.tobytes()[:3].strip(b"\r\n"):
+        raise Unusable(f"{_WHOLE_PCD}, which ends where its head says", value=f"{len(rest)} more bytes")
+
+
+def _decompressed(layout: CloudLayout, held: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    if len(held) < 8:
+        raise Unusable(f"{_WHOLE_PCD}; this one ends behind its head")
+    packed, size = (int(number) for number in held[:8].view("<u4"))
+    if size != layout.points * layout.record.itemsize:
+        announced_size = f"{layout.points * layout.record.itemsize} bytes of points, as its head announces"
+        raise Unusable(f"{_WHOLE_PCD}: {announced_size}: export it anew", value=f"{size} bytes")
+    if packed > len(held) - 8 or size > _LARGEST_RATIO * packed:
+        raise Unusable(f"{_WHOLE_PCD}: {packed} bytes of compressed points", value=f"{len(held) - 8} bytes")
+    _refuse_more(held[8 + packed :])
+    plain = lzf_decompressed(held[8 : 8 + packed].tobytes(), size)
+    if plain is None:
+        raise Unusable(f"{_WHOLE_PCD}; its compressed points are damaged")
+    return np.frombuffer(plain, dtype=np.uint8)
+
+
+def _by_fields(layout: CloudLayout, plain: NDArray[np.uint8]) -> NDArray[np.void]:
+    """Points from compressed data, in which all values of a field stand before those of the next."""
+    records = np.empty(layout.points, dtype=layout.record)
+    at = 0
+    for name in layout.record.names or ():
+        kind = layout.record[name]
+        stop = at + layout.points * kind.itemsize
+        records[name] = plain[at:stop].view(kind.base).reshape(layout.points, *kind.shape)
+        at = stop
+    return records
+
+
+def lzf_decompressed(data: bytes, size: int) -> bytes | None:
+    """Return the ``size`` bytes that LZF data stand for; None where the data are damaged."""
+    out, at = bytearray(), 0
+    try:
+        while at < len(data) and len(out) <= size:
+            control = data[at]
+            at += 1
+            if control < 32:  # so many bytes, less one, as they are
+                out += data[at : at + control + 1]
+                at += control + 1
+                continue
+            length = control >> 5
+            if length == 7:
+                length += data[at]
+                at += 1
+            back = ((control & 31) << 8 | data[at]) + 1
+            at += 1
+            start, length = len(out) - back, length + 2
+            if start < 0:
+                return None
+            again = out[start : start + length]  # shorter where it reaches into what it makes
+            out += (again * (length // len(again) + 1))[:length]
+    except IndexError:
+        return None
+    return bytes(out) if len(out) == size and at == len(data) else None

@@ -1,0 +1,280 @@
+"""Columns by their names and numbers: loads of a bench, positions and attitudes; none of them points of targets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.formats.units import bare_and_unit, expanded
+
+_UNIT = r"(?:[\s_]*[\[(/]\s*(?P<unit>[^\])]+?)\s*[\])]?)?"
+_LETTER = re.compile(rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>[fm])_?(?P<axis>[xyz]){_UNIT}", re.I)
+_SPELT = re.compile(
+    rf"(?P<axis>[xyz])[ _.-](?P<what>force|moment|torque|displacement|translation|rotation){_UNIT}", re.I
+)
+_BEHIND = re.compile(
+    rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>force|moment|torque|displacement|translation|rotation)"
+    rf"[ _.-](?P<axis>[xyz]){_UNIT}",
+    re.I,
+)
+_CHANNEL = re.compile(r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge)[ _.-]?(?:\d+|[xyz])", re.I)
+_TIME = re.compile(r"(?:t|time|zeit|timestamp)\b.*", re.I)
+_MOST_CHANNELS = 8
+_COLUMN = {
+    "f": "f{}_n",
+    "force": "f{}_n",
+    "m": "m{}_nm",
+    "moment": "m{}_nm",
+    "torque": "m{}_nm",
+    "displacement": "d{}_mm",
+    "translation": "d{}_mm",
+    "rotation": "r{}_rad",
+}
+_UNITS = {"nmm": "N mm", "nm": None, "n": None, "kn": "kN", "mm": None, "rad": None, "deg": "deg", "in": "in"}
+_FEWEST = 3  # components, as fewer may be called so by chance
+_CHANNELS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+Loads = tuple[str, dict[str, Any], str]
+Array = NDArray[np.float64]
+_FAMILIES = {
+    "quaternion": (("qw", "qx", "qy", "qz"), ("q0", "qx", "qy", "qz"), ("q0", "q1", "q2", "q3"), ("w", "i", "j", "k")),
+    "vector": (("rx", "ry", "rz"), ("rotx", "roty", "rotz"), ("wx", "wy", "wz")),
+    "euler": (("roll", "pitch", "yaw"), ("omega", "phi", "kappa"), ("alpha", "beta", "gamma"), ("a", "b", "c")),
+}
+_COLUMNS = {
+    "quaternion": ("qw", "qx", "qy", "qz"),
+    "vector": ("rx_rad", "ry_rad", "rz_rad"),
+    "euler": ("euler_a_deg", "euler_b_deg", "euler_c_deg"),
+}
+_PLACE = ("x_mm", "y_mm", "z_mm")
+_COMMANDED = re.compile(r"goal|command|cmd|desired|target|nominal|soll|set[ _]?point|planned|flange|reference", re.I)
+_SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|u|u95)(?:$|[\W_])", re.I)
+_UNIT_NORM = 0.02
+_ORTHONORMAL = 0.01
+_FEWEST_ROWS = 2
+
+
+def load_columns(names: Sequence[str]) -> Loads | None:
+    """The table of loads that columns make, keys for its [files.<table>], and what to look at again."""
+    plain, applied, units = _components(names)
+    if len(plain) + len(applied) < _FEWEST or not any(column[0] in "fm" for column in (*plain, *applied)):
+        return None
+    steps: dict[str, Any] = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
+    told = {"units": units} if units else {}
+    if any(column[0] in "dr" for column in plain):
+        return "displacement", {"columns": plain, **told, **steps}, "displacements under load"
+    if applied:
+        signals = {f"v{_CHANNELS.index(column) + 1}_mv": name for column, name in plain.items()}
+        note = "known loads, beside the channels of a sensor"
+        return "signals", {"columns": {**signals, **applied}, **steps}, note
+    if (channels := _channels(names)) or not any(_TIME.fullmatch(name.strip()) for name in names):
+        signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
+        note = "loads, taken to be applied"
+        note += ", beside the channels of a sensor" if channels else "; what was read under them no column says"
+        return "signals", {"columns": {**signals, **plain}, **told, **steps}, note
+    shown = {f"shown_{column}": name for column, name in plain.items()}
+    told = {"units": {f"shown_{column}": unit for column, unit in units.items()}} if units else {}
+    note = 'what a sensor shows; which load was applied no column says: constants = { load_axis = "fz", load = 10.0 }'
+    return "signals", {"columns": shown, **told, **steps}, note
+
+
+def _channels(names: Sequence[str]) -> list[str]:
+    """Columns called as the channels of an amplifier are, where there are several."""
+    found = [name for name in names if _CHANNEL.fullmatch(name.strip())]
+    return found if _FEWEST <= len(found) <= _MOST_CHANNELS else []
+
+
+def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str], dict[str, str]]:
+    """Columns by component: those that stand for themselves, those called known, and units where a name holds one."""
+    plain: dict[str, str] = {}
+    applied: dict[str, str] = {}
+    units: dict[str, str] = {}
+    for name in names:
+        match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(name.strip()))), None)
+        if match is None:
+            continue
+        column = _COLUMN[match["what"].lower()].format(match["axis"].lower())
+        is_applied = match.groupdict().get("of") is not None
+        (applied if is_applied else plain).setdefault(column, name)
+        unit = _UNITS.get(re.sub(r"[\s·*.]", "", match["unit"] or "").lower())
+        if unit is not None and not is_applied:
+            units[column] = unit
+    return plain, applied, units
+
+
+@dataclass(frozen=True)
+class Poses:
+    """What makes a table of poses: keys for [files.poses], raw columns that are no covariates, and what to look at."""
+
+    mapping: dict[str, Any]
+    taken: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def pose_columns(names: Sequence[str], values: Array) -> Poses | None:
+    """The poses that columns make by their names and numbers (N, W), NaN where a cell holds none; else None."""
+    places = _groups(names, (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz")))
+    best: tuple[bool, int, str, tuple[str, ...], tuple[str, ...]] | None = None
+    for before, place in places.items():
+        for rank, (kind, families) in enumerate(_FAMILIES.items()):
+            turned = _groups(names, families).get(before)
+            if turned is None or (kind == "quaternion" and not _is_unit(_of(names, turned, values))):
+                continue
+            found = (_COMMANDED.search(before) is not None, rank, kind, place, turned)
+            best = min(best or found, found, key=lambda one: one[:2])
+    return None if best is None else _mapped(best[2], best[3], best[4], names, values)
+
+
+def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: Sequence[str], values: Array) -> Poses:
+    columns: dict[str, Any] = dict(zip(_PLACE, place, strict=True))
+    notes = [f"poses: {', '.join((*place, *turned))}"]
+    units: dict[str, str] = {}
+    angles = _of(names, turned, values)
+    told = {bare_and_unit(name)[1] for name in turned}
+    largest = float(np.nanmax(np.abs(angles))) if np.isfinite(angles).any() else 0.0
+    in_degrees = told == {"deg"} or (told == {None} and largest > 2.0 * np.pi)
+    if kind == "vector" and in_degrees:
+        kind = "euler"  # rotation vectors come in radians, angles in degrees
+        said = f"{turned[0]} to {turned[2]} reach {largest:.0f}: degrees"
+        notes.append(f"{said}, so Euler angles; say their order, [poses] euler")
+    elif kind == "vector":
+        said = f"{turned[0]} to {turned[2]} are taken for a rotation vector in rad"
+        notes.append(f"{said}; Euler angles are euler_a_deg, euler_b_deg, euler_c_deg")
+    elif kind == "euler":
+        notes.append("Euler angles: say their order, [poses] euler")
+        if not in_degrees:
+            units.update(dict.fromkeys(_COLUMNS["euler"], "rad"))
+    columns |= dict(zip(_COLUMNS[kind], turned, strict=True))
+    unit = bare_and_unit(place[0])[1]
+    mapping: dict[str, Any] = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
+    if unit is None:
+        notes.append(_range_words(_of(names, place, values)))
+    spread, coverage, more = _spreads(names, place, turned, kind)
+    columns |= spread
+    if "unit" in mapping:  # uncertainties may be in another unit than the coordinates
+        own = {column: bare_and_unit(raw)[1] for column, raw in spread.items() if column.endswith("_mm")}
+        units |= {column: one for column, one in own.items() if one not in (None, unit)}
+    mapping |= ({"coverage": coverage} if coverage else {}) | ({"units": units} if units else {})
+    mapping["constants"] = {"body": "tool"}
+    taken = (*place, *turned, *spread.values(), *(name for name in names if _COMMANDED.search(name)))
+    return Poses(mapping, tuple(dict.fromkeys(taken)), (*notes, *more))
+
+
+def _range_words(values: Array) -> str:
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return f'no unit is told: values from {low:.4g} to {high:.4g} are taken for mm; metres: unit = "m"'
+
+
+def _spreads(
+    names: Sequence[str], place: tuple[str, ...], turned: tuple[str, ...], kind: str
+) -> tuple[dict[str, str], float | None, list[str]]:
+    """Columns of uncertainties: those named like coordinates or angles with a word for it before or behind."""
+    found: dict[str, str] = {}
+    factors: dict[str, float] = {}
+    notes: list[str] = []
+    wanted = dict(zip(_PLACE, place, strict=True))
+    if kind != "quaternion":
+        wanted |= dict(zip(_COLUMNS[kind], turned, strict=True))
+    for column, raw in wanted.items():
+        for name in names:
+            if name == raw or not is_spread_of(name, raw):
+                continue
+            found[f"sigma_{column}"] = name
+            if (told := expanded(name)) is not None:
+                factors[name] = told.coverage
+    if factors:
+        factor = next(iter(factors.values()))
+        said = f"{', '.join(factors)}: expanded uncertainties, taken to have k = {factor:g}"
+        notes.append(f"{said}; coverage = 1 for one sigma")
+        return found, factor, notes
+    return found, None, notes
+
+
+def is_spread_of(name: str, raw: str) -> bool:
+    """Whether a column holds the uncertainties of another one, by a word before, behind or within its name."""
+    bare = bare_and_unit(name)[0]
+    return _SPREAD.search(bare) is not None and _bare_word(_SPREAD.sub("_", bare, count=1)) == _bare_word(
+        bare_and_unit(raw)[0]
+    )
+
+
+def _bare_word(name: str) -> str:
+    return re.sub(r"[\W_]+", "", name).casefold()
+
+
+def _groups(names: Sequence[str], families: Sequence[tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Columns of a family by what stands before them: ``measurement_x``, ``measurement_y``, ... by ``measurement``."""
+    by_word: dict[tuple[str, str], str] = {}
+    for name in names:
+        bare, _ = bare_and_unit(name)
+        match = re.fullmatch(r"(?:(?P<before>.*?)[\W_]+)?(?P<word>[A-Za-z]+\d?)", bare)
+        if match:
+            by_word.setdefault(((match["before"] or "").casefold(), match["word"].casefold()), name)
+    befores = dict.fromkeys(before for before, _ in by_word)
+    found: dict[str, tuple[str, ...]] = {}
+    for before in befores:
+        for family in families:
+            if before not in found and all((before, word) in by_word for word in family):
+                found[before] = tuple(by_word[before, word] for word in family)
+    return found
+
+
+def _of(names: Sequence[str], some: Sequence[str], values: Array) -> Array:
+    return values[:, [list(names).index(name) for name in some]]
+
+
+def _is_unit(quaternions: Array) -> bool:
+    known = quaternions[np.isfinite(quaternions).all(axis=1)]
+    return len(known) > 0 and bool(np.all(np.abs(np.linalg.norm(known, axis=1) - 1.0) < _UNIT_NORM))
+
+
+def bare_poses(values: Array) -> Poses | None:
+    """The poses that a table (N, W) without names makes by its numbers alone; None where it makes none."""
+    rows, width = values.shape
+    if not np.isfinite(values).all():
+        return None
+    body = {"constants": {"body": "tool"}}
+    if width in (12, 16) and rows >= 1 and _are_motions(values.reshape(rows, width // 4, 4)):
+        names = [f"m{i}{j}" for i in range(width // 4) for j in range(4)]
+        notes: tuple[str, ...] = (
+            f"{width} numbers in a row are a matrix of a pose; its translation is taken for mm, else unit",
+        )
+        columns = {name: number + 1 for number, name in enumerate(names)}
+        return Poses({"columns": columns, **body, "number_rows": {"pose": 1}}, (), notes)
+    whole = values[: rows - rows % 4]
+    if width == 4 and len(whole) >= 4 * _FEWEST_ROWS and _are_motions(whole.reshape(-1, 4, 4)):
+        notes = ("4x4 matrices, four rows each; their translation is taken for mm, else unit",)
+        return Poses({"rows_per_pose": 4, **body}, (), notes)
+    first = width - 7
+    if first in (0, 1) and rows >= _FEWEST_ROWS and _is_unit(values[:, -4:]):
+        order = ("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw")
+        columns = {name: first + number + 1 for number, name in enumerate(order)}
+        told = {} if first == 0 or not _counts(values[:, 0]) else {"pose": 1}
+        numbered = {} if told else {"number_rows": {"pose": 1}}
+        notes = (
+            "position and unit quaternion; the real part is taken to be the last number: else qw is the first of four",
+            _range_words(values[:, first : first + 3]),
+        )
+        return Poses({"columns": {**told, **columns}, **body, **numbered}, (), notes)
+    return None
+
+
+def is_one_motion(values: Array) -> bool:
+    """Whether a small table is a single rigid motion: a transformation between two frames, and no measurement."""
+    return values.shape in ((3, 4), (4, 4)) and bool(np.isfinite(values).all()) and _are_motions(values[None])
+
+
+def _are_motions(matrices: Array) -> bool:
+    R = matrices[:, :3, :3]
+    off = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max()
+    closed = matrices.shape[1] == 3 or np.abs(matrices[:, 3] - [0.0, 0.0, 0.0, 1.0]).max() < _ORTHONORMAL
+    return bool(off < _ORTHONORMAL and closed)
+
+
+def _counts(column: Array) -> bool:
+    """Whether a column numbers the rows."""
+    return bool(np.all(column == np.round(column)) and (len(column) < 2 or np.all(np.diff(column) == 1.0)))
