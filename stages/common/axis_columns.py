@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.simulation.axis.rows import (
@@ -20,8 +21,6 @@ from truing.simulation.axis.rows import (
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.axis_mechanism import AxisMechanism
 
 Array = NDArray[np.float64]

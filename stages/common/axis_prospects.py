@@ -6,14 +6,13 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.stages.common.axis_columns import columns_of, command_sigma
 from truing.stages.common.why_not import HELD_OUT, NO_BODIES, NO_CALIBRATION
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 _FEWEST_ROWS = 6

@@ -5,21 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+
+import pyarrow as pa
 
 from truing.belonging.relation import Slip, Tested
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.checks_of_positions import OF_POSITIONS
 from truing.schemas.quality_checks import WITHHOLDING
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 def belonging_table(tested: Sequence[Tested], accepted: Sequence[str | None]) -> pa.Table:
     """Return the artifact ``belonging``: one row per tested relation."""
-    import pyarrow as pa
-
     rows = [_row(one, who) for one, who in zip(tested, accepted, strict=True)]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["belonging"].arrow_schema())
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.calibration.measured import BodyPoses, Deformation, Gathered, Measured, Shifts, SurveyedAttachments
@@ -17,8 +19,6 @@ from truing.stages.common.point_arrays import number_column, pose_ids, positions
 from truing.stages.common.point_errors import common_correlation
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
 
@@ -145,8 +145,6 @@ def _frame_of_attachments(survey: pa.Table) -> bool:
 
 def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent: str = "base") -> BodyPoses:
     """The default poses of a body in its parent, in the given order; NaN where there is none or its fit failed."""
-    import pyarrow.compute as pc
-
     own = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), parent))
     good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
     rows = table.filter(pc.and_(own, good))
@@ -172,8 +170,6 @@ def _readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int)
 def _shifts(table: pa.Table | None, poses: tuple[int | str, ...], legs: int) -> Shifts | None:
     if table is None or not table.num_rows or "own_sigma_um" not in table.schema.names:
         return None
-    import pyarrow.compute as pc
-
     rows = table.filter(pc.invert(table.column("rejected")))
     place = positions(rows.column("pose"), poses), number_column(rows, "leg").astype(int) - 1
     kept = place[0] >= 0

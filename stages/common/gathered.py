@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import FaultLog
@@ -14,9 +14,6 @@ from truing.formats.gather import Gathered
 from truing.formats.units import UnknownUnit, conversion
 from truing.schemas.column import SIGMA_BOUNDS
 from truing.schemas.faults import Fault
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 # The square of a bound is no exact number.
@@ -80,8 +77,6 @@ def declared_missing(found: Gathered) -> NDArray[np.bool_]:
 
 def without(found: Gathered, rows: NDArray[np.bool_], reason: str) -> Gathered:
     """The table without some rows (N,), which are counted as left out."""
-    import pyarrow as pa
-
     if not rows.any():
         return found
     parts, left_out, start = [], found.left_out.copy(), 0
@@ -91,7 +86,7 @@ def without(found: Gathered, rows: NDArray[np.bool_], reason: str) -> Gathered:
         parts.append((file, records[~out]))
         left_out[(file.raw.name, reason)] += int(out.sum())
     faulty = {name: told[~rows] for name, told in found.faulty.items()}
-    return replace(found, table=found.table.filter(pa.array(~rows)), parts=parts, left_out=+left_out, faulty=faulty)
+    return replace(found, table=found.table.filter(~rows), parts=parts, left_out=+left_out, faulty=faulty)
 
 
 def check_sigma(
@@ -125,8 +120,6 @@ class SmallTable:
 
 def once(found: Gathered, log: FaultLog, key: tuple[str, ...]) -> None:
     """A fault at every row whose key stood in a row before."""
-    import pyarrow as pa
-
     if any(name not in found.table.column_names for name in key):
         return
     rows = found.table.select(key).append_column("row", pa.array(np.arange(len(found.table))))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.loaded import KeptReadings, Loaded, fitted_compliance, geometry_spread
@@ -20,8 +21,6 @@ from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import load_steps
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.sections import Noise
 
 Array = NDArray[np.float64]

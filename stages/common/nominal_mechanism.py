@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from truing.estimation.rotation import exp_so3
 from truing.schemas.faults import CampaignFaults, Fault
@@ -15,8 +17,6 @@ from truing.simulation.mechanisms.structures.structure import Machine, Section
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
     from truing.schemas.mechanism import Rod as RodSection
@@ -43,8 +43,6 @@ def facing(legs: Legs, poses: pa.Table) -> Legs:
 
     Lengths alone leave two sides open; the direction u, which such a closure does not use, says from where to search.
     """
-    import pyarrow.compute as pc
-
     if "u" in legs.closure.geometry:
         return legs
     own = pc.and_(pc.equal(poses.column("body"), "platform"), pc.equal(poses.column("parent"), "base"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
@@ -17,8 +18,6 @@ from truing.simulation.bench.six_upur.tolerances import sigma_of
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.sensor_mechanism import Element, SensorMechanism
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 
@@ -42,8 +39,6 @@ def pose_ids(table: pa.Table, name: str = "pose") -> tuple[int | str, ...]:
 
 def survey_points(survey: pa.Table, body: str) -> SurveyPoints:
     """The survey of one body; without rows where the body was not surveyed."""
-    import pyarrow.compute as pc
-
     rows = survey.filter(pc.equal(survey.column("body"), body))
     leg = np.nan_to_num(number_column(rows, "leg")).astype(np.int64)
     return SurveyPoints(tuple(rows.column("target").to_pylist()), *points_and_cov(rows), leg)
@@ -54,8 +49,6 @@ def pose_points(
 ) -> PosePoints:
     """One body's observations as dense arrays, in the given orders of poses and targets; targets not named are
     left out."""
-    import pyarrow.compute as pc
-
     rows = observations.filter(pc.equal(observations.column("body"), body))
     if targets is None:
         targets = tuple(dict.fromkeys(rows.column("target").to_pylist()))
@@ -97,9 +90,6 @@ def points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
 
 def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> NDArray[np.int64]:
     """Where each value of a column stands in ``order``; -1 where it does not."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     if not order:
         return np.full(len(column), -1, np.int64)
     found = pc.index_in(column, value_set=pa.array(order, column.type))
@@ -110,8 +100,6 @@ def used_targets(
     residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
 ) -> NDArray[np.bool_]:
     """(B, T) which targets entered the fit of the body's frame."""
-    import pyarrow.compute as pc
-
     rows = residuals.filter(
         pc.and_(pc.equal(residuals.column("body"), body), pc.greater(residuals.column("weight"), 0.0))
     )
@@ -132,8 +120,6 @@ def default_rotations(poses_table: pa.Table, body: str, poses: tuple[int | str, 
 def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ...]) -> tuple[Array, Array]:
     """R (B, 3, 3) and t (B, 3) in m from the body frame to the measurement, through its parents; NaN where a pose
     has none."""
-    import pyarrow.compute as pc
-
     from truing.estimation.rotation import exp_so3
 
     rows = poses_table.filter(pc.and_(poses_table.column("default"), pc.equal(poses_table.column("body"), body)))
@@ -152,8 +138,6 @@ def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ..
 
 def residual_points(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Array:
     """(B, T, 3) residuals of a body's targets in m, body frame; NaN where a target was not seen or was rejected."""
-    import pyarrow.compute as pc
-
     rows = residuals.filter(pc.and_(pc.equal(residuals.column("body"), body), pc.invert(residuals.column("rejected"))))
     at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
     known = (at_pose >= 0) & (at_target >= 0)

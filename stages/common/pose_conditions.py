@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.schemas.covariates import stand_in
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, order_in_time, remembered
 from truing.simulation.mechanisms.unknowns import Conditions
 from truing.stages.common.point_arrays import number_column, positions
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 # An actuator's direction of approach is that of its last movement larger than so many reading sigmas.
 _MOVED = 5.0
@@ -53,6 +49,4 @@ def _span(time: NDArray | None) -> tuple[float, float] | None:
 
 
 def _is_number(kind: pa.DataType) -> bool:
-    import pyarrow as pa
-
     return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.iso230 import Instrument
@@ -12,8 +13,6 @@ from truing.estimation.interferometry.readings import REFERENCE_C
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.schemas.artifacts import ARTIFACTS
@@ -13,8 +14,6 @@ from truing.simulation.photographs.ray_poses import RayParameter
 from truing.stages.common.point_arrays import number_column, positions
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.estimation.bundle.network import Network, State
     from truing.estimation.bundle.normal_equations import Observed
     from truing.estimation.bundle.ray_statistics import RayStatistics, SharedNumber
@@ -96,8 +95,6 @@ def _repeated(poses: Sequence[int | str], chosen: NDArray, times: int) -> list[A
 
 
 def _table(artifact: str, columns: Mapping[str, Any], poses: Sequence[int | str]) -> pa.Table:
-    import pyarrow as pa
-
     identifier = "int64" if all(isinstance(pose, int) for pose in poses) else "string"
     return pa.Table.from_pydict(dict(columns), schema=ARTIFACTS[artifact].arrow_schema(identifier))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
@@ -16,8 +17,6 @@ from truing.stages.common.overruled import decided, without_excluded
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]

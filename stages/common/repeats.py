@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.quality import repeated_groups
 from truing.schemas.columns import COLUMNS
 from truing.stages.common.point_arrays import number_column
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

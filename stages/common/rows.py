@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from truing.schemas.artifacts import ARTIFACTS
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 @dataclass
@@ -37,8 +35,6 @@ class Rows:
 
     def table(self, identifier: str = "int64") -> pa.Table:
         """The rows as the artifact's table."""
-        import pyarrow as pa
-
         artifact = ARTIFACTS[self.artifact]
         present = tuple(name for name in self.columns if name not in artifact.columns)
         schema = artifact.arrow_schema(identifier, present)

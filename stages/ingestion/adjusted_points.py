@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
@@ -24,8 +25,6 @@ from truing.stages.common.point_errors import point_errors
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    import pyarrow as pa
 
     from truing.formats.colmap import ColmapNetwork
 
@@ -69,11 +68,9 @@ class AdjustedPoints:
         yield self._file(), TableBatch(self._columns(keep, body, target, point), keep, left_out=left_out)
 
     def _columns(self, keep: NDArray[np.int64], body: Names, target: Names, point: Names) -> dict[str, pa.Array]:
-        import pyarrow as pa
-
         names = ("x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")
-        columns = {name: self.table.column(name).combine_chunks().take(pa.array(keep)) for name in names}
-        pose = self.table.column("pose").combine_chunks().take(pa.array(keep))
+        columns = {name: self.table.column(name).combine_chunks().take(keep) for name in names}
+        pose = self.table.column("pose").combine_chunks().take(keep)
         columns["pose"] = pose.dictionary_encode() if pa.types.is_string(pose.type) else pose
         texts = {"body": body, "target": target, "point": point}
         return columns | {name: strings(values[keep].tolist()).dictionary_encode() for name, values in texts.items()}
@@ -83,8 +80,6 @@ class AdjustedPoints:
 
     def as_text(self) -> AdjustedPoints:
         """The same with poses as text, as a table of configurations with any pose that is no number has them."""
-        import pyarrow as pa
-
         place = self.table.column_names.index("pose")
         table = self.table.set_column(place, "pose", self.table.column("pose").cast(pa.string()))
         return AdjustedPoints(table, self.ends, self.folder, self.boards)
@@ -142,8 +137,6 @@ def _transformed(xyz: Array, cov: Array, *, with_scale: bool) -> Array:
 
 
 def _with(points: pa.Table, cov: Array) -> pa.Table:
-    import pyarrow as pa
-
     sigma = np.sqrt(np.einsum("nii->ni", cov))
     columns = {name: 1e3 * sigma[:, k] for k, name in enumerate(_SIGMA)}
     columns |= {name: cov[:, i, j] / (sigma[:, i] * sigma[:, j]) for name, i, j in _PAIRS}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -19,9 +20,6 @@ from truing.stages.common.axis_columns import AxisColumns, encoder_sigma
 from truing.stages.common.gathered import once
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.tables import as_artifact, check_any_fitted
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 ROWS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of", "event"), covariates=True)
 _OTHER = {"deg": "mm", "mm": "deg"}
@@ -46,8 +44,6 @@ def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
         {"stage": "ingest", "subject": file, "reason": why, "rows": n, "by": "[files] of campaign.toml"}
         for (file, why), n in left_out.items()
     ]
-    import pyarrow as pa
-
     return Outcome(
         {
             "configurations": as_artifact("configurations", table),
@@ -96,8 +92,6 @@ def _numbers(found: Gathered, name: str) -> Any:
 
 def _completed(table: pa.Table) -> pa.Table:
     """The role calibration, and the order of the rows as times, where the campaign gives neither."""
-    import pyarrow as pa
-
     if "role" not in table.column_names:
         table = table.append_column("role", pa.array(["calibration"] * len(table), pa.string()))
     if "time_s" not in table.column_names:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.readings import (
@@ -151,8 +152,6 @@ def _read_with(spread: SurroundingsSigma | None) -> float:
 
 def positions_at_reference(found: Gathered, settings: Interferometer, log: FaultLog) -> tuple[Gathered, Corrections]:
     """Positions of an axis, mm, as they are at 20 degrees C, where [interferometer.material] says how it grows."""
-    import pyarrow as pa
-
     told, axis = Corrections(), settings.material.axis
     if axis is None:
         return found, told

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import log_so3
@@ -21,8 +22,6 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.stages.declaration import Progress
 
 Array = NDArray[np.float64]
@@ -42,8 +41,6 @@ class DenseScans:
 
     def table(self, poses: pa.Array) -> pa.Table:
         """The artifact, its poses of the campaign's type."""
-        import pyarrow as pa
-
         return pa.Table.from_pylist(self.rows, schema=ARTIFACTS["scans"].arrow_schema(identifier_of(poses)))
 
     @property
@@ -56,8 +53,6 @@ class DenseScans:
 
 def identifier_of(poses: pa.Array) -> str:
     """The type of pose identifiers, as artifacts name it."""
-    import pyarrow as pa
-
     return "int64" if pa.types.is_int64(poses.type) else "string"
 
 
@@ -107,8 +102,6 @@ def _surfaces(source: CampaignFiles, log: FaultLog) -> dict[str, Array]:
 
 def _clouds(source: CampaignFiles, poses: pa.Array, log: FaultLog) -> Iterator[tuple[str, int | str, str, Array]]:
     """File, pose, body and points (N, 3) in m of every scan, one at a time; scans of poses that are none are faults."""
-    import pyarrow as pa
-
     known, done = set(poses.to_pylist()), set()
     held: tuple[str, Any, list[Array]] | None = None
     for file, batch in read_table(source, SCANS, log, poses_as_text=not pa.types.is_int64(poses.type)):
@@ -142,8 +135,6 @@ def _runs(batch: TableBatch) -> Iterator[tuple[tuple[int | str, str], Array]]:
 
 def _numbers(column: pa.Array) -> NDArray[np.int64]:
     """Numbers that differ where the values of a column do."""
-    import pyarrow as pa
-
     return np.asarray(codes(column) if pa.types.is_dictionary(column.type) else column, dtype=np.int64)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
@@ -21,9 +22,6 @@ from truing.schemas.near_names import meant
 from truing.stages.common.gathered import SmallTable, check_sigma, numbers, once, texts
 from truing.stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
 from truing.stages.ingestion.tables import check_legs, legs_of
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 
@@ -54,14 +52,10 @@ class LaterSurveys:
 
     def survey(self, first: pa.Table) -> pa.Table:
         """The first survey with the places that hold later."""
-        import pyarrow as pa
-
         return pa.concat_tables([first, pa.Table.from_pylist(self.added, schema=first.schema)]) if self.added else first
 
     def table(self) -> pa.Table:
         """The artifact resurveys."""
-        import pyarrow as pa
-
         return pa.Table.from_pylist(self.rows, schema=ARTIFACTS["resurveys"].arrow_schema())
 
 

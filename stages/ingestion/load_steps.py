@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import FaultLog
@@ -14,9 +15,6 @@ from truing.formats.gather import Gathered
 from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
 from truing.stages.common.gathered import declared_missing, numbered, numbers, texts, unit_factors, without
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 AXES = tuple(name[:2] for name in WRENCH)
@@ -206,14 +204,10 @@ def averaged(found: Gathered, log: FaultLog) -> Gathered:
 
 
 def _is_averaged(table: pa.Table, name: str) -> bool:
-    import pyarrow as pa
-
     return name not in _OF_A_STEP and bool(pa.types.is_floating(table.schema.field(name).type))
 
 
 def _numbers(values: Array) -> pa.Array:
-    import pyarrow as pa
-
     return pa.array(values, from_pandas=True)
 
 

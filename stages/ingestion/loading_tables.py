@@ -6,9 +6,10 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import FaultLog, discreet
@@ -25,9 +26,6 @@ from truing.stages.ingestion.load_steps import check_once
 from truing.stages.ingestion.reading_table import ReadingTable, read_readings
 from truing.stages.ingestion.signal_table import read_signals
 from truing.stages.ingestion.tables import as_artifact, check_any_fitted
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 _RESPONSES = ("dx", "dy", "dz", "rx", "ry", "rz")
@@ -108,8 +106,6 @@ def _is_symmetric(file: RawFile, matrix: Array, rows: list[int], log: FaultLog) 
 
 
 def _long(matrix: Array) -> pa.Table:
-    import pyarrow as pa
-
     columns = {
         "response": [response for response in _RESPONSES for _ in _LOADS],
         "load": list(_LOADS) * 6,
@@ -135,8 +131,6 @@ class LoadingTables:
     @property
     def artifacts(self) -> dict[str, pa.Table]:
         """The tables by the name of their artifact."""
-        import pyarrow as pa
-
         found = {} if self.readings is None else {"readings": self.readings.table}
         if self.readings is not None and self.readings.channels is not None:
             found["quadrature"] = self.readings.channels
@@ -273,8 +267,6 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
     if log:
         return None
     way = np.array([_WAYS.index(name) for name in texts(found, "direction")])
-    import pyarrow as pa
-
     table = found.table.append_column("row_order", pa.array(np.arange(1, len(way) + 1)))
     if corrections.rows:
         table = table.append_column("position_read_mm", pa.array(read))

@@ -7,6 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -20,8 +22,6 @@ from truing.stages.ingestion.reading_table import reading_table
 from truing.stages.ingestion.signal_table import SIGNAL, signal_table
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 _LEGS = 6
@@ -69,8 +69,6 @@ def _signals(found: Gathered | None) -> list[str]:
 
 
 def _with_zeros(found: Gathered, names: Sequence[str]) -> Gathered:
-    import pyarrow as pa
-
     table = found.table.drop_columns([name for name in names if name in found.table.column_names])
     for name in names:
         table = table.append_column(name, pa.array(np.zeros(len(table))))
@@ -95,8 +93,6 @@ def _readings(found: Gathered, shape: str, settings: Campaign, log: FaultLog) ->
 
 
 def _check_noise(readings: pa.Table, keys: dict[str, str], log: FaultLog) -> None:
-    import pyarrow.compute as pc
-
     unknown = set(readings.filter(pc.is_null(readings.column("sigma"))).column("channel").to_pylist())
     for kind, key in keys.items():
         if own := sorted(channel for channel in unknown if channel.startswith(kind)):

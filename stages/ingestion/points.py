@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.evaluation import TableBatch
@@ -25,8 +26,6 @@ from truing.stages.ingestion.relabelling import Relabelling
 from truing.stages.ingestion.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.stages.declaration import Progress
     from truing.stages.ingestion.adjusted_points import AdjustedPoints
 
@@ -146,8 +145,6 @@ class Points:
 
     def stream(self) -> pa.RecordBatchReader:
         """The observations; raises CampaignFaults at their end where anything in the campaign is wrong."""
-        import pyarrow as pa
-
         batches = self._batches()
         first = next(batches, None)
         if first is None:
@@ -158,8 +155,6 @@ class Points:
         return pa.RecordBatchReader.from_batches(schema, self._records(first, batches, schema))
 
     def _schema(self, correlated: tuple[str, ...]) -> pa.Schema:
-        import pyarrow as pa
-
         text = not pa.types.is_int64(self.expected.poses.type)
         schema = ARTIFACTS["observations"].arrow_schema("string" if text else "int64", correlated)
         names = pa.dictionary(pa.int32(), pa.string())
@@ -167,8 +162,6 @@ class Points:
         return pa.schema(fields)
 
     def _records(self, first: TableBatch, rest: Iterator[TableBatch], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
-        import pyarrow as pa
-
         for batch in _and(first, rest):
             if not self.log:
                 yield pa.record_batch([batch.columns[name] for name in schema.names], schema=schema)
@@ -244,13 +237,9 @@ class Points:
 
     @property
     def _poses_are_text(self) -> bool:
-        import pyarrow as pa
-
         return not pa.types.is_int64(self.expected.poses.type)
 
     def _taken(self, file: FileRows, batch: TableBatch) -> TableBatch:
-        import pyarrow as pa
-
         pose, label = self._ledger.add(file, batch)
         self.rows += batch.rows
         known = len(self.expected.poses)
@@ -284,8 +273,6 @@ class Points:
             self.log.cells(file.raw.name, faults, file.locate)
 
     def _sigma(self, file: FileRows, given: pa.Array | None, rows: int) -> pa.Array:
-        import pyarrow as pa
-
         declared = self.expected.point_mm
         if given is not None and not given.null_count:
             return given

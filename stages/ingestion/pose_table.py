@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, log_so3
@@ -21,8 +22,6 @@ from truing.schemas.near_names import meant_by
 from truing.stages.common.gathered import check_sigma, check_variance, declared_missing, numbers, once, texts, without
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.formats.source import CampaignFiles
     from truing.stages.ingestion.points import Expected
 
@@ -329,8 +328,6 @@ def _given_covariance(found: Gathered, log: FaultLog) -> Array:
 
 
 def _table(found: Gathered, p: Array, R: Array, covariance: Array, expected: Expected) -> pa.Table:
-    import pyarrow as pa
-
     known = np.isfinite(R).all(axis=(1, 2)) & np.isfinite(p).all(axis=1)
     vectors = np.full((len(R), 3), np.nan)
     vectors[known] = log_so3(R[known])
@@ -353,6 +350,4 @@ def _numbered(values: Array, names: list[str]) -> Iterator[tuple[str, pa.Array]]
 
 
 def _numbers(values: Array) -> pa.Array:
-    import pyarrow as pa
-
     return pa.array(np.ascontiguousarray(values), from_pandas=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.fringes import count_fringes, length_from_phase
@@ -49,8 +50,6 @@ from truing.stages.ingestion.load_steps import (
 from truing.stages.ingestion.tables import as_artifact, since_first
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]
@@ -102,8 +101,6 @@ def lengths(found: Gathered, settings: Any, log: FaultLog) -> Lengths | None:
             log.add(Fault(found.first_file, expected, column="signal_x"))
     if log:
         return None
-    import pyarrow as pa
-
     table = pa.Table.from_pylist(rows, schema=ARTIFACTS["quadrature"].arrow_schema(present=("sigma_source",)))
     readings = _by_step(found, value, sigma, log)
     return None if log else Lengths(readings, table)
@@ -172,8 +169,6 @@ def _by_step(found: Gathered, value: Array, sigma: Array, log: FaultLog) -> Gath
 
     Samples in transit were needed to count fringes; they enter no mean. Readings are since the first step that has one.
     """
-    import pyarrow as pa
-
     table = found.table.append_column("reading", pa.array(value))
     if "sigma" not in table.column_names:
         table = table.append_column("sigma", pa.array(np.maximum(sigma, SIGMA_BOUNDS["um"][0])))
@@ -332,14 +327,12 @@ def _size_expected(unit: str) -> str:
 
 def _table(found: Gathered, loads: Array, readings: _Readings) -> pa.Table:
     """The long table, ordered by run as they come, step and channel."""
-    import pyarrow as pa
-
     run, step = numbered(found, "run")[readings.row], numbers(found, "step")[readings.row]
     channel = np.array([CHANNELS.index(name) for name in readings.channel], dtype=np.int64)
     order = np.lexsort((channel, step, run))
     row = readings.row[order]
     own = {"load_axis", "load", "reading", "channel", "sigma", *MOTION, *WRENCH}
-    table = found.table.select([name for name in found.table.column_names if name not in own]).take(pa.array(row))
+    table = found.table.select([name for name in found.table.column_names if name not in own]).take(row)
     for k, name in enumerate(WRENCH):
         table = table.append_column(name, pa.array(loads[row, k]))
     names = readings.channel[order]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.dictionaries import as_dictionary, codes
@@ -16,9 +17,6 @@ from truing.formats.faultlog import FaultLog
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _FILE = "campaign.toml"
 
@@ -119,8 +117,6 @@ def _has(batch: TableBatch, rule: Relabel) -> bool:
 
 
 def _coded(new: NDArray[np.int32], names: list[str]) -> pa.DictionaryArray:
-    import pyarrow as pa
-
     return pa.DictionaryArray.from_arrays(pa.array(new, pa.int32()), pa.array(names, pa.string()))
 
 
@@ -186,8 +182,6 @@ def _surveyed(survey: pa.Table | None, body: str) -> list[str]:
 
 def relabelled_table(*parts: Relabelling) -> pa.Table:
     """What was called otherwise, rule by rule, and in how many points."""
-    import pyarrow as pa
-
     rows = [
         {
             "body": rule.body,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import FaultLog
@@ -27,9 +28,6 @@ from truing.stages.ingestion.load_steps import (
     without_transit,
 )
 from truing.stages.ingestion.tables import as_artifact, since_first
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 SIGNAL = re.compile(r"v\d+_mv")
@@ -73,8 +71,6 @@ def signal_table(found: Gathered, settings: Any, readings: pa.Table | None, log:
 
 
 def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
-    import pyarrow as pa
-
     for name, values in columns.items():
         table = table.append_column(name, pa.array(values))
     return table
@@ -122,8 +118,6 @@ def _times(found: Gathered, readings: pa.Table | None, same: NDArray[np.int64]) 
 
 def with_leg_signals(found: Gathered, settings: Any, log: FaultLog) -> Gathered:
     """The table with signals v1_mv .. v6_mv in place of the wrench shown: its leg forces times the sensitivity."""
-    import pyarrow as pa
-
     names = found.table.column_names
     signals = [name for name in names if COLUMNS["signal"].matches(name)]
     if signals or any(name not in names for name in SHOWN):

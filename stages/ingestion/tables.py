@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import FaultLog
@@ -22,9 +24,6 @@ from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.schemas.settings_text import parsed_toml, read_settings_text
 from truing.stages.common.gathered import SmallTable, once
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 POSES = tuple(Shape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
@@ -64,8 +63,6 @@ def read_configurations(
 
 def _completed(table: pa.Table) -> pa.Table:
     """The role calibration and the order of the rows as times, where a campaign without mechanism gives neither."""
-    import pyarrow as pa
-
     if "role" not in table.column_names:
         table = table.append_column("role", pa.array(["calibration"] * len(table), pa.string()))
     if "time_s" not in table.column_names:
@@ -74,8 +71,6 @@ def _completed(table: pa.Table) -> pa.Table:
 
 
 def _in_order_of_appearance(source: CampaignFiles, adjusted: pa.Table | None) -> pa.Table:
-    import pyarrow as pa
-
     if adjusted is not None:
         return as_artifact("configurations", _completed(pa.table({"pose": adjusted.column("pose").unique()})))
     poses, as_text = _poses_of_points(source, as_text=False)
@@ -87,8 +82,6 @@ def _in_order_of_appearance(source: CampaignFiles, adjusted: pa.Table | None) ->
 
 def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[object], bool]:
     """Poses in order of appearance, and whether any is text; what is wrong is said when the points are read."""
-    import pyarrow as pa
-
     poses: Names[object] = Names()
     any_text = False
     for shape in POSES:
@@ -156,8 +149,6 @@ def _check_drives(found: Gathered, log: FaultLog, drives: tuple[str, ...]) -> No
 
 def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
     """The reference survey; None where the campaign has none."""
-    import pyarrow as pa
-
     found = gather(source, TARGETS, log)
     if found is None:
         return None
@@ -191,8 +182,6 @@ def check_survey_noise(survey: SmallTable, log: FaultLog) -> None:
 
 def _with_declared(table: pa.Table, name: str, value: float | None) -> pa.Table:
     """A column filled with a declared value where it is empty, or made of it where it is absent."""
-    import pyarrow as pa
-
     declared = pa.scalar(value, pa.float64())
     if name not in table.column_names:
         return table.append_column(name, pa.repeat(declared, len(table)))
@@ -212,16 +201,12 @@ def check_legs(found: Gathered, log: FaultLog, legs: int) -> None:
 
 def since_first(table: pa.Table) -> pa.Table:
     """Times, written as dates, counted from the earliest."""
-    import pyarrow.compute as pc
-
     times = table.column("time_s")
     return table.set_column(table.column_names.index("time_s"), "time_s", pc.subtract(times, pc.min(times)))
 
 
 def as_artifact(name: str, table: pa.Table) -> pa.Table:
     """A table with the artifact's columns first, in its types; what is wrong with it has been noted elsewhere."""
-    import pyarrow as pa
-
     artifact = ARTIFACTS[name]
     absent = [column for column in artifact.columns if column not in table.column_names]
     for column in absent:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies
@@ -17,8 +18,6 @@ from truing.formats.read import FileRows
 from truing.formats.shapes import COORDINATES
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.stages.declaration import Progress
 
 Array = NDArray[np.float64]
@@ -130,7 +129,7 @@ class Unlabelled:
             rows = slice(start, start + batch.rows)
             start += batch.rows
             keep = target[rows] != ""
-            columns = {name: _kept(values, keep) for name, values in batch.columns.items()}
+            columns = {name: values.filter(keep) for name, values in batch.columns.items()}
             columns["body"] = strings(body[rows][keep]).dictionary_encode()
             columns["target"] = strings(target[rows][keep]).dictionary_encode()
             yield file, TableBatch(columns, batch.records[keep])
@@ -160,8 +159,6 @@ def _joined(columns: list[pa.Array]) -> list[str]:
 
 
 def _bodies(batch: TableBatch) -> pa.Array:
-    import pyarrow as pa
-
     if "body" in batch.columns:
         return as_dictionary(batch.columns["body"])
     return pa.array([""] * batch.rows)
@@ -169,12 +166,6 @@ def _bodies(batch: TableBatch) -> pa.Array:
 
 def _points(batch: TableBatch) -> Array:
     return np.column_stack([np.asarray(batch.columns[name]) for name in COORDINATES])
-
-
-def _kept(values: pa.Array, keep: NDArray[np.bool_]) -> pa.Array:
-    import pyarrow as pa
-
-    return values.filter(pa.array(keep))
 
 
 def without_target(batch: TableBatch) -> NDArray[np.bool_]:
@@ -188,5 +179,5 @@ def without_target(batch: TableBatch) -> NDArray[np.bool_]:
 
 def rows_of(batch: TableBatch, keep: NDArray[np.bool_]) -> TableBatch:
     """Some rows of a batch."""
-    columns = {name: _kept(values, keep) for name, values in batch.columns.items()}
+    columns = {name: values.filter(keep) for name, values in batch.columns.items()}
     return TableBatch(columns, batch.records[keep])

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.report.numbers import count
@@ -15,8 +16,6 @@ from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]

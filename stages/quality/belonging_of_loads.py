@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.belonging import loads_of_readings, signals_of_loads
@@ -34,8 +35,6 @@ from truing.stages.quality.belonging_of_parts import of_parts, rows_of_parts
 from truing.stages.quality.loading_checks import simulated_compliance
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.quality.loading import LoadingView
     from truing.schemas.campaign import Campaign
     from truing.schemas.sensor_mechanism import SensorMechanism

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.belonging.points_of_bodies import (
@@ -27,8 +28,6 @@ from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M
 from truing.stages.common.point_arrays import number_column, pose_points, positions
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
     from truing.simulation.mechanisms.legs.closures import Legs

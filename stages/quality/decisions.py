@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import pyarrow as pa
+import pyarrow.compute as pc
+
 from truing.quality.loading import LoadingView
 from truing.stages.common.overruled import decided
 from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, Check
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.sections import Acceptance, Overrule
 
@@ -59,9 +60,6 @@ def _rules(settings: Campaign) -> Iterator[tuple[str, int, Overrule]]:
 
 def _points(observations: pa.Table, rule: Overrule) -> int:
     """How many points a rule names."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     found = observations
     for key in ("body", "target", "pose"):
         value = getattr(rule, key)

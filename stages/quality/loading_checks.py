@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.quality.answers import answers, signal_answers, turned_round
@@ -42,8 +43,6 @@ from truing.stages.quality.steps_and_surroundings import (
 from truing.stages.quality.time_and_temperature import time_unit
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]

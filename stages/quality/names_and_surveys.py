@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.points import PosePoints
@@ -19,9 +20,6 @@ from truing.schemas.sections import Overrule
 from truing.stages.common.point_arrays import pose_points
 from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _NEAR = 10.0  # deviations of its mean place, as for labels that are exchanged
 _NEAR_SHARE = 0.02  # of the distance to the nearest other target
@@ -133,8 +131,6 @@ def settled_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
 
 def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
     """The artifact likely_names."""
-    import pyarrow as pa
-
     rows: list[dict[str, Any]] = [
         {
             "body": one.body,

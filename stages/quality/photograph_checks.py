@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
@@ -18,9 +19,6 @@ from truing.stages.common.point_arrays import number_column, text_column
 from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
 from truing.stages.quality.scale_checks import Figures, bar_lengths, rows_of, scale, target_sizes
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _FEWEST_RAYS = 3
 _WORST = 0.1

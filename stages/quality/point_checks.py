@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.belonging.counted_times import merely_counts
@@ -42,8 +43,6 @@ from truing.stages.quality.time_and_temperature import (
 )
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.length_errors import LengthErrors, length_errors
@@ -15,9 +16,6 @@ from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH
 from truing.stages.common.point_arrays import number_column, text_column
 from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, CampaignLimits, Check, without
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 _BEYOND = 5.0  # sigmas
@@ -52,8 +50,6 @@ class Figures:
 
 def rows_of(table: pa.Table, column: str, value: object) -> pa.Table:
     """The rows in which a column has a value."""
-    import pyarrow.compute as pc
-
     return table.filter(pc.equal(table.column(column), value))
 
 

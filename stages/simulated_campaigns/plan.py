@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
@@ -26,8 +27,6 @@ from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.common.reading_arrays import load_steps
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
     from truing.simulation.bench.model import ReadingModel
@@ -171,13 +170,11 @@ def _named(targets: Targets) -> list[tuple[str, str]]:
 
 def _all_seen(survey: pa.Table, configurations: pa.Table, noise: float) -> pa.Table:
     """A row per pose and target, its place still to be filled."""
-    import pyarrow as pa
-
     poses, count = configurations.column("pose"), survey.num_rows
     pose = np.repeat(np.arange(len(poses)), count)
     target = np.tile(np.arange(count), len(poses))
-    columns = {"pose": poses.take(pa.array(pose))}
-    columns |= {name: survey.column(name).take(pa.array(target)) for name in ("body", "target")}
+    columns = {"pose": poses.take(pose)}
+    columns |= {name: survey.column(name).take(target) for name in ("body", "target")}
     columns |= {f"{axis}_mm": pa.array(np.zeros(len(pose))) for axis in "xyz"}
     columns |= {f"sigma_{axis}_mm": pa.array(np.full(len(pose), noise * 1e3)) for axis in "xyz"}
     identifier = "int64" if pa.types.is_integer(poses.type) else "string"
@@ -219,8 +216,6 @@ def _places(table: pa.Table, targets: Targets) -> NDArray:
 
 def _with_points(table: pa.Table, points: NDArray) -> pa.Table:
     """The table with other coordinates, points (N, 3) in m."""
-    import pyarrow as pa
-
     for axis, values in zip("xyz", points.T, strict=True):
         place = table.schema.get_field_index(f"{axis}_mm")
         table = table.set_column(place, table.schema.field(place), pa.array(values * 1e3))
@@ -286,8 +281,6 @@ def _rows(table: pa.Table, place: Mapping[tuple[int | str, int], int]) -> NDArra
 
 
 def _with(table: pa.Table, name: str, values: NDArray[np.float64]) -> pa.Table:
-    import pyarrow as pa
-
     place = table.schema.get_field_index(name)
     return table.set_column(place, table.schema.field(place), pa.array(values))
 
@@ -327,8 +320,6 @@ class RayPlan:
         return {**self.tables, "ray_statistics": self._scored(np.einsum("bkt,bk->bt", rays.root, value))}
 
     def _scored(self, score: NDArray) -> pa.Table:
-        import pyarrow as pa
-
         table = self.tables["ray_statistics"]
         pose = positions(table.column("pose"), self.rays.poses)
         number = positions(table.column("shared_number"), tuple(own.called for own in self.rays.parameters))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pyarrow as pa
 
 from truing.inference.detectable import POWER
 from truing.simulation.detection_trials import Curve, Question, Rate
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 NEARLY_ALWAYS = 0.95
 _TEXTS = ("cause", "concerns", "parameter", "unit", "beside", "instead")
@@ -50,8 +49,6 @@ _RATES = (
 
 
 def _table(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> pa.Table:
-    import pyarrow as pa
-
     kinds = {name: pa.string() if name in _TEXTS else pa.int64() if name in _COUNTS else pa.float64() for name in names}
     return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))
 

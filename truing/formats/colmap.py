@@ -59,7 +59,7 @@ Estimate = Callable[[ColmapNetwork], "NDArray[np.float64] | None"]
 """From a network the covariances (P, 3, 3) of its points, NaN of those that it does not determine; None of none."""
 
 
-def read_network(points_file: Path, row_of: Callable[..., Row]) -> ColmapNetwork | None:
+def read_network(points_file: Path) -> ColmapNetwork | None:
     """The network of the points in a file; None where cameras and images do not lie beside it.
 
     Raises Unusable where one of the files is damaged.
@@ -78,7 +78,7 @@ def read_network(points_file: Path, row_of: Callable[..., Row]) -> ColmapNetwork
     xy = np.concatenate([np.empty((0, 2)), *(one.xy for one in images)])
     point = np.array([place_of_point.get(int(one), -1) for one in number], dtype=np.int64)
     return ColmapNetwork(
-        [row_of(camera) for camera in cameras],
+        [camera_of(camera) for camera in cameras],
         np.array([place_of_camera.get(one.camera, 0) for one in images], dtype=np.int64),
         R,
         -np.einsum("nij,nj->ni", R, translation),
@@ -178,7 +178,7 @@ def _points(points: list[ColmapPoint]) -> dict[str, Any]:
 def _spread(raw: Path, estimate: Estimate | None) -> dict[str, Any]:
     """Standard deviations and correlations of points, empty where they are not determined; no columns without
     estimate."""
-    network = None if estimate is None else read_network(raw, camera_of)
+    network = None if estimate is None else read_network(raw)
     covariance = None if network is None or estimate is None else estimate(network)
     if covariance is None:
         return {}

@@ -11,18 +11,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import chain
-from typing import IO, TYPE_CHECKING, TypeVar
+from typing import IO, TypeVar
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
 
 from truing.formats.faultlog import CellFaults
 from truing.formats.numbers import Notation
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
 from truing.formats.text import Lines, record_blocks, skip_lines, split_lines, take_record, utf8_chunks
 from truing.schemas.mapping import FileMapping
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 T = TypeVar("T")
 S = TypeVar("S")
@@ -120,8 +119,6 @@ class _Parser:
 
     def parse(self, block: bytes) -> tuple[RawBatch, int]:
         """One block's records, and how many there are (those with too few or too many fields included)."""
-        import pyarrow as pa
-
         if self.entry.thousands is None:
             try:
                 return self._typed(self.lines.records(block) if self.lines.may_pass_over(block) else block)
@@ -130,8 +127,6 @@ class _Parser:
         return self._as_text(self.lines.records(block))
 
     def _typed(self, text: bytes) -> tuple[RawBatch, int]:
-        import pyarrow as pa
-
         number = pa.float64()
         types = {
             "number": number,
@@ -145,8 +140,6 @@ class _Parser:
         return self._batch(table, []), table.num_rows
 
     def _as_text(self, text: bytes) -> tuple[RawBatch, int]:
-        import pyarrow as pa
-
         if not text:
             return RawBatch({}, consecutive(0, 0)), 0
         _check_utf8(text, self.lines)
@@ -162,9 +155,6 @@ class _Parser:
         return self._batch(table, ragged), table.num_rows + len(ragged)
 
     def _read(self, text: bytes, types: Mapping[str, pa.DataType], on_ragged: Callable | None) -> pa.Table:
-        import pyarrow as pa
-        import pyarrow.csv as pacsv
-
         separator, quote = self.separator, self.entry.quote
         if separator == "whitespace":
             separator, text = " ", _single_blanks(text)

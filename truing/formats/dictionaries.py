@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.formats.patterns import BoundedPattern
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 
 def strings(values: Sequence[object]) -> pa.Array:
     """Values as Arrow text."""
-    import pyarrow as pa
-
     return pa.array([str(value) for value in values], pa.string())
 
 
 def as_dictionary(values: pa.Array) -> pa.DictionaryArray:
     """Any column as dictionary-encoded text without blanks around it; empty where it was null."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     if not pa.types.is_dictionary(values.type) or values.null_count:
         values = values.cast(pa.string()).fill_null("").dictionary_encode()
     texts = values.dictionary.cast(pa.string())
@@ -35,22 +28,16 @@ def as_dictionary(values: pa.Array) -> pa.DictionaryArray:
 
 def compacted(values: pa.Array) -> pa.Array:
     """The same column; where it is dictionary-encoded, without names that no row has."""
-    import pyarrow as pa
-
     return values.cast(pa.string()).dictionary_encode() if pa.types.is_dictionary(values.type) else values
 
 
 def with_values(column: pa.DictionaryArray, values: Sequence[str]) -> pa.DictionaryArray:
     """The same rows with other values in the dictionary."""
-    import pyarrow as pa
-
     return pa.DictionaryArray.from_arrays(column.indices, strings(values))
 
 
 def constant(value: str, rows: int) -> pa.DictionaryArray:
     """The same text in every row."""
-    import pyarrow as pa
-
     return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), strings([value]))
 
 
@@ -69,9 +56,6 @@ def renamed(text: str, patterns: Sequence[tuple[BoundedPattern[str], str]]) -> s
 
 def whole_numbers(texts: pa.Array) -> pa.Array:
     """The integers that texts write, null where one does not."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     whole = pc.match_substring_regex(texts, r"^[+-]?\d{1,18}$")
     digits = pc.replace_substring_regex(pc.if_else(whole, texts, pa.scalar(None, pa.string())), r"^\+", "")
     return digits.cast(pa.int64())

@@ -7,9 +7,10 @@ from collections import Counter
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.formats.dictionaries import (
@@ -31,9 +32,6 @@ from truing.formats.raw import RawBatch
 from truing.formats.reshaping import as_meant, spread_arrays, widen
 from truing.formats.shapes import COORDINATES
 from truing.schemas.column import LARGEST, Column
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Mask = NDArray[np.bool_]
 
@@ -71,7 +69,7 @@ def evaluate(plan: Plan, batch: RawBatch) -> TableBatch:
     columns = {name: work.column(name, column) for name, column in wanted.items()}
     records, keep, faulty = work.batch.records, work.present(), work.told
     if not keep.all():
-        columns = {name: _rows(values, keep) for name, values in columns.items()}
+        columns = {name: values.filter(keep) for name, values in columns.items()}
         records, faulty = records[keep], {name: told[keep] for name, told in faulty.items()}
     return TableBatch(columns, records, (*batch.faults, *work.faults), selection.left_out + work.left_out, faulty)
 
@@ -80,14 +78,8 @@ def _filtered(batch: RawBatch, keep: Mask) -> RawBatch:
     """The rows to keep; dictionaries keep only the names that are left."""
     if keep.all():
         return batch
-    columns = {key: compacted(_rows(values, keep)) for key, values in batch.columns.items()}
+    columns = {key: compacted(values.filter(keep)) for key, values in batch.columns.items()}
     return RawBatch(columns, batch.records[keep])
-
-
-def _rows(values: pa.Array, keep: Mask) -> pa.Array:
-    import pyarrow as pa
-
-    return values.filter(pa.array(keep))
 
 
 def _seconds(text: str, time_format: str) -> float | None:
@@ -207,8 +199,6 @@ class _Work:
             self._fault(wrong, texts, name, expected)
 
     def _identifiers(self, name: str) -> pa.Array:
-        import pyarrow as pa
-
         origin, shift = self.plan.origin(name), self.plan.entry.offset.get(name, 0)
         if isinstance(origin, RowNumber) and not self.plan.poses_as_text and name not in self.plan.entry.rename:
             return pa.array(origin.of(self.batch.records) + shift)
@@ -218,9 +208,6 @@ class _Work:
         return self._text_identifiers(name, shift)
 
     def _text_identifiers(self, name: str, shift: int) -> pa.Array:
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
         texts = self.texts(name)
         self._unless(np.asarray(pc.not_equal(texts.dictionary, "")), texts, name, f"a {name} in every row")
         numbers = pc.add(whole_numbers(texts.dictionary), shift)
@@ -235,9 +222,6 @@ class _Work:
     # -- numbers ------------------------------------------------------------------------------------------
 
     def _scaled(self, name: str, column: Column) -> pa.Array:
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
         values = as_meant(self._numbers(name, column), self.plan.entry.value(name))
         factor, offset = self.plan.scale(name)
         shift = self.plan.entry.offset.get(name, 0)
@@ -265,8 +249,6 @@ class _Work:
             self._fault(wrong, values, name, expected)
 
     def _numbers(self, name: str, column: Column) -> pa.Array:
-        import pyarrow as pa
-
         origin = self.plan.origin(name)
         if isinstance(origin, RowNumber):
             return pa.array(origin.of(self.batch.records).astype(float))
@@ -290,9 +272,6 @@ class _Work:
 
     def _parsed(self, name: str, raw: pa.Array) -> tuple[pa.Array, Mask, Mask]:
         """Numbers, where a cell is empty, and where one holds something else."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
         texts = raw.cast(pa.string())
         values, bad = self.notation.parse(texts)
         if bad.any():
@@ -308,8 +287,6 @@ class _Work:
             self._fault(wrong, None, name, expected, "")
 
     def _without_missing(self, values: pa.Array) -> pa.Array:
-        import pyarrow as pa
-
         if not self._markers:
             return values
         plain = np.asarray(values.fill_null(np.nan) if values.null_count else values)
@@ -317,8 +294,6 @@ class _Work:
         return pa.array(plain, mask=gone | np.asarray(values.is_null()))
 
     def _whole(self, name: str, values: pa.Array) -> pa.Array:
-        import pyarrow as pa
-
         plain = np.asarray(values.fill_null(0.0))
         self._outside(plain != np.round(plain), values, name, "a whole number")
         self._outside(np.abs(plain) > _EXACT, values, name, f"at most {_EXACT} either way")
@@ -326,8 +301,6 @@ class _Work:
         return pa.array(whole.astype(np.int64), mask=np.asarray(values.is_null()))
 
     def _times(self, name: str) -> pa.Array:
-        import pyarrow as pa
-
         texts = self.texts(name)
         seconds = [_seconds(text, self.plan.entry.time_format or "") for text in texts.dictionary.to_pylist()]
         good = np.array([second is not None for second in seconds], dtype=bool)
@@ -370,8 +343,6 @@ class _Work:
         return whole & there
 
     def _raw_numbers(self, name: str) -> NDArray[np.float64]:
-        import pyarrow as pa
-
         raw = self._raw(name)
         if not (pa.types.is_floating(raw.type) or pa.types.is_integer(raw.type)):
             raw, _ = self.notation.parse(raw.cast(pa.string()))

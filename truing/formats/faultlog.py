@@ -9,15 +9,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.schemas.faults import CampaignFaults, Fault
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 SHOWN = 3
 """How many faults of one kind are listed one by one."""

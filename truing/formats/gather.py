@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.evaluation import TableBatch
@@ -16,9 +16,6 @@ from truing.formats.read import FileRows, read_table
 from truing.formats.shapes import Shape
 from truing.formats.source import CampaignFiles
 from truing.schemas.covariates import marked
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 @dataclass
@@ -97,14 +94,10 @@ def _read(source: CampaignFiles, shape: Shape, *, as_text: bool) -> tuple[list[t
 
 
 def _is_text(batch: TableBatch, name: str) -> bool:
-    import pyarrow as pa
-
     return name in batch.columns and bool(pa.types.is_dictionary(batch.columns[name].type))
 
 
 def _concatenated(batches: list[TableBatch]) -> pa.Table:
-    import pyarrow as pa
-
     tables = []
     for batch in batches:
         columns = {

@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-Known = tuple[dict[str, Any], tuple[str, ...], str]
-"""Keys for [files.points], the names of the columns, and what to look at again."""
 _TRACKER = {"feature", "id", "x", "y", "z"}
 _METASHAPE = re.compile(r"#?\s*Label[,;\t].*\bX_est\b")
 _WHERE = "say under from_name or constants which pose and body it is"
@@ -28,6 +26,7 @@ _POINT = ("target", "x", "y", "z")
 _ONE_POSE = "one pose is taken: say under from_name, split or constants which pose each image belongs to"
 OF_RIGS = "no table: how cameras of a COLMAP model hang together; its images hold what is needed"
 _RIGS = ("# Rig calib list", "# Frame list")
+_OF_GSI = "Leica GSI: coordinates, each in the unit of its word"
 _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_points"
 
 
@@ -46,25 +45,25 @@ class Guess:
     beside: tuple[Guess, ...] = ()
 
 
-def metashape(lines: Sequence[str]) -> Known | None:
+def metashape(lines: Sequence[str]) -> Guess | None:
     """Markers of Metashape's reference pane, whose line of names begins like a comment."""
     heading = next((line for line in lines[:10] if _METASHAPE.match(line)), None)
     if heading is None:
         return None
     note = f"Metashape: measured are X_est Y_est Z_est, taken to be in m; {_WHERE}"
     names = tuple(re.split(r"[,;\t]", heading.lstrip("# ")))
-    return {"format": "metashape", "constants": {"body": "body"}}, names, note
+    return _points("metashape", names, note)
 
 
-def tracker(names: Sequence[str], thousands: str | None) -> Known | None:
+def tracker(names: Sequence[str], thousands: str | None) -> Guess | None:
     """A laser tracker's list of readings."""
     if not ({name.casefold() for name in names} >= _TRACKER and thousands == ","):
         return None
     note = "a laser tracker's export: say under from_name or constants which body and target it is"
-    return {"format": "tracker", "constants": {"body": "body"}}, tuple(names), note
+    return _points("tracker", tuple(names), note)
 
 
-def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str], bool]) -> Known | None:
+def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str], bool]) -> Guess | None:
     """A list of points without header: V-STARS' ``id x y z sx sy sz``, or AICON's, with rays and flags."""
     width = len(records[0])
     names = tuple(str(i + 1) for i in range(width))
@@ -73,7 +72,7 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
     if is_id(records) and width >= _FLAGS_FROM and _are_sigmas(records):
         if width >= _FLAGS_FROM + 2 and all(cell.isdigit() for record in records for cell in record[_FLAGS_FROM:]):
             note = f"AICON: id x y z sx sy sz rays used, where 0 under used is a point to leave out; {_WHERE}"
-            return {"format": "aicon", "select": {"used": "1"}, "constants": {"body": "body"}}, names, note
+            return _points("aicon", names, note, select={"used": "1"})
         return _vstars(names)
     return _vstars(names) if width <= _FLAGS_FROM + 1 and all(record[0][:1].isalpha() for record in records) else None
 
@@ -85,9 +84,12 @@ def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> dict[str, An
     return {"select": {"target": r"CODE\d+"}} if 0 < coded < len(names) else {}
 
 
-def _vstars(names: tuple[str, ...]) -> Known:
-    note = f"V-STARS: id x y z sx sy sz; {_WHERE}"
-    return {"format": "vstars", "constants": {"body": "body"}}, names, note
+def _vstars(names: tuple[str, ...]) -> Guess:
+    return _points("vstars", names, f"V-STARS: id x y z sx sy sz; {_WHERE}")
+
+
+def _points(file_format: str, names: tuple[str, ...], note: str, **more: Any) -> Guess:
+    return Guess({"format": file_format, **more, "constants": {"body": "body"}}, names, "points", (note,))
 
 
 def is_id(records: Sequence[Sequence[str]]) -> bool:
@@ -130,32 +132,20 @@ def _targets_of(template: str, names: Sequence[str]) -> int:
     return sum(len(found) == 3 for found in axes.values())
 
 
-@dataclass(frozen=True)
-class KnownNetwork:
-    """What a file holds: the tables, keys for [files.<table>], the columns, what to look at again."""
-
-    tables: tuple[str, ...]
-    mapping: dict[str, Any]
-    columns: tuple[str, ...]
-    note: str
-
-
-def by_format(file_format: str, name: str) -> KnownNetwork | None:
-    """What a file of a format holds that its name has told."""
+def by_format(file_format: str, name: str) -> Guess | None:
+    """What a file of a photogrammetric program holds whose name has told its format."""
     if file_format == "colmap":
         return _colmap(name.lower().split(".")[0])
-    pose = {"constants": {"pose": 1}}
+    pose, bars = {"constants": {"pose": 1}}, ("bar", "first", "second", "length_mm", "sigma_mm")
     return {
-        "phc": KnownNetwork(("image_points",), pose, _RAYS, f"AICON's image coordinates; {_ONE_POSE}"),
-        "ior": KnownNetwork(("cameras",), {}, _CAMERA, "AICON's interior orientations: what is estimated, free says"),
-        "scale": KnownNetwork(("scale_bars",), {}, ("bar", "first", "second", "length_mm", "sigma_mm"), "AICON's bars"),
-        "gsi": KnownNetwork(
-            ("points",), {"constants": {"body": "body"}}, _POINT, "Leica GSI: coordinates, each in the unit of its word"
-        ),
+        "phc": Guess(pose, _RAYS, "image_points", (f"AICON's image coordinates; {_ONE_POSE}",)),
+        "ior": Guess({}, _CAMERA, "cameras", ("AICON's interior orientations: what is estimated, free says",)),
+        "scale": Guess({}, bars, "scale_bars", ("AICON's bars",)),
+        "gsi": Guess({"constants": {"body": "body"}}, _POINT, "points", (_OF_GSI,)),
     }.get(file_format)
 
 
-def by_look(lines: Sequence[str]) -> KnownNetwork | None:
+def by_look(lines: Sequence[str]) -> Guess | None:
     """What a text holds whose first lines only one program writes."""
     head = "\n".join(lines[:12])
     for model, mark in (("cameras", "# Camera list"), ("images", "# Image list"), ("points3d", "# 3D point list")):
@@ -163,15 +153,15 @@ def by_look(lines: Sequence[str]) -> KnownNetwork | None:
             return _colmap(model, named=True)
     if head.startswith("<?xml") and re.search(r"<(chunk|document|marker)\b", head):
         note = f"Metashape: projections of markers, whose sigma is [noise] image_px; {_ONE_POSE}"
-        calibrated = any("<calibration" in line for line in lines)
-        tables = ("image_points", "cameras") if calibrated else ("image_points",)
-        return KnownNetwork(tables, {"format": "metashape", "constants": {"pose": 1}}, _RAYS, note)
+        others = ("cameras",) if any("<calibration" in line for line in lines) else ()
+        mapping = {"format": "metashape", "constants": {"pose": 1}}
+        return Guess(mapping, _RAYS, "image_points", (note,), others)
     if _is_photomodeler(lines):
         note = f"PhotoModeler: marks with sigmas, cameras, points; {_ONE_POSE}"
         mapping = {"format": "photomodeler", "constants": {"pose": 1}}
-        return KnownNetwork(("image_points", "cameras"), mapping, _RAYS, note)
+        return Guess(mapping, _RAYS, "image_points", (note,), ("cameras",))
     if re.match(r"\*?1[01]\d{4}[+-]\S{8}", head) and re.search(r"\b81....[+-]\d{8}", head):
-        return by_format_named("gsi")
+        return Guess({"format": "gsi", "constants": {"body": "body"}}, _POINT, "points", (_OF_GSI,))
     return None
 
 
@@ -180,22 +170,15 @@ def tells_of_rigs(name: str, head: str = "") -> bool:
     return name.lower().startswith(("rigs.bin", "frames.bin")) or head.startswith(_RIGS)
 
 
-def by_format_named(file_format: str) -> KnownNetwork | None:
-    """What a file holds whose name does not tell its format, so that it has to be named."""
-    known = by_format(file_format, "")
-    if known is None:
-        return None
-    return KnownNetwork(known.tables, {"format": file_format, **known.mapping}, known.columns, known.note)
-
-
-def _colmap(model: str, *, named: bool = False) -> KnownNetwork | None:
+def _colmap(model: str, *, named: bool = False) -> Guess | None:
     own = {"format": "colmap"} if named else {}
     if model == "images":
-        return KnownNetwork(("image_points",), {**own, "constants": {"pose": 1}}, _RAYS, f"{_NO_SCALE}; {_ONE_POSE}")
+        mapping = {**own, "constants": {"pose": 1}}
+        return Guess(mapping, _RAYS, "image_points", (f"{_NO_SCALE}; {_ONE_POSE}",))
     if model == "cameras":
-        return KnownNetwork(("cameras",), own, _CAMERA, "COLMAP's cameras, to start from")
+        return Guess(own, _CAMERA, "cameras", ("COLMAP's cameras, to start from",))
     note = f"{_NO_SCALE}; better read the images: their rays are adjusted with their covariance"
-    return KnownNetwork(("points",), {**own, "constants": {"pose": 1, "body": "body"}}, _POINT, note)
+    return Guess({**own, "constants": {"pose": 1, "body": "body"}}, _POINT, "points", (note,))
 
 
 def _is_photomodeler(lines: Sequence[str]) -> bool:

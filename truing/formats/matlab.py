@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.compression import FREE, LARGEST_RATIO
@@ -25,8 +26,6 @@ from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
     import h5py
-    import pyarrow as pa
-
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HEADER = 128  # bytes before the first element of a file up to version 7
 _COMPRESSED = 15  # type of an element that holds another one, compressed
@@ -342,8 +341,6 @@ def _block(name: str, value: Variable, alone: bool, transpose: bool) -> Block:
 
 
 def _column(block: Block, column: int, rows: slice, kind: Kind) -> pa.Array:
-    import pyarrow as pa
-
     if isinstance(block.values, list):
         texts = strings(block.values[rows])
         return texts if kind in ("number", "seconds") else as_dictionary(texts)

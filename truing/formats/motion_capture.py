@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.child_processes import child_environment
@@ -123,8 +124,6 @@ def _read_elsewhere(path: Path, folder: Path) -> Trajectories:
 
 def read_c3d(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """One row per frame and marker, null where the marker was not seen; raises Unusable where it is no C3D."""
-    import pyarrow as pa
-
     found = read_trajectories(path)
     kinds = wanted(_C3D_COLUMNS, found.unit)
     if kinds is None:

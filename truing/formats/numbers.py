@@ -6,13 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _SEPARATOR_CLASS = {None: "", ",": ",", ".": r"\.", "'": "['’]", " ": "[ \u00a0\u2009\u202f]"}
 _EXPONENT = r"([eEdD][+-]?\d+)?"
@@ -48,9 +46,6 @@ class Notation:
 
     def parse(self, texts: pa.Array) -> tuple[pa.Array, NDArray[np.bool_]]:
         """Numbers (float64, null where the text means missing or is empty), and where a text is no number."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
         texts = pc.utf8_trim_whitespace(texts.cast(pa.string()))
         absent = pc.is_in(texts, value_set=pa.array(["", *sorted(self.missing)], pa.string()))
         absent = pc.or_(absent, pc.is_null(texts))
@@ -62,14 +57,10 @@ class Notation:
 
     def matrix(self, records: Sequence[Sequence[str]]) -> NDArray[np.float64]:
         """(N, W) the cells of N records as numbers, NaN where one is none."""
-        import pyarrow as pa
-
         columns = [self.parse(pa.array(column, pa.string()))[0] for column in zip(*records, strict=True)]
         return np.column_stack([np.asarray(column.fill_null(np.nan), dtype=float) for column in columns])
 
     def _plain(self, texts: pa.Array) -> pa.Array:
-        import pyarrow.compute as pc
-
         if self.thousands is not None:
             texts = pc.replace_substring_regex(texts, _SEPARATOR_CLASS[self.thousands], "")
         if self.decimal != ".":

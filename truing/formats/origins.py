@@ -6,17 +6,14 @@ import math
 import string
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from truing.formats.faultlog import CellFaults, Records
 from truing.formats.patterns import BoundedPattern
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
 from truing.schemas.mapping import FileMapping
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _ROW_PER_POSE = ("poses", "configurations")
 _WIDEST = {"text": 2, "identifier": 1, "seconds": 0, "number": 0}
@@ -96,7 +93,7 @@ class RowCount:
         if len(group) and batch.records[-1] % self._per == self._per - 1:
             before[:] = True
         rest = RawBatch(
-            {place: _rows(values, ~before) for place, values in batch.columns.items()}, batch.records[~before]
+            {place: values.filter(~before) for place, values in batch.columns.items()}, batch.records[~before]
         )
         return rest, self._laid(batch, before)
 
@@ -104,11 +101,8 @@ class RowCount:
         groups, counts = np.unique(batch.records[chosen] // self._per, return_counts=True)
         whole = groups[counts == self._per]  # of the others a row was faulty, which has been said
         rows = np.flatnonzero(chosen & np.isin(batch.records // self._per, whole)).reshape(-1, self._per)
-        import pyarrow as pa
-
         columns = {
-            place: batch.columns[place % self._width].take(pa.array(rows[:, place // self._width]))
-            for place in self._kinds
+            place: batch.columns[place % self._width].take(rows[:, place // self._width]) for place in self._kinds
         }
         faults = tuple(
             CellFaults(f.expected, f.column, tuple((row // self._per, value) for row, value in f.cells), f.count)
@@ -131,12 +125,6 @@ def _last(batch: RawBatch) -> Iterator[int]:
     yield from (row + 1 for fault in batch.faults for row, _ in fault.cells)
 
 
-def _rows(values: pa.Array, chosen: np.ndarray) -> pa.Array:
-    import pyarrow as pa
-
-    return values.filter(pa.array(chosen))
-
-
 def _joined(first: RawBatch, second: RawBatch) -> RawBatch:
     """Two batches as one; a column that was read as numbers in one alone becomes text."""
     columns = {place: _one_after_other(values, second.columns[place]) for place, values in first.columns.items()}
@@ -145,8 +133,6 @@ def _joined(first: RawBatch, second: RawBatch) -> RawBatch:
 
 
 def _one_after_other(first: pa.Array, second: pa.Array) -> pa.Array:
-    import pyarrow as pa
-
     if first.type == second.type and not pa.types.is_dictionary(first.type):
         return pa.concat_arrays([first, second])
     texts = pa.concat_arrays([first.cast(pa.string()), second.cast(pa.string())])

@@ -4,27 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
 from truing.schemas.memory import raise_shortage
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
 _ROWS = 1 << 17
 
 
 def read_parquet(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """The rows of a Parquet file; raises Unusable where it is damaged or empty."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     try:
         with pq.ParquetFile(path, memory_map=False) as file:
             yield from _batches(file, path.stat().st_size, wanted)
@@ -58,8 +53,6 @@ def _check_proportion(metadata: pq.FileMetaData, size: int) -> None:
 
 
 def _column(values: pa.Array, kind: Kind, name: str) -> pa.Array:
-    import pyarrow as pa
-
     try:
         return _as_kind(values, kind)
     except (pa.ArrowException, UnicodeError) as error:
@@ -68,8 +61,6 @@ def _column(values: pa.Array, kind: Kind, name: str) -> pa.Array:
 
 
 def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
-    import pyarrow as pa
-
     is_moment = pa.types.is_timestamp(values.type) or pa.types.is_duration(values.type)
     if is_moment and kind in ("number", "seconds"):
         return _seconds(values) if kind == "seconds" else _written(values)
@@ -89,18 +80,12 @@ def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
 
 def _seconds(values: pa.Array) -> pa.Array:
     """Moments as seconds since 1970, durations as seconds; whatever unit they are kept in."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[values.type.unit]
     return pc.divide(values.cast(pa.int64()).cast(pa.float64(), safe=False), ticks)
 
 
 def _written(values: pa.Array) -> pa.Array:
     """Moments and durations as text that is no number: they are none but where seconds are asked for."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     unit = values.type.unit
     if pa.types.is_timestamp(values.type):
         return values.cast(pa.timestamp(unit)).cast(pa.string())
@@ -108,15 +93,11 @@ def _written(values: pa.Array) -> pa.Array:
 
 
 def _is_number(kind: pa.DataType) -> bool:
-    import pyarrow as pa
-
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind))
 
 
 def _whole(values: pa.Array) -> pa.Array | None:
     """The values as int64 where all are whole numbers, as pandas turns integers into floats; else None."""
-    import pyarrow as pa
-
     plain = np.asarray(values.cast(pa.float64()))
     if not np.all(np.isfinite(plain)) or np.any(plain != np.round(plain)) or np.any(np.abs(plain) > 2**53):
         return None

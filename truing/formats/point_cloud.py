@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+import pyarrow as pa
 
 from truing.formats.cloud_files import CloudLayout, pcd_layout, pcd_points, ply_layout, ply_vertices
 from truing.formats.delimited import read_delimited
@@ -33,8 +34,6 @@ def read_point_cloud(path: Path, file_format: str, entry: FileMapping, wanted: W
     kinds = wanted(layout.names, None)
     if kinds is None:
         return
-    import pyarrow as pa
-
     data = np.fromfile(path, dtype=np.uint8)
     records = ply_vertices(layout, data) if file_format == "ply" else pcd_points(layout, data)
     values = layout.columns(records)

@@ -7,17 +7,16 @@ import weakref
 from bisect import bisect_right
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Generic, TypeVar
+from typing import IO, Generic, TypeVar
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.formats.dictionaries import codes, strings
 from truing.formats.evaluation import TableBatch
 from truing.formats.read import FileRows
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 T = TypeVar("T")
 
@@ -50,8 +49,6 @@ class PointLedger:
     """
 
     def __init__(self, poses: pa.Array, folder: Path | None = None) -> None:
-        import pyarrow as pa
-
         self.poses = poses
         self.labels: Names[tuple[str, str]] = Names()  # body and target
         plain = np.asarray(poses) if pa.types.is_int64(poses.type) else np.zeros(0, np.int64)
@@ -84,9 +81,6 @@ class PointLedger:
 
     def pose_numbers(self, poses: pa.Array) -> NDArray[np.int32]:
         """The place of each of these poses among those that are known, and their count where it is none of them."""
-        import pyarrow as pa
-        import pyarrow.compute as pc
-
         if pa.types.is_dictionary(poses.type):
             known = self.poses.cast(pa.string())
             found = pc.fill_null(pc.index_in(poses.dictionary, value_set=known), len(known))
@@ -115,8 +109,6 @@ class PointLedger:
 
     def label_columns(self, label: NDArray[np.int32]) -> tuple[pa.DictionaryArray, pa.DictionaryArray]:
         """Body and target of labels given by their numbers."""
-        import pyarrow as pa
-
         if self._named != len(self.labels.values):
             bodies: Names[str] = Names()
             targets: Names[str] = Names()

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import CellFaults, Records
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Kind = Literal["number", "seconds", "identifier", "text"]
 """How a raw column is wanted: float64 if all its cells are plain numbers (``seconds``: or moments), int64 if all are
@@ -64,8 +62,6 @@ def one_batch(
 
     Raises Unusable where there is no row.
     """
-    import pyarrow as pa
-
     rows = len(next(iter(columns.values())))
     if not rows:
         raise Unusable("at least one row of this table; the file holds none")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
 from truing.schemas.mapping import FileMapping
@@ -31,8 +32,6 @@ class _Approach:
 
 def read_rtl(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawBatch]:
     """One row per approach, in the order of the file; raises Unusable where it is no such file, or not a whole one."""
-    import pyarrow as pa
-
     lines = _lines(path, entry.encoding)
     kinds = wanted(_COLUMNS, None)
     if kinds is None:

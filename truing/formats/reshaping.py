@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from truing.formats.dictionaries import strings
 from truing.formats.faultlog import CellFaults
@@ -14,9 +14,6 @@ from truing.formats.raw import RawBatch
 from truing.formats.shapes import COORDINATES
 from truing.schemas.raw_value import RawValue
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
 
 
@@ -24,8 +21,6 @@ def as_meant(values: pa.Array, meant: RawValue) -> pa.Array:
     """Numbers (N,) of a raw column as what they stand for, in the unit that the mapping gives; null stays null."""
     if meant.is_plain:
         return values
-    import pyarrow as pa
-
     plain = np.array(values.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
     gone = np.asarray(values.is_null())
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite becomes a fault
@@ -41,8 +36,6 @@ def spread_arrays(plan: Plan, batch: RawBatch) -> RawBatch:
     """A batch with a column for every number that the cells of some columns hold together."""
     if not plan.entry.arrays or not batch.rows:
         return batch
-    import pyarrow as pa
-
     columns, faults = dict(batch.columns), list(batch.faults)
     whole = np.ones(batch.rows, dtype=bool)
     for name, first, names in plan.arrays():
@@ -57,7 +50,7 @@ def spread_arrays(plan: Plan, batch: RawBatch) -> RawBatch:
         for offset in range(len(names)):
             columns[first + offset] = strings([numbers[offset] if len(numbers) > offset else "" for numbers in found])
     if not whole.all():
-        columns = {key: values.filter(pa.array(whole)) for key, values in columns.items()}
+        columns = {key: values.filter(whole) for key, values in columns.items()}
     return RawBatch(columns, batch.records[whole], tuple(faults))
 
 
@@ -66,8 +59,6 @@ def widen(plan: Plan, batch: RawBatch) -> RawBatch:
     groups = plan.wide
     if not groups:
         return batch
-    import pyarrow as pa
-
     count = len(groups)
     repeated = pa.array(np.repeat(np.arange(batch.rows), count))
     of_groups = {position for group in groups for position in group.positions}
@@ -82,8 +73,6 @@ def widen(plan: Plan, batch: RawBatch) -> RawBatch:
 
 def _interleaved(columns: list[pa.Array]) -> pa.Array:
     """Row by row the values of several columns."""
-    import pyarrow as pa
-
     rows, count = len(columns[0]), len(columns)
     order = np.arange(rows * count).reshape(count, rows).T.ravel()
-    return pa.concat_arrays(columns).take(pa.array(order))
+    return pa.concat_arrays(columns).take(order)

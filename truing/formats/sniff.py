@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +17,6 @@ from truing.formats.delimited import guess_separator, split_record
 from truing.formats.guess import (
     OF_RIGS,
     Guess,
-    Known,
-    KnownNetwork,
     adjusted_points,
     by_format,
     by_look,
@@ -29,7 +27,7 @@ from truing.formats.guess import (
     tracker,
     wide_template,
 )
-from truing.formats.named_columns import Poses, bare_poses, is_one_motion, load_columns, pose_columns
+from truing.formats.named_columns import Loads, Poses, bare_poses, is_one_motion, load_columns, pose_columns
 from truing.formats.numbers import Notation
 from truing.formats.presets import format_of
 from truing.formats.raw import Unusable
@@ -98,7 +96,6 @@ _KNOWN = {
 _READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
 _COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
 _DENSE = 1000  # a cloud of more points than this is a scan of a surface, not a set of targets
-Sniff = Callable[[list[list[str]], dict[str, Any]], Guess]
 _SHOWN = 12
 
 
@@ -114,11 +111,11 @@ def sniff_file(path: Path) -> Guess:
         return Guess(notes=(OF_RIGS,), known=True)
     try:
         if file_format in ("xlsx", "mat"):
-            return (sniff_workbook if file_format == "xlsx" else sniff_matlab)(path, sniff_cells)
+            return _sniff_workbook(path) if file_format == "xlsx" else _sniff_matlab(path)
         if file_format in ("delimited", "xyz", "aicon", "metashape xml"):
             return _sniff_text(path)
         if (network := by_format(file_format, path.name)) is not None:
-            return _network(network)
+            return network
         return _sniff_other(path, file_format)
     except (*DAMAGED, OSError, UnicodeError) as error:
         return Guess(notes=(f"it cannot be read: {error}",))
@@ -136,9 +133,7 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
             return Guess(notes=("it is no whole Parquet file",))
         mapping, notes = _columns(names)
         if (loads := load_columns(names)) is not None and not _CONTRACTS.intersection(names):
-            table, keys, note = loads
-            time = {key: name for key, name in mapping.get("columns", {}).items() if key == "time_s"}
-            return Guess({**keys, "columns": {**time, **keys["columns"]}}, names, table, (note,))
+            return _loads(loads, names, {}, mapping)
         return Guess(mapping, names, _table({*names, *mapping.get("columns", {})}), tuple(notes))
     if file_format == "rtl":
         note = "positioning runs of an axis, targets in mm and deviations in um; the file's name names the run"
@@ -170,9 +165,9 @@ def _sniff_text(path: Path) -> Guess:
     if lines and tells_of_rigs("", lines[0]):
         return Guess(notes=(OF_RIGS,), known=True)
     if (network := by_look(lines)) is not None:
-        return _network(network)
+        return network
     if (known := metashape(lines)) is not None:
-        return _known_export(known, encoding)
+        return known if encoding == "utf-8" else replace(known, mapping={"encoding": encoding, **known.mapping})
     if sum(_INDEXED.match(line) is not None for line in lines) > len(lines) // 2:
         note = 'lines of name[i,j]=number: docs/own-files.md has such a file under "Positioning runs of an axis"'
         return Guess(notes=(note,))
@@ -223,7 +218,7 @@ def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: st
     known = tracker(names, notation.thousands) if has_header else None
     known = known or (None if has_header else adjusted_points(records, lambda cell: _is_number(cell, notation)))
     if known is not None:
-        return Guess({**mapping, **known[0]}, known[1], "points", (known[2],))
+        return replace(known, mapping={**mapping, **known.mapping})
     mapping |= {"separator": separator} if separator != "," else {}
     mapping |= {"header": False} if not has_header else {}
     mapping |= {"decimal": notation.decimal} if notation.decimal != "." else {}
@@ -240,9 +235,7 @@ def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: st
         notes = [*notes, "phases of one channel, a step per row"]
         return Guess(mapping | found | steps, names, table, tuple(notes))
     if has_header and table in (None, "configurations") and (loads := load_columns(names)) is not None:
-        table, keys, note = loads
-        time = {key: name for key, name in found.get("columns", {}).items() if key == "time_s"}
-        return Guess({**mapping, **keys, "columns": {**time, **keys["columns"]}}, names, table, (note,))
+        return _loads(loads, names, mapping, found)
     if has_header and table in (None, "configurations") and (template := wide_template(names)) is not None:
         return _side_by_side(template, names, mapping | found)
     return Guess(mapping | found, names, table, tuple(notes))
@@ -276,14 +269,11 @@ def _poses(
     )
 
 
-def _network(known: KnownNetwork) -> Guess:
-    return Guess(known.mapping, known.columns, known.tables[0], (known.note,), known.tables[1:])
-
-
-def _known_export(known: Known, encoding: str) -> Guess:
-    return Guess(
-        {**({} if encoding == "utf-8" else {"encoding": encoding}), **known[0]}, known[1], "points", (known[2],)
-    )
+def _loads(loads: Loads, names: tuple[str, ...], mapping: dict[str, Any], meant: dict[str, Any]) -> Guess:
+    """A table of loads, ordered by the column that is meant as a time where there is one."""
+    table, keys, note = loads
+    time = {key: name for key, name in meant.get("columns", {}).items() if key == "time_s"}
+    return Guess({**mapping, **keys, "columns": {**time, **keys["columns"]}}, names, table, (note,))
 
 
 def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: dict[str, Any]) -> Guess:
@@ -388,14 +378,10 @@ def _counts(records: list[list[str]]) -> bool:
 
 
 def _table(names: set[str]) -> str | None:
-    return next(_matching(names), None)
+    return next((table for table, wanted in _SIGNS if wanted <= names), None)
 
 
-def _matching(names: set[str]) -> Iterator[str]:
-    yield from (table for table, wanted in _SIGNS if wanted <= names)
-
-
-def sniff_workbook(path: Path, sniff: Sniff) -> Guess:
+def _sniff_workbook(path: Path) -> Guess:
     """A proposal for the sheet that holds most; the others are named in a note."""
     from truing.formats.workbook import first_rows, text_of
 
@@ -411,7 +397,7 @@ def sniff_workbook(path: Path, sniff: Sniff) -> Guess:
         filled = [sum(cell != "" for cell in row) for row in texts]
         first = next(i for i, count in enumerate(filled) if count >= 0.6 * max(filled))
         keys: dict[str, Any] = {"sheet": name} if len(sheets) > 1 else {}
-        guesses[name] = sniff(texts[first:], {**keys, **({"skip_lines": first} if first else {})})
+        guesses[name] = sniff_cells(texts[first:], {**keys, **({"skip_lines": first} if first else {})})
     if not guesses:
         return Guess(notes=("no sheet holds anything",))
     name, best = next(((n, g) for n, g in guesses.items() if g.table is not None), next(iter(guesses.items())))
@@ -420,18 +406,18 @@ def sniff_workbook(path: Path, sniff: Sniff) -> Guess:
     return replace(best, notes=(*best.notes, *more))
 
 
-def sniff_matlab(path: Path, sniff: Sniff) -> Guess:
+def _sniff_matlab(path: Path) -> Guess:
     """A proposal for the one variable that is a table of poses or points; else its variables, to choose from."""
     from truing.formats.matlab import open_variables
 
     try:
         with open_variables(path) as variables:
-            return _of_variables(variables, sniff)
+            return _of_variables(variables)
     except Unusable as error:
         return Guess(notes=(f"it cannot be read: expected {error.expected}",))
 
 
-def _of_variables(variables: Mapping[str, Variable], sniff: Sniff) -> Guess:
+def _of_variables(variables: Mapping[str, Variable]) -> Guess:
     from truing.formats.matlab import blocks_of, shape_of
 
     variables = {name: value for name, value in variables.items() if name != "None"}  # objects without a name
@@ -443,7 +429,7 @@ def _of_variables(variables: Mapping[str, Variable], sniff: Sniff) -> Guess:
         (block,) = blocks_of(variables, FileMapping(path="x.mat", variable=name))
         names = block.names
         cells = [[repr(float(value)) for value in row] for row in block.values[:_LINES]]
-        guess = sniff(cells, {}) if len(cells) > 1 else Guess()
+        guess = sniff_cells(cells, {}) if len(cells) > 1 else Guess()
         plain = {key: value for key, value in guess.mapping.items() if key in ("columns", "constants", "number_rows")}
         if guess.table == "poses" and names[0] == "m00":
             plain.pop("columns")  # they have these names already

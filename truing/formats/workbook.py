@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary, strings
@@ -22,7 +23,6 @@ from truing.schemas.mapping import FileMapping
 from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
-    import pyarrow as pa
     from openpyxl.workbook import Workbook
 
 Cell = str | int | float | bool | datetime | date | time | timedelta | None
@@ -270,9 +270,7 @@ def _batch(records: list[_Record], kinds: Mapping[int, Kind], names: tuple[str, 
             faults.append(CellFaults.where(mask, numbers, None, names[place] or str(place + 1), _UNCOMPUTED))
     if faults:  # said already: the cells themselves are no second fault
         whole = np.array([not set(kinds) & set(record.uncomputed) for record in records], dtype=bool)
-        import pyarrow as pa
-
-        columns = {place: column.filter(pa.array(whole)) for place, column in columns.items()}
+        columns = {place: column.filter(whole) for place, column in columns.items()}
         numbers = numbers[whole]
     return RawBatch(columns, numbers, tuple(faults))
 
@@ -283,8 +281,6 @@ def _cell(cells: Row, place: int) -> Cell:
 
 def _column(cells: Row, kind: Kind, mark: str) -> pa.Array:
     """A column as it is wanted: numbers where all cells are such, else text as the sheet would show it."""
-    import pyarrow as pa
-
     wants_numbers = kind in ("number", "seconds")
     if wants_numbers and all(_is_number(cell) for cell in cells):
         return pa.array([float(cell) for cell in cells], pa.float64())  # type: ignore[arg-type]
