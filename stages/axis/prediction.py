@@ -9,7 +9,7 @@ import numpy as np
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.axis.extended_model import predict_axis, read_axis
-from truing.simulation.axis.rows import ROTARY, AxisRows, directions_of_approach
+from truing.simulation.axis.rows import ROTARY, AxisRows
 from truing.stages.common.axis_columns import SI
 from truing.stages.common.point_arrays import number_column
 
@@ -20,27 +20,29 @@ if TYPE_CHECKING:
 def predicted(model: str, table: pa.Table, file: str) -> pa.Table:
     """Return rows of axis_prediction, one per pose and encoder, for a table of commands in the order of time.
 
-    Needs the columns pose and command_deg (a linear axis: command_mm); rows count as taken in their order unless there
-    is a column time_s. Raises CampaignFaults where ``file`` lacks a column or holds no number in it.
+    Needs the columns pose and command_deg (a linear axis: command_mm), and those that an effect of the model follows;
+    rows count as taken in their order unless there is a column time_s. Raises CampaignFaults where ``file`` lacks a
+    column or holds no number in it.
     """
     import pyarrow as pa
 
     extended = read_axis(model)
     unit = "deg" if extended.axis.kind == ROTARY else "mm"
-    _check(table, file, unit)
+    needed = {name: f"which {e.cause.id} follows" for e in extended.effects for name in e.cause.needs(0)}
+    _check(table, file, unit, needed)
     command = number_column(table, f"command_{unit}") * SI[unit]
     time_s = number_column(table, "time_s") if "time_s" in table.schema.names else np.arange(len(command), dtype=float)
-    order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
-    direction = directions_of_approach(command, order, extended.axis.least_move)
     poses = table.column("pose").to_pylist()
-    value, sigma = predict_axis(extended, AxisRows(tuple(poses), time_s, command, direction, order))
-    rows = [
+    others = {name: number_column(table, name) for name in needed}
+    rows = AxisRows.of(poses, time_s, command, extended.axis.least_move, others=others)
+    value, sigma = predict_axis(extended, rows)
+    told = [
         {
             "pose": poses[b],
             "encoder": name,
             "command": float(command[b] / SI[unit]),
             "command_unit": unit,
-            "approach": int(direction[b]),
+            "approach": int(rows.direction[b]),
             "value": float(value[b, k] / SI[unit]),
             "sigma": float(sigma[b, k] / SI[unit]),
         }
@@ -48,11 +50,11 @@ def predicted(model: str, table: pa.Table, file: str) -> pa.Table:
         for k, name in enumerate(extended.axis.encoders)
     ]
     identifier = "int64" if pa.types.is_integer(table.schema.field("pose").type) else "string"
-    return pa.Table.from_pylist(rows, schema=ARTIFACTS["axis_prediction"].arrow_schema(identifier))
+    return pa.Table.from_pylist(told, schema=ARTIFACTS["axis_prediction"].arrow_schema(identifier))
 
 
-def _check(table: pa.Table, file: str, unit: str) -> None:
-    needed = {"pose": "the row's name", f"command_{unit}": "where the axis is sent"}
+def _check(table: pa.Table, file: str, unit: str, followed: dict[str, str]) -> None:
+    needed = {"pose": "the row's name", f"command_{unit}": "where the axis is sent", **followed}
     names = table.schema.names
     if missing := {name: what for name, what in needed.items() if name not in names}:
         raise CampaignFaults(
@@ -60,7 +62,7 @@ def _check(table: pa.Table, file: str, unit: str) -> None:
         )
     first = 2 if file.endswith(".csv") else 1  # an editor counts the line of heads too
     faults = []
-    for name in (f"command_{unit}", "time_s"):
+    for name in (f"command_{unit}", "time_s", *followed):
         if name in names:
             values = number_column(table, name) if str(table.schema.field(name).type) in ("double", "int64") else None
             wrong = range(len(table)) if values is None else np.flatnonzero(~np.isfinite(values))

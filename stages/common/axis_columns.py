@@ -16,7 +16,6 @@ from truing.simulation.axis.rows import (
     ROTARY,
     Axis,
     AxisRows,
-    directions_of_approach,
 )
 from truing.stages.common.point_arrays import number_column
 
@@ -72,16 +71,14 @@ class AxisColumns:
     def rows(self, table: pa.Table, command_sigma: float) -> AxisRows:
         """Return the rows of a table; command_sigma: one standard deviation of where the axis stands, rad or m."""
         command, time_s = self.si(table, self.command), number_column(table, "time_s")
-        order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
-        direction = directions_of_approach(command, order, self.axis(command_sigma).least_move)
         held = {self.command, *self.encoders.values(), *NUMBERED}
         others = {
             field.name: number_column(table, field.name)
             for field in table.schema
             if field.name not in held and str(field.type) in ("double", "int64")
         }
-        poses = tuple(table.column("pose").to_pylist())
-        return AxisRows(poses, time_s, command, direction, order, _events(table, time_s), others)
+        poses, least = table.column("pose").to_pylist(), self.axis(command_sigma).least_move
+        return AxisRows.of(poses, time_s, command, least, _events(table, time_s), others)
 
     def deviations(self, table: pa.Table) -> Array:
         """Return what the encoders read more than the command (N, K), rad or m, whole turns taken out; NaN if empty."""

@@ -49,8 +49,12 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     sigma = np.array([encoder_sigma(settings, name) for name in columns.encoders], float)
     middle = np.nanmedian(np.where(seen, deviations, np.nan), axis=0)
     spread = float(np.abs(np.where(seen, deviations - middle, 0.0)).max())
+    noise = float(np.hypot(off, np.median(sigma)))
     model = AxisModel(
-        replace(columns.axis(off), spread=spread), rows.chosen(fitted), _WIDE * max(largest, float(sigma.max())), off
+        replace(columns.axis(off), spread=spread, noise=noise),
+        rows.chosen(fitted),
+        _WIDE * max(largest, float(sigma.max())),
+        off,
     )
 
     def poses(own: Mask) -> Epochs:

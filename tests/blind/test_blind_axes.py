@@ -14,6 +14,7 @@ import pyarrow as pa
 import pytest
 
 from tests.blind.generator.axis import CAUSES, AxisCampaign, Hidden, draw_layout, draw_one, record, settings_text
+from tests.blind.generator.axis_courses import COURSES, SCATTER, draw_course
 from tests.blind.judging import fewest_of
 from truing.inference.selection import Diagnosis
 from truing.inference.verdicts import Verdict
@@ -23,7 +24,7 @@ from truing.stages.diagnose import decided
 from truing.stages.diagnosis.axis_points import gather
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
-CLEAN, HIDDEN = 40, 30
+CLEAN, HIDDEN, UNNAMED = 40, 30, 6
 CLEAR = 12.0  # standard deviations of the hidden size, as a fit by eye would know it
 DECLARED = 0.05
 SI = {"rotary": np.pi / 180.0, "linear": 1e-3}
@@ -130,3 +131,26 @@ def test_sizes_agree_with_the_truth_within_their_standard_deviations(hidden: lis
     # Of n unit normals the mean square lies within these bounds but once in a thousand.
     spread = 3.3 * np.sqrt(2.0 / len(pulls))
     assert 1.0 - spread < np.mean(np.square(pulls)) < 1.0 + spread
+
+
+@pytest.fixture(scope="module")
+def unnamed() -> dict[str, list[Judged]]:
+    """By its course, campaigns in which one encoder does what no cause of the catalogue does."""
+    found: dict[str, list[Judged]] = {}
+    for place, course in enumerate(COURSES):
+        for number in range(UNNAMED):
+            made = draw_course(course, np.random.default_rng([SEED, 24, place, number]))
+            found.setdefault(course, []).append(_judged(made))
+    return found
+
+
+def test_what_has_no_name_is_given_none(unnamed: dict[str, list[Judged]]) -> None:
+    whole = [one for own in unnamed.values() for one in own]
+    nameless = [one for one in whole if not any(own.cause.catalogued for own in one.found)]
+    assert len(nameless) >= fewest_of(len(whole), 0.95)
+
+
+def test_what_follows_something_is_told_as_an_unnamed_dependence(unnamed: dict[str, list[Judged]]) -> None:
+    whole = [one for course, own in unnamed.items() if course != SCATTER for one in own]
+    told = [one for one in whole if any(not own.cause.catalogued for own in one.found)]
+    assert len(told) >= fewest_of(len(whole), 0.9)

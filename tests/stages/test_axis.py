@@ -7,17 +7,19 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
 from tests.blind.generator.axis import AxisCampaign, AxisLayout, Hidden, record, write
+from tests.tolerance import assert_close
 from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.schemas.settings_text import parsed_toml
-from truing.simulation.axis.rows import directions_of_approach
+from truing.simulation.axis.rows import approaches
 from truing.stages.common.axis_columns import AxisColumns
 from truing.stages.predict import predict
 
@@ -64,7 +66,7 @@ def test_what_was_hidden_is_found_with_its_subject_and_size(run: Path) -> None:
     found = [row for row in rows if row["verdict"] == "found"]
     assert {(row["cause"], row["subject"]) for row in found} == {("zero-shift", "instrument"), ("lost-motion", "")}
     assert len(found) == 2
-    assert {row["cause"] for row in rows} == {"scale-error", "lost-motion", "zero-shift"}
+    assert {row["cause"] for row in rows} == {"scale-error", "lost-motion", "zero-shift", "unexplained"}
     told = {row["cause"]: json.loads(row["parameters"]) for row in found}
     for cause, name, size in (("lost-motion", "backlash", BACKLASH), ("zero-shift", "shift", SHIFT)):
         own = told[cause][name]
@@ -103,6 +105,28 @@ def test_the_model_predicts_readings_from_either_side(run: Path, tmp_path: Path)
     assert _truing("predict", str(run / "model.toml"), str(inputs), "--out", str(tmp_path / "out.csv"))[0] == 0
     again = pyarrow.csv.read_csv(tmp_path / "out.csv").to_pandas()
     assert np.allclose(again["value"], found[["motor", "load", "measured"]].to_numpy().ravel(), rtol=1e-12)
+
+
+def test_what_follows_a_column_without_a_name_is_told_and_predicted_from_that_column(tmp_path: Path) -> None:
+    layout = _layout(event_row=None)
+    warmth = 20.0 + 5.0 * np.sin(np.arange(40) / 3.0) + np.random.default_rng(2).uniform(-1.0, 1.0, 40)
+    made = record(layout, (), np.random.default_rng(3), {"measured": 0.004 * (warmth - 20.0)})
+    folder = write(made, tmp_path / "campaign")
+    table = (folder / "configurations.csv").read_text(encoding="utf-8").splitlines()
+    with_warmth = [f"{table[0]},temperature_c", *(f"{row},{t:.6f}" for row, t in zip(table[1:], warmth, strict=True))]
+    (folder / "configurations.csv").write_text("\n".join(with_warmth) + "\n", encoding="utf-8")
+    assert _truing("run", str(folder), "--out", str(tmp_path / "run"))[0] == 0
+    rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
+    found = [(row["cause"], row["subject"], row["follows"]) for row in rows if row["verdict"] == "found"]
+    assert found == [("unexplained", "instrument", "temperature_c")]
+    model = (tmp_path / "run" / "model.toml").read_text(encoding="utf-8")
+    with pytest.raises(CampaignFaults, match="temperature_c"):
+        predict(model, pa.table({"pose": [1], "command_deg": [10.0]}), "there.csv")
+    inputs = pa.table({"pose": [1, 2], "command_deg": [10.0, 10.0], "temperature_c": [18.0, 22.0]})
+    told = predict(model, inputs, "there.csv").to_pandas()
+    told = told[told["encoder"] == "measured"]
+    moved = told["value"].to_numpy()[1] - told["value"].to_numpy()[0]
+    assert abs(moved - 0.004 * 4.0) < 4.0 * told["sigma"].max() < 0.2 * moved
 
 
 @pytest.mark.parametrize(
@@ -194,8 +218,6 @@ def test_an_axis_that_never_moves_is_not_evaluated(tmp_path: Path) -> None:
 
 
 def test_counts_and_whole_turns_are_brought_to_one_unit() -> None:
-    import pyarrow as pa
-
     table = pa.table({"c_counts": [0.0, 3600.0, 7200.0], "motor_deg": [0.5, 360.5, 0.5]})
     columns = AxisColumns("rotary", "deg", "motor", "c_counts", {"motor": "motor_deg"}, 10.0)
     assert np.allclose(columns.si(table, "c_counts"), [0.0, 2.0 * np.pi, 4.0 * np.pi])
@@ -204,8 +226,14 @@ def test_counts_and_whole_turns_are_brought_to_one_unit() -> None:
 
 def test_direction_of_approach_is_that_of_the_last_movement_larger_than_the_least() -> None:
     command = np.array([0.0, 1.0, 0.95, 0.9, 0.0, np.nan, -1.0])
-    found = directions_of_approach(command, np.arange(7.0), 0.1)
+    found, _ = approaches(command, np.arange(7.0), 0.1)
     assert found.tolist() == [1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0]
+
+
+def test_travel_since_the_turn_is_counted_from_where_the_axis_stood_when_it_turned() -> None:
+    command = np.array([0.0, 1.0, 3.0, 2.95, 1.0, 0.0, 0.5])
+    _, found = approaches(command, np.arange(7.0), 0.1)
+    assert_close(found, np.array([0.0, 1.0, 3.0, 3.0, 2.0, 3.0, 0.5]), atol=1e-12)
 
 
 def test_a_model_of_an_axis_says_what_it_is(run: Path) -> None:

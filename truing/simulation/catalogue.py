@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from truing.simulation.axis.causes import AXES, OWN_CAUSES_OF_AXES
+from truing.simulation.axis.causes import AXES, LostMotion, ScaleError, ZeroShift
+from truing.simulation.axis.nonparametric import NonparametricAxisEffect
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
@@ -80,6 +81,8 @@ OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
     RowsExchanged(),
     NonparametricReadingEffect(),
 )
+# What is known of a single axis.
+OWN_CAUSES_OF_AXES: tuple[Cause, ...] = (ScaleError(), LostMotion(), ZeroShift(), NonparametricAxisEffect())
 # What rays of photographs tell by themselves, and what points do that were computed from them.
 OWN_CAUSES_OF_RAYS: tuple[Cause, ...] = (CameraInstability(), OneBar(), Refraction(), NonparametricRayEffect())
 OWN_CAUSES_OF_PHOTOGRAPHED_POINTS: tuple[Cause, ...] = (AllBars(), EvenAir())

@@ -49,6 +49,7 @@ class NonparametricEffect(Cause):
     catalogued = False
     of_time: ClassVar[frozenset[str]] = frozenset({TIME, ORDER})  # what depends on these ends with the campaign
     letters: ClassVar[dict[str, str]] = {POLYNOMIAL: "degree", WAVES: "wave"}
+    series: ClassVar[frozenset[str]] = frozenset({POLYNOMIAL, WAVES})  # forms that have higher-order terms
     boundless: ClassVar[frozenset[str]] = frozenset()  # forms that hold beyond the range of their inputs, too
 
     @property
@@ -81,7 +82,7 @@ class NonparametricEffect(Cause):
 
     def higher_order_terms(self, scene: Scene) -> Sequence[Cause]:
         """Return its next terms; none of a form that is no series."""
-        if self.form not in (POLYNOMIAL, WAVES):
+        if self.form not in self.series:
             return ()
         degrees = range(self.degree + 1, self.degree + _MORE_TERMS + 1)
         return [replace(self, first=self.degree + 1, degree=degree) for degree in degrees]

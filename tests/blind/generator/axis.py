@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -108,9 +109,15 @@ def _draw_hidden(layout: AxisLayout, cause: str, strength: float, rng: np.random
     return Hidden(cause, subject, size, layout.event_row if layout.event_row is not None else row, of_event)
 
 
-def record(layout: AxisLayout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -> AxisCampaign:
-    """Record every row: the drive turns until the encoder of its loop reads the command, by bisection."""
+def record(
+    layout: AxisLayout, hidden: tuple[Hidden, ...], rng: np.random.Generator, courses: Mapping[str, Array] | None = None
+) -> AxisCampaign:
+    """Record every row: the drive turns until the encoder of its loop reads the command, by bisection.
+
+    ``courses`` (N,) add to what encoders read, by their names, in the file's unit.
+    """
     rows, way, last = [], 1.0, None
+    added = courses or {}
     for number, command in enumerate(layout.command):
         if last is not None and command != last:
             way = 1.0 if command > last else -1.0
@@ -120,14 +127,16 @@ def record(layout: AxisLayout, hidden: tuple[Hidden, ...], rng: np.random.Genera
         low, high = wanted - reach, wanted + reach
         for _ in range(80):
             middle = (low + high) / 2.0
-            read = _readings(middle, way, number, hidden)[layout.loop]
+            read = _readings(middle, way, number, hidden, added)[layout.loop]
             low, high = (middle, high) if read < wanted else (low, middle)
-        found = _readings((low + high) / 2.0, way, number, hidden)
+        found = _readings((low + high) / 2.0, way, number, hidden, added)
         rows.append([found[name] + rng.normal(0.0, layout.noise[name]) for name in layout.channels])
     return AxisCampaign(layout, np.array(rows), hidden)
 
 
-def _readings(turned: float, way: float, row: int, hidden: tuple[Hidden, ...]) -> dict[str, float]:
+def _readings(
+    turned: float, way: float, row: int, hidden: tuple[Hidden, ...], added: Mapping[str, Array]
+) -> dict[str, float]:
     """What every encoder reads, the motor standing at ``turned``."""
     factor, shift = dict.fromkeys(PLACES.values(), 1.0), dict.fromkeys(PLACES.values(), 0.0)
     gap = 0.0
@@ -138,6 +147,8 @@ def _readings(turned: float, way: float, row: int, hidden: tuple[Hidden, ...]) -
             factor[PLACES[error.subject]] *= 1.0 + error.size
         elif row >= error.from_row:
             shift[PLACES[error.subject]] += error.size
+    for name, course in added.items():
+        shift[name] += course[row]
     load = turned * factor["axis"] - gap * way + shift["axis"]
     return {
         "motor": turned * factor["motor"] + shift["motor"],

@@ -11,6 +11,8 @@ from tests.simulation.bench.sensor_benches import bench
 from tests.simulation.test_catalogue import LegsTooLong, sample_scene
 from truing.report.wordings.catalogue import WORDINGS, cause_words, clause, confirming
 from truing.simulation import catalogue as causes
+from truing.simulation.axis.nonparametric import LOOP, STRETCH, NonparametricAxisEffect
+from truing.simulation.axis.rows import DIRECTION, SINCE_TURN
 from truing.simulation.bench.causes.counts import FringeSlip
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, SignalsExchanged
 from truing.simulation.bodies.causes.deformation import BodyDeformation
@@ -47,6 +49,12 @@ MADE = (
         for form in FORMS
     ),
     NonparametricRayEffect(owner="1"),
+    NonparametricAxisEffect(element="load", columns=("command",), degree=3),
+    NonparametricAxisEffect(columns=("time_s", "command"), centres=(0.0, 0.0), half_ranges=(60.0, 1.0)),
+    NonparametricAxisEffect(columns=("time_s",), half_ranges=(90.0,), form=STRETCH),
+    NonparametricAxisEffect(
+        columns=(DIRECTION, SINCE_TURN), centres=(0.0, 1.0), half_ranges=(1.0, 1.0), form=LOOP, degree=3
+    ),
     Refraction("1"),
     OneBar("A"),
     *(BodyDrift("mirror", ("1", "2"), whole=whole, **how) for whole in (True, False) for how in DRIFTS),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from truing.report.wordings.claim import Claim, Wording
 from truing.report.wordings.parts import by, only
 
-_WHO = {
+PARTS_OF_AXES = {
     "axis": "the transmission of the axis, or an encoder that no reading here tells from it,",
     "encoder load": "the encoder at the load",
     "encoder motor": "the encoder at the motor",
@@ -17,8 +17,8 @@ def _scale(claim: Claim) -> str:
     size, large = only(claim, "scale")
     verb = "travels" if claim.subject == "axis" else "reads"
     if not size:
-        return f"{_WHO.get(claim.subject, claim.subject)} {verb} too far or too little by one factor"
-    return f"{_WHO.get(claim.subject, claim.subject)} {verb} too {'far' if large else 'little'}{by(size)}"
+        return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} too far or too little by one factor"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} too {'far' if large else 'little'}{by(size)}"
 
 
 def _lost(claim: Claim) -> str:
@@ -31,7 +31,7 @@ def _shift(claim: Claim) -> str:
     size, _ = only(claim, "shift")
     event, pose = claim.fact("event"), claim.fact("from_pose")
     since = f" after the event {event}" if event else f" from row {pose} on" if pose not in (None, "") else ""
-    return f"{_WHO.get(claim.subject, claim.subject)} stands off by a constant{since}{by(size)}"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} stands off by a constant{since}{by(size)}"
 
 
 def _look_at_event(claim: Claim) -> str:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable
 
 from truing.report.diagnosis.findings import subject_words
+from truing.report.wordings.axis_wordings import PARTS_OF_AXES
 from truing.report.wordings.claim import Claim, Wording
 from truing.report.wordings.parts import moves
 from truing.schemas.covariates import own_name
@@ -24,6 +25,9 @@ _COLUMNS = {
     "approach": "the direction from which each actuator came",
     "last step": "how far each actuator moved last",
     "memory": "how far each actuator moved lately",
+    "command": "the command",
+    "direction of approach": "the direction of approach",
+    "travel since the turn": "how far the axis came since it turned",
 }
 _OF_TIME = {"time_s", "order", "time_in_run_s"}
 # What is made of a load, by what stands before its name.
@@ -76,7 +80,8 @@ def followed_words(claim: Claim) -> str:
     columns = claim.fact("columns")
     if not columns:
         return columns_words(claim.follows) or "none of the recorded columns"
-    of_steps = {"order": "the order of the steps"} if claim.fact("channel") else {}
+    rows = "steps" if claim.fact("channel") else "rows" if claim.fact("element") else ""
+    of_steps = {"order": f"the order of the {rows}"} if rows else {}
     said = [of_steps.get(column) or column_words(column) for column in columns]
     first, half = said[0], claim.fact("half_ranges")[0]
     size = f"{half:.4g} {_LOADS.get(columns[0], 's')}"
@@ -85,6 +90,8 @@ def followed_words(claim: Claim) -> str:
         "period": f"{first}, to and fro with a period of {size}",
         "beyond": f"{first}, by a jump beyond {size}",
         "rest": f"{first} since the last long pause of a run, fading with some {half:.0f} s",
+        "loop": f"{first} and {said[-1]}",
+        "stretch": f"{first}, by a constant over {2.0 * half:.4g} s",
         "gain": f"{first}, with a factor that follows {said[-1]}",
     }
     if claim.fact("form") == "memory":
@@ -105,7 +112,9 @@ def _is_one(claim: Claim) -> bool:
 
 
 def _whose(claim: Claim) -> str:
-    """What follows: a quantity of legs, targets of a body, a channel, a number of a camera."""
+    """What follows: a quantity of legs, targets of a body, a channel, a number of a camera, a part of an axis."""
+    if claim.fact("element"):
+        return PARTS_OF_AXES.get(claim.subject, claim.subject)
     quantity, targets = claim.fact("quantity"), list(claim.fact("targets") or ())
     if quantity == "scale":
         return "the scale of the measurement"
@@ -119,9 +128,12 @@ def _whose(claim: Claim) -> str:
 
 
 def _advice(claim: Claim) -> str:
-    what = "load steps" if claim.fact("channel") else "poses"
+    what, other = "poses", "pose"
+    if claim.fact("channel"):
+        what, other = "load steps", "load"
+    if claim.fact("element"):
+        what, other = "commands", "command"
     if set(claim.fact("columns") or ()) <= _OF_TIME:
-        other = "load" if claim.fact("channel") else "pose"
         return f"Repeat some {what} in another order: does it go with the time, or with the {other}?"
     return f"Repeat some {what} with another value of {followed_words(claim)}, everything else unchanged."
 

@@ -24,8 +24,8 @@ from truing.simulation.cause import Cause, ChannelCandidates, Kind, Parameter, R
 
 AXES = "axes"  # what these causes act on
 # The most ordinary element first: where readings cannot tell two apart, it is named, and the other beside it.
-_ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
-_SUBJECTS = {TRANSMISSION: "axis", MEASURED: "instrument", LOAD: "encoder load", MOTOR: "encoder motor"}
+ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
+SUBJECTS = {TRANSMISSION: "axis", MEASURED: "instrument", LOAD: "encoder load", MOTOR: "encoder motor"}
 _STEPS = {TRANSMISSION: Step.STRUCTURE}
 _PLAUSIBLE_SCALE = 1e-4
 _PLAUSIBLE = {ROTARY: 3e-4, LINEAR: 2e-5}  # rad, m
@@ -51,8 +51,13 @@ class AxisCause(Cause):
         """Return the derivative (B, K, P) of the encoders' readings by the parameters, SI."""
         raise NotImplementedError
 
+    @property
+    def unit(self) -> tuple[str, float]:
+        """Return the unit of lengths or angles in tables, and what one is in SI."""
+        return _UNITS[self.kind_of_axis]
+
     def _length(self, name: str) -> Parameter:
-        unit, si = _UNITS[self.kind_of_axis]
+        unit, si = self.unit
         return Parameter(name, unit, max(_PLAUSIBLE[self.kind_of_axis], self.plausible), si)
 
 
@@ -68,7 +73,7 @@ class ScaleError(AxisCause):
     @property
     def subject(self) -> str:
         """Return the encoder, the instrument, or the axis for its transmission."""
-        return _SUBJECTS[self.element]
+        return SUBJECTS[self.element]
 
     def candidates(self, scene: Any) -> Sequence[Cause]:
         """Return every element whose factor readings would show, where commands differ."""
@@ -77,7 +82,7 @@ class ScaleError(AxisCause):
             return ()
         size = own.axis.spread / float(np.ptp(own.rows.command))
         own_kind = replace(self, kind_of_axis=own.axis.kind, plausible=size)
-        return [replace(own_kind, element=name) for name in _shown(own.axis)]
+        return [replace(own_kind, element=name) for name in shown_elements(own.axis)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the factor less one."""
@@ -98,7 +103,7 @@ class LostMotion(AxisCause):
     def candidates(self, scene: Any) -> Sequence[Cause]:
         """Return the cause where an encoder would show it and rows were approached from both sides."""
         own: AxisScene = scene
-        both = np.ptp(own.rows.direction) > 0.0 and bool(_shown(own.axis, (TRANSMISSION,)))
+        both = np.ptp(own.rows.direction) > 0.0 and bool(shown_elements(own.axis, (TRANSMISSION,)))
         return (replace(self, kind_of_axis=own.axis.kind, plausible=own.axis.spread),) if both else ()
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
@@ -131,7 +136,7 @@ class ZeroShift(AxisCause):
     @property
     def subject(self) -> str:
         """Return the encoder, the instrument, or the axis for its transmission."""
-        return _SUBJECTS[self.element]
+        return SUBJECTS[self.element]
 
     def candidates(self, scene: Any) -> Sequence[Cause]:
         """Return every element whose zero readings would show, after each event; other onsets are told by profiles."""
@@ -141,15 +146,13 @@ class ZeroShift(AxisCause):
             late: NDArray[np.bool_] = np.greater_equal(own.rows.time_s, start)
             first = int(np.argmin(np.where(late, own.rows.time_s, np.inf)))
             if late.any() and _both_sides(own, late[None])[0].any():
-                found += [self._of(own, name, first, start, event) for name in _shown(own.axis)]
+                found += [self._of(own, name, first, start, event) for name in shown_elements(own.axis)]
         return found
 
     def channel_candidates(self, scene: Any) -> Sequence[ChannelCandidates]:
         """Return every element from every row on that has some rows on either side."""
         own: AxisScene = scene
-        in_time = np.argsort(own.rows.order, kind="stable")
-        count, elements = len(in_time), _shown(own.axis)
-        onsets = in_time[_FEWEST : count - _FEWEST + 1 : 1 + count // _MOST_ONSETS]
+        elements, onsets = shown_elements(own.axis), onset_rows(own.rows, _FEWEST)
         if not len(onsets) or not elements:
             return ()
         late: NDArray[np.bool_] = np.greater_equal(own.rows.order, own.rows.order[onsets][:, None])
@@ -188,9 +191,15 @@ class ZeroShift(AxisCause):
         return (*super().reported(values, covariance, legs), since)
 
 
-def _shown(axis: Axis, elements: Sequence[str] = _ELEMENTS) -> list[str]:
+def shown_elements(axis: Axis, elements: Sequence[str] = ELEMENTS) -> list[str]:
     """Return the elements that any recorded encoder would show."""
     return [name for name in elements if axis.response(name).any()]
+
+
+def onset_rows(rows: AxisRows, fewest: int) -> NDArray[np.int64]:
+    """Return the rows (S,), in the order of time, from which something may begin: with so many before and from it."""
+    in_time = np.argsort(rows.order, kind="stable")
+    return in_time[fewest : len(in_time) - fewest + 1 : 1 + len(in_time) // _MOST_ONSETS]
 
 
 def _both_sides(scene: AxisScene, late: NDArray) -> NDArray:
@@ -198,6 +207,3 @@ def _both_sides(scene: AxisScene, late: NDArray) -> NDArray:
     seen = scene.recorded.astype(int)
     after = late.astype(int) @ seen
     return np.asarray((after >= _FEWEST) & (seen.sum(0) - after >= _FEWEST))
-
-
-OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (ScaleError(), LostMotion(), ZeroShift())

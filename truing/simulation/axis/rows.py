@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.inputs import ORDER, TIME
 from truing.simulation.targets import Targets
 
 MOTOR, LOAD, MEASURED = "motor", "load", "measured"
 ENCODERS = (MOTOR, LOAD, MEASURED)
 # What is at fault between or in the encoders: the transmission, or one of them.
 TRANSMISSION = "axis"
-ORDER, TIME, COMMAND, DIRECTION = "order", "time_s", "command", "direction of approach"
+COMMAND, DIRECTION, SINCE_TURN = "command", "direction of approach", "travel since the turn"
 ROTARY, LINEAR = "rotary", "linear"
 # Encoders are no base, platform or leg.
 _NO_BODY, _NO_LEG = 3, -1
@@ -26,7 +27,7 @@ class Axis:
 
     The loop may be closed on an encoder that was not recorded. Movements up to ``least_move`` (rad, m) turn no
     direction of approach; ``spread`` (rad, m) is how far readings lie from their middle: errors of that size are
-    plausible.
+    plausible. ``noise`` (rad, m) is one standard deviation of a reading less its command.
     """
 
     kind: str
@@ -34,6 +35,7 @@ class Axis:
     loop: str = MOTOR
     least_move: float = 0.0
     spread: float = 0.0
+    noise: float = 0.0
 
     def response(self, element: str) -> NDArray:
         """Return by how much each encoder (K,) reads more where an element adds one unit, the loop being closed.
@@ -52,16 +54,39 @@ class AxisRows:
     """B rows in the order of the table: names, time (s), command and direction of approach (B,), events (B,) as text.
 
     Commands are in rad or m. ``order`` is the rank in time over the whole campaign, ``direction`` -1 or 1. ``events``
-    are the campaign's: (name, time of the first row after it). ``covariates`` (B,) are all further columns.
+    are the campaign's: (name, time of the first row after it). ``since_turn`` (B,) is how far the axis came since it
+    last turned round, rad or m. ``others`` (B,) are all further columns.
     """
 
     poses: tuple[int | str, ...]
     time_s: NDArray
     command: NDArray
     direction: NDArray
+    since_turn: NDArray
     order: NDArray
     events: tuple[tuple[str, float], ...] = ()
-    covariates: Mapping[str, NDArray] = field(default_factory=dict)
+    others: Mapping[str, NDArray] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        poses: Sequence[int | str],
+        time_s: NDArray,
+        command: NDArray,
+        least_move: float,
+        events: tuple[tuple[str, float], ...] = (),
+        others: Mapping[str, NDArray] | None = None,
+    ) -> AxisRows:
+        """Return rows with what follows from their order in time; least_move as in `Axis`."""
+        order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
+        direction, since_turn = approaches(command, order, least_move)
+        return cls(tuple(poses), time_s, command, direction, since_turn, order, events, others or {})
+
+    @property
+    def covariates(self) -> dict[str, NDArray]:
+        """Return the columns (B,) that something may follow."""
+        known = {name: values for name, values in self.others.items() if np.isfinite(values).all()}
+        return {**known, TIME: self.time_s, ORDER: self.order, COMMAND: self.command, DIRECTION: self.direction}
 
     @property
     def readings(self) -> NDArray:
@@ -75,9 +100,10 @@ class AxisRows:
             self.time_s[rows],
             self.command[rows],
             self.direction[rows],
+            self.since_turn[rows],
             self.order[rows],
             self.events,
-            {name: values[rows] for name, values in self.covariates.items()},
+            {name: values[rows] for name, values in self.others.items()},
         )
 
 
@@ -95,9 +121,7 @@ class AxisScene:
     @property
     def covariates(self) -> Mapping[str, NDArray]:
         """Return the columns (B,) that noise may follow."""
-        own = self.rows
-        known = {name: values for name, values in own.covariates.items() if np.isfinite(values).all()}
-        return {**known, TIME: own.time_s, ORDER: own.order, COMMAND: own.command, DIRECTION: own.direction}
+        return self.rows.covariates
 
     @property
     def shape(self) -> NDArray:
@@ -117,17 +141,22 @@ def encoder_targets(axis: Axis) -> Targets:
     return Targets(np.full(count, _NO_BODY), np.full(count, _NO_LEG), axis.encoders, ("encoder",) * count)
 
 
-def directions_of_approach(command: NDArray, order: NDArray, least: float) -> NDArray:
-    """Return -1 or 1 (N,): the direction of the last movement larger than ``least`` in the order of time; 1 before any.
+def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray, NDArray]:
+    """Return of rows (N,) the direction of approach, -1 or 1, and how far the axis came since it last turned round.
 
-    Rows without a command keep the direction of the row before.
+    The direction is that of the last movement larger than ``least`` in the order of time; 1 before any. Rows without a
+    command are as the row before.
     """
-    found, last, standing = np.ones(len(command)), 1.0, np.nan
+    direction, travel = np.ones(len(command)), np.zeros(len(command))
+    way, standing, turn = 1.0, np.nan, np.nan
     for row in np.argsort(order, kind="stable"):
         step = command[row] - standing
         if np.isfinite(step) and abs(step) > least:
-            last = float(np.sign(step))
+            if np.sign(step) != way:
+                turn = standing
+            way = float(np.sign(step))
         if np.isfinite(command[row]) and not abs(step) <= least:
             standing = command[row]
-        found[row] = last
-    return found
+            turn = turn if np.isfinite(turn) else standing
+        direction[row], travel[row] = way, abs(np.nan_to_num(standing - turn))
+    return direction, travel

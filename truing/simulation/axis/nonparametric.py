@@ -1,0 +1,206 @@
+"""What no cause of the catalogue explains of an axis: an encoder or the transmission follows inputs.
+
+What a cause already does in the very same form (in proportion to the command, by the direction of approach alone) is no
+candidate here: data could not tell the two apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.axis.causes import ELEMENTS, SUBJECTS, AxisCause, onset_rows, shown_elements
+from truing.simulation.axis.rows import (
+    COMMAND,
+    DIRECTION,
+    SINCE_TURN,
+    TRANSMISSION,
+    Axis,
+    AxisRows,
+    AxisScene,
+)
+from truing.simulation.cause import Cause, ChannelCandidates, Parameter, Scene, Step
+from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
+from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, chebyshev, dependence
+
+# A curve over the travel since the axis turned, with the sign of the direction of approach; rows that stand off.
+LOOP, STRETCH = "loop", "stretch"
+# Plausible, in standard deviations of a reading.
+_PLAUSIBLE_SIGMAS = 4.0
+_SMOOTH = (1, 2, 3)
+_WAVES_OF_TIME, _WAVES_OF_PLACE = (2, 4, 8, 12), (4, 8)
+_LOOPS = (2, 3, 4)
+# The slowest wave is so many times as large as others are plausible; the k-th is k times smaller.
+_OF_A_WALK = 2.0
+# A stretch has at least so many rows, and at most this share of them.
+_FEWEST, _LONGEST = 3, 0.35
+# Ends of a range count as within it.
+_EDGE = 1e-6
+
+
+@dataclass(frozen=True)
+class NonparametricAxisEffect(NonparametricEffect, AxisCause):
+    """An encoder or the transmission adds a dependence on columns of the rows, on how the axis came, or the product of
+    two.
+
+    Further forms are a loop, whose functions are the direction of approach times Chebyshev polynomials, from the
+    constant on, of the travel since the axis turned; and a stretch of time in which readings stand off by a constant.
+    """
+
+    element: str = TRANSMISSION
+
+    step = Step.INSTRUMENT
+    reach = 100.0
+    letters: ClassVar[dict[str, str]] = {**NonparametricEffect.letters, LOOP: "loop", STRETCH: "offset"}
+    series: ClassVar[frozenset[str]] = NonparametricEffect.series | {LOOP}
+    boundless = frozenset({STRETCH})
+
+    @property
+    def subject(self) -> str:
+        """Return the encoder, the instrument, or the axis for its transmission."""
+        return SUBJECTS[self.element]
+
+    def inputs(self, legs: int) -> tuple[str, ...]:
+        """Return what it depends on, as the rows of an axis name it."""
+        return tuple(COMMAND if column == SINCE_TURN else column for column in super().inputs(legs))
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the columns, beside the command, without which it cannot be predicted."""
+        known = {TIME, ORDER, COMMAND, DIRECTION, SINCE_TURN}
+        return tuple(column for column in self.columns if column not in known)
+
+    def candidates(self, scene: Scene) -> Sequence[Cause]:
+        """Return everything that what can be told apart may depend on, as far as its readings allow."""
+        own: AxisScene = scene  # type: ignore[assignment]
+        found: list[Cause] = []
+        for bare, count in self._told_apart(own):
+            for columns, form, degree in _dependences(own.rows):
+                if count >= PER_FUNCTION * degree:
+                    settings = dependence(columns, partial(_range_of, own.rows), form, degree)
+                    found.append(replace(bare, **settings))
+        return found
+
+    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
+        """Return every stretch of time in which something that can be told apart may stand off."""
+        own: AxisScene = scene  # type: ignore[assignment]
+        elements = [bare for bare, _ in self._told_apart(own)]
+        first, last = _stretches(own.rows)
+        if not len(first) or not elements:
+            return ()
+        order, time = own.rows.order, own.rows.time_s
+        within = (order >= order[first][:, None]) & (order <= order[last][:, None])
+        usable = within @ own.recorded.astype(int) >= _FEWEST
+
+        def member(element: int, stretch: int) -> Cause:
+            start, end = float(time[first[stretch]]), float(time[last[stretch]])
+            limits = {"centres": ((start + end) / 2.0,), "half_ranges": ((end - start) / 2.0,)}
+            return replace(elements[element], columns=(TIME,), form=STRETCH, degree=1, **limits)  # type: ignore[arg-type]
+
+        each = np.tile(np.arange(len(own.axis.encoders)), (len(elements), 1))
+        patterns = np.stack([own.axis.response(bare.element) for bare in elements])[..., None, None]
+        read = np.stack([usable[:, patterns[e, :, 0, 0] != 0.0].any(1) for e in range(len(elements))], 1)
+        return [ChannelCandidates(within[..., None].astype(float), each, read, elements[0].plausible, member, patterns)]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return one amplitude per function; the faster a wave, the smaller, as those of a random walk are."""
+        own = super().parameters(legs)
+        if self.form != WAVES:
+            return own
+        return tuple(replace(p, scale=_OF_A_WALK * p.scale / k) for k, p in enumerate(own, self.first))
+
+    def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
+        """Return the functions' values, where they are read."""
+        return np.asarray(self._functions(rows)[:, None] * axis.response(self.element)[:, None])
+
+    def _functions(self, rows: AxisRows) -> NDArray:
+        """Return the functions' values (B, m)."""
+        values = partial(_values_of, rows)
+        if self.form == STRETCH:
+            return (np.abs(self.scaled(values)[0]) <= 1.0 + _EDGE).astype(float)[:, None]
+        if self.form != LOOP:
+            return self.basis(values)
+        direction, travel = self.scaled(values)
+        curves = np.concatenate([np.ones_like(travel)[:, None], chebyshev(travel, max(self.degree - 1, 1))], 1)
+        return direction[:, None] * curves[:, self.first - 1 : self.degree]
+
+    @property
+    def _terms(self) -> str:
+        if self.form != STRETCH:
+            return super()._terms
+        return f"{self.centres[0] - self.half_ranges[0]:.9g} to {self.centres[0] + self.half_ranges[0]:.9g}"
+
+    @property
+    def _in_key(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return (self.element,), ()
+
+    @property
+    def _amplitude(self) -> tuple[str, float, float]:
+        return *self.unit, self.plausible
+
+    def _told_apart(self, scene: AxisScene) -> Iterator[tuple[NonparametricAxisEffect, int]]:
+        """Yield the effect for each element that readings tell from the others, and how many rows would show it."""
+        known: list[NDArray] = []
+        for element in shown_elements(scene.axis, ELEMENTS):
+            response = scene.axis.response(element)
+            if any(np.array_equal(np.abs(response), np.abs(other)) for other in known):
+                continue
+            known.append(response)
+            bare = replace(
+                self,
+                element=element,
+                kind_of_axis=scene.axis.kind,
+                plausible=_PLAUSIBLE_SIGMAS * scene.axis.noise,
+            )
+            yield bare, int(scene.recorded[:, response != 0.0].any(1).sum())
+
+
+def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
+    """Yield inputs, form and degree of what something may depend on."""
+    columns = varying(rows.covariates)
+    timed = TIME if TIME in columns else ORDER
+    for column in columns:
+        smooth = [degree for degree in _SMOOTH if column != COMMAND or degree > 1]
+        for degree in smooth if column != DIRECTION else ():
+            yield (column,), POLYNOMIAL, degree
+        if column not in (COMMAND, DIRECTION):
+            yield (column, COMMAND), POLYNOMIAL, 1
+    for column, counts in ((timed, _WAVES_OF_TIME), (COMMAND, _WAVES_OF_PLACE)):
+        for count in counts if column in columns else ():
+            yield (column,), WAVES, count
+    if DIRECTION in columns:
+        yield (DIRECTION, COMMAND), POLYNOMIAL, 1
+        for degree in _LOOPS:
+            yield (DIRECTION, SINCE_TURN), LOOP, degree
+
+
+def _stretches(rows: AxisRows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first and last rows (S,) of stretches with rows before and after them."""
+    starts = onset_rows(rows, _FEWEST)
+    in_time = np.argsort(rows.order, kind="stable")
+    longest = max(int(_LONGEST * len(in_time)), _FEWEST)
+    place = np.empty(len(in_time), int)
+    place[in_time] = np.arange(len(in_time))
+    found = [
+        (start, in_time[end - 1])
+        for start in starts
+        for end in place[starts]
+        if _FEWEST <= end - place[start] <= longest
+    ]
+    first, last = zip(*found, strict=True) if found else ((), ())
+    return np.array(first, int), np.array(last, int)
+
+
+def _range_of(rows: AxisRows, column: str) -> tuple[float, float]:
+    """Return the centre and half the range of a column."""
+    centre, half = middle_and_half(_values_of(rows, column))
+    return centre, half or 1.0
+
+
+def _values_of(rows: AxisRows, column: str) -> NDArray:
+    """Return a column's values (B,)."""
+    return rows.since_turn if column == SINCE_TURN else np.asarray(rows.covariates[column], float)
