@@ -21,10 +21,10 @@ from docs.experiments.force_sensor_sets import (
 from docs.experiments.force_sensor_statics import row
 from docs.experiments.marked_tables import table
 from truing.simulation.bench.six_upur.assembly import follow, influence_coefficients, sensor_chains
-from truing.simulation.bench.six_upur.compliance_change import common_to_legs, compliance_change, compliance_covariance
 from truing.simulation.bench.six_upur.influence import roll_pitch_yaw
 from truing.simulation.bench.six_upur.loading import LoadingUnits, two_units
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor
+from truing.simulation.bench.six_upur.uncertain_sensor import compliance_change, compliance_covariance
 
 FULL = 9000.0
 
@@ -204,7 +204,7 @@ def prior() -> str:
     for name, each in SETS.items():
         sensor = each.sensor()
         change = compliance_change(sensor)
-        common = common_to_legs(change.by_stiffness)
+        common = change.by_stiffness.sum(0)
         for what, slopes, sigma in (
             ("tolerances", change.by_source, sigmas()),
             ("5 % of each element, common to the legs", common, np.full(len(common), 0.05)),
@@ -222,7 +222,7 @@ def softest() -> str:
     names = ("lower universal joint", "force sensor", "upper universal joint", "revolute joint")
     for name, each in SETS.items():
         sensor = each.sensor()
-        common = common_to_legs(compliance_change(sensor).by_stiffness)
+        common = compliance_change(sensor).by_stiffness.sum(0)
         for part, slopes in zip(names, common, strict=True):
             rows.append([f"set {name}", part, *row(-100 * np.diag(slopes) / np.diag(sensor.compliance), 1)])
     return table(["", "gives, % of", *LOADS], rows)

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.six_upur import elements
-from truing.simulation.bench.six_upur.elements import Element
-from truing.simulation.bench.six_upur.flexible_parts import leaf, universal_joint
+from truing.simulation.bench.six_upur.elements import Element, leaf_compliance, universal_joint
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 from truing.simulation.bench.six_upur.tolerances import sigma_of
@@ -52,7 +51,7 @@ class SensorSet:
 
     def leg(self) -> list[Element]:
         """Return the elements of one leg."""
-        part = leaf(LEAF_LENGTH, LEAF_WIDTH, self.thickness, *STEEL, "s1")
+        part = leaf_compliance(LEAF_LENGTH, LEAF_WIDTH, self.thickness, *STEEL, "s1")
         joint = elements.compliance(universal_joint(part, LEAF_LENGTH))
         sensor, revolute = elements.spring(axial=self.axial), elements.spring(torsion=self.torsion)
         return [joint, elements.rigid(), sensor, joint, revolute]

@@ -21,9 +21,9 @@ from tests.tolerance import assert_close
 from truing.simulation import air as their_air
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.assembly import SOURCES
-from truing.simulation.bench.six_upur.compliance_change import compliance_change
 from truing.simulation.bench.six_upur.geometry import joint_centres
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
+from truing.simulation.bench.six_upur.uncertain_sensor import compliance_change
 
 SENSORS = {
     "A": nominal_a(),

@@ -15,7 +15,7 @@ from truing.estimation.interferometry.compliance import (
     left_out_runs,
 )
 from truing.estimation.interferometry.platform_displacement import drift_columns, platform_displacement, zero_columns
-from truing.simulation.bench.six_upur.compliance_change import change_as_a_whole, compliance_covariance
+from truing.simulation.bench.six_upur.uncertain_sensor import compliance_covariance
 
 TRUE = made_compliance()
 
@@ -128,20 +128,20 @@ def test_a_stiffer_axis_is_seen_and_a_simulation_that_is_unsure_explains_it() ->
     found = fitted(made_log(np.random.default_rng(6), ALL_PAIRS, changed))
     assert compare(found, TRUE).p_value < 1e-9
     assert_close(np.diag(compare(found, TRUE).ratio), np.full(6, 0.97), atol=2e-3)
-    unsure = compare(found, TRUE, compliance_covariance(change_as_a_whole(TRUE), 0.03))
+    unsure = compare(found, TRUE, compliance_covariance(-TRUE[None], 0.03))
     assert unsure.p_value > 1e-3
     assert_between(abs(unsure.z[0, 0]), 0.8, 1.2)
     one_axis = TRUE.copy()
     one_axis[2, 2] *= 0.8
     found = fitted(made_log(np.random.default_rng(7), ALL_PAIRS, one_axis))
-    compared = compare(found, TRUE, compliance_covariance(change_as_a_whole(TRUE), 0.03))
+    compared = compare(found, TRUE, compliance_covariance(-TRUE[None], 0.03))
     assert compared.p_value < 1e-9
     assert np.nanargmax(np.abs(compare(found, TRUE).z)) == 14
 
 
 def test_curves_have_what_figures_of_one_axis_show() -> None:
     log = made_log(np.random.default_rng(8), OWN_PAIRS)
-    unsure = compliance_covariance(change_as_a_whole(TRUE), 0.05)
+    unsure = compliance_covariance(-TRUE[None], 0.05)
     curve = axis_curve(2, log.wrench, log.displacement, log.covariance, TRUE, unsure)
     assert list(curve.load) == list(LEVELS)
     assert_close(curve.simulated, TRUE[2, 2] * LEVELS, atol=1e-18)

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from truing.simulation.bench.six_upur import elements
-from truing.simulation.bench.six_upur.elements import Element
-from truing.simulation.bench.six_upur.flexible_parts import leaf, universal_joint
+from truing.simulation.bench.six_upur.elements import Element, leaf_compliance, universal_joint
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 
@@ -40,7 +39,7 @@ def leg_of(name: str) -> list[Element]:
     """The leg of a reference set: universal joints of two leaves, an axial and a torsional spring."""
     numbers = REFERENCE["sets"][f"fs_{name}"]
     flexure = numbers["flexure"]
-    part = leaf(flexure["lf"], flexure["w"], flexure["t"], numbers["E"], numbers["nu"], "s1")
+    part = leaf_compliance(flexure["lf"], flexure["w"], flexure["t"], numbers["E"], numbers["nu"], "s1")
     joint = elements.compliance(universal_joint(part, flexure["lf"]))
     sensor, revolute = elements.spring(axial=flexure["ks"]), elements.spring(torsion=flexure["kt"])
     return [joint, elements.rigid(), sensor, joint, revolute]

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from tests.simulation.bench.six_upur.sensors import SEEDS, vector
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.bench.six_upur.flexible_parts import (
-    cylinder,
-    leaf,
+from truing.simulation.bench.six_upur.elements import (
+    cylinder_compliance,
+    leaf_compliance,
     moved_along,
-    notch,
+    notch_compliance,
     rectangle_torsion,
     transport,
     universal_joint,
@@ -30,7 +30,7 @@ FROM_REFERENCE = [1, 2, 0, 4, 5, 3]
 
 def test_a_leaf_about_its_centre_is_that_of_the_reference() -> None:
     inputs, outputs = vector("leaf")
-    found = leaf(inputs["l"], inputs["w"], inputs["t"], inputs["E"], inputs["nu"], "s1")
+    found = leaf_compliance(inputs["l"], inputs["w"], inputs["t"], inputs["E"], inputs["nu"], "s1")
     centred = moved_along(found, np.array(-0.5 * inputs["l"]))
     expected = np.array(outputs["C"])[np.ix_(FROM_REFERENCE, FROM_REFERENCE)]
     # the reference's third axis is soft: here the first, so that y of the leg is the reference's second
@@ -50,7 +50,7 @@ def test_a_cylinder_is_the_beam_element_held_at_its_inner_end(length: float, dia
     """The element has its axis along x: x, y, z of it are z, x, y of the leg."""
     stiffness = element_stiffness(np.array(length), section(diameter, E_PA, NU))[6:, 6:]
     places = [1, 2, 0, 4, 5, 3]
-    found = cylinder(length, diameter, E_PA, NU) @ stiffness[np.ix_(places, places)]
+    found = cylinder_compliance(length, diameter, E_PA, NU) @ stiffness[np.ix_(places, places)]
     assert_close(found, np.eye(6), atol=1e-12 * max(length, 1 / length), what="compliance times stiffness")
 
 
@@ -63,7 +63,7 @@ def test_a_notch_is_the_closed_form_of_the_literature(web: float, radius: float)
     turn += 12 * s**4 * (2 * s + 1) * (4 * s + 1) ** -2.5 * angle
     turn *= 12 / (E_PA * width * radius**2)
     stretch = (2 * (2 * s + 1) / root * angle - np.pi / 2) / (E_PA * width)
-    found = notch(width, web, radius, E_PA, NU, "s1")
+    found = notch_compliance(width, web, radius, E_PA, NU, "s1")
     assert_close(found[3, 3] / turn, 1.0, atol=1e-11, what="rotation")
     assert_close(found[2, 2] / stretch, 1.0, atol=1e-11 * max(1.0, 1 / s), what="stretch")
     lever = 2 * radius
@@ -88,7 +88,7 @@ def test_all_of_a_notch_is_its_slices_one_after_the_other(web: float, radius: fl
         slices[:, place, place] = share
     expected = moved_along(slices, beyond).sum(0)
     size = np.sqrt(np.diag(expected))
-    found = notch(width, web, radius, E_PA, NU, "s1")
+    found = notch_compliance(width, web, radius, E_PA, NU, "s1")
     allowed = 2e-6 * max(1.0, radius / web)  # slices are steps of (pi / 4000)^2 radius / web in thickness
     assert_close(found / np.outer(size, size), expected / np.outer(size, size), atol=allowed, what="compliance")
 
@@ -98,10 +98,10 @@ def test_parts_are_passive_and_symmetric(seed: int) -> None:
     rng = np.random.default_rng(seed)
     length, width, thin = rng.uniform(0.005, 0.1), 0.03, rng.uniform(0.001, 0.03)
     for part in (
-        cylinder(length, thin, E_PA, NU),
-        leaf(length, width, thin, E_PA, NU, "s1"),
-        notch(width, thin, length, E_PA, NU, "s2"),
-        universal_joint(leaf(length, width, thin, E_PA, NU, "s1"), length),
+        cylinder_compliance(length, thin, E_PA, NU),
+        leaf_compliance(length, width, thin, E_PA, NU, "s1"),
+        notch_compliance(width, thin, length, E_PA, NU, "s2"),
+        universal_joint(leaf_compliance(length, width, thin, E_PA, NU, "s1"), length),
     ):
         size = np.sqrt(np.diag(part))
         scaled = part / np.outer(size, size)
@@ -120,8 +120,8 @@ def test_transports_add_up_and_keep_power(one: float, other: float, seed: int) -
 
 def test_soft_axes_are_a_quarter_turn_apart() -> None:
     for first, second in (
-        (leaf(0.02, 0.03, 0.006, E_PA, NU, "s1"), leaf(0.02, 0.03, 0.006, E_PA, NU, "s2")),
-        (notch(0.02, 0.002, 0.006, E_PA, NU, "s1"), notch(0.02, 0.002, 0.006, E_PA, NU, "s2")),
+        (leaf_compliance(0.02, 0.03, 0.006, E_PA, NU, "s1"), leaf_compliance(0.02, 0.03, 0.006, E_PA, NU, "s2")),
+        (notch_compliance(0.02, 0.002, 0.006, E_PA, NU, "s1"), notch_compliance(0.02, 0.002, 0.006, E_PA, NU, "s2")),
     ):
         assert_close(_quarter(first), second, atol=1e-18, what="turned")
         assert first[3, 3] > 5 * first[4, 4], "soft about s1, which is x"
@@ -130,9 +130,9 @@ def test_soft_axes_are_a_quarter_turn_apart() -> None:
 @pytest.mark.parametrize("soft", ["s3", "x"])
 def test_parts_that_cannot_be_are_refused(soft: str) -> None:
     with pytest.raises(ValueError, match="expected s1 or s2"):
-        leaf(0.02, 0.03, 0.006, E_PA, NU, soft)
+        leaf_compliance(0.02, 0.03, 0.006, E_PA, NU, soft)
     with pytest.raises(ValueError, match="no thicker than wide"):
-        leaf(0.02, 0.006, 0.03, E_PA, NU, "s1")
+        leaf_compliance(0.02, 0.006, 0.03, E_PA, NU, "s1")
 
 
 def test_torsion_of_a_flat_rectangle_is_that_of_its_series() -> None:

@@ -9,9 +9,9 @@ import pytest
 
 from tests.simulation.bench.six_upur.sensors import TOLERANCES_UM, joints_of, sensor_of
 from tests.tolerance import assert_close
-from truing.simulation.bench.six_upur.compliance_change import compliance_change, influence_change, motion_of_sources
+from truing.simulation.bench.six_upur.assembly import influence_change, motion_of_sources
 from truing.simulation.bench.six_upur.influence import influence_matrix
-from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor, compliance_change
 
 SIGMA = np.array(TOLERANCES_UM) * 1e-6 / 6.0
 EACH = 0.05 * np.sqrt(0.5)  # half of the variance is that of all legs, half a leg's own

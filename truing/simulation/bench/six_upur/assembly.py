@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.rotation import skew
 from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes, outward
 from truing.simulation.bench.six_upur.influence import influence_matrix
 
@@ -235,3 +236,40 @@ def _by_source(joints: JointCentres) -> NDArray:
     """Return what one source of one leg does to where that leg leads (..., 6 legs, 6, 5)."""
     found = coefficients_of(joints)
     return np.concatenate([found.a[..., _LENGTHS], found.S[..., _OFFSET, None]], -1)
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """How joint centres move with P parameters, m per unit: lower and arm (6, 3, P), origin (3, P)."""
+
+    lower: NDArray
+    arm: NDArray
+    origin: NDArray
+
+
+def motion_of_sources(joints: JointCentres) -> JointMotion:
+    """Return how the joints of an assembled sensor move with the error sources (P = 30, leg by leg)."""
+    legs, sources = 6, len(SOURCES)
+    upper, base = SOURCES.index("platform_radius"), SOURCES.index("base_radius")
+    moved = closed_loop_map(joints).reshape(6, legs * sources)
+    lower, arm = np.zeros((2, legs, 3, legs, sources))
+    own = np.arange(legs)
+    lower[own, :, own, base] = outward(joints.lower)
+    arm[own, :, own, upper] = outward(joints.arm)
+    turned = -skew(joints.arm) @ moved[3:]
+    flat = (legs, 3, legs * sources)
+    return JointMotion(lower.reshape(flat), arm.reshape(flat) + turned, moved[:3])
+
+
+def influence_change(joints: JointCentres, motion: JointMotion) -> NDArray:
+    """Return the derivative (P, 6, 6) of G by what moves the joints."""
+    S, turn = joints.direction, _turn_across(joints, motion)
+    moved = np.cross(turn, S[..., None], axis=-2)
+    moment = np.cross(motion.arm, S[..., None], axis=-2) + np.cross(joints.arm[..., None], moved, axis=-2)
+    return np.moveaxis(np.concatenate([moved, moment], -2), (0, 1, 2), (2, 1, 0))
+
+
+def _turn_across(joints: JointCentres, motion: JointMotion) -> NDArray:
+    """Return the legs' turns (6, 3, P), rad per unit, across themselves."""
+    apart = (motion.origin + motion.arm - motion.lower) / joints.length[:, None, None]
+    return np.cross(joints.direction[..., None], apart, axis=-2)

@@ -1,4 +1,8 @@
-"""A leg as a serial chain of elements, from the base to the platform (force-sensor paper, eq. 18-23).
+"""A leg as a serial chain of elements, and what its parts give (force-sensor paper, eq. 18-23).
+
+A part runs along z of the leg, from its inner end, held, to its outer end, loaded: a cantilever of any section that
+follows its length. Compliance (6, 6): displacement (m, rad) of the outer end by the wrench (N, N m) there, in the leg's
+axes (`geometry.leg_axes`). Beams are slender: shear is left out.
 
 An element is a length along the leg and parts that give at its outer end. A part's compliance is inversely
 proportional to one elastic parameter (a modulus, a stiffness), which makes derivatives by these a matter of a sign.
@@ -8,13 +12,160 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truing.estimation.rotation import skew
 from truing.schemas.faults import Unfit
-from truing.simulation.bench.six_upur import flexible_parts as parts
-from truing.simulation.bench.six_upur.flexible_parts import moved_along
+from truing.simulation.mechanisms.structures.beams import section
+
+# Nodes of the integrals over a notch; its integrands are nearly polynomials in the angle that is integrated over.
+_NODES = 64
+_ALONG = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Flexibility:
+    """Integrals over a part's length, with h the distance to its outer end.
+
+    axial: of 1 / EA; torsion: of 1 / GJ; about_x, about_y: of 1, h and h^2 over EI about that axis.
+    """
+
+    axial: float
+    torsion: float
+    about_x: tuple[float, float, float]
+    about_y: tuple[float, float, float]
+
+
+def cantilever(part: Flexibility) -> NDArray:
+    """Return the compliance (6, 6) of a part at its outer end."""
+    C = np.zeros((6, 6))
+    C[2, 2], C[5, 5] = part.axial, part.torsion
+    for sag, turn, sign, (tilt, couple, deflect) in ((1, 3, -1.0, part.about_x), (0, 4, 1.0, part.about_y)):
+        C[sag, sag], C[turn, turn] = deflect, tilt
+        C[sag, turn] = C[turn, sag] = sign * couple
+    return C
+
+
+def moved_along(compliance: NDArray, distance: NDArray) -> NDArray:
+    """Return compliances (..., 6, 6) seen a distance (...), m, further out along the leg."""
+    T = transport(distance)
+    return np.swapaxes(T, -1, -2) @ compliance @ T
+
+
+def transport(distance: NDArray) -> NDArray:
+    """Return T (..., 6, 6): the wrench at a part's end by the wrench a distance (...), m, further out."""
+    T = np.zeros((*np.shape(distance), 6, 6), np.asarray(distance).dtype)
+    T[..., range(6), range(6)] = 1.0
+    T[..., 3:, :3] = skew(np.asarray(distance)[..., None] * _ALONG)
+    return T
+
+
+def cylinder_compliance(length: float, diameter: float, youngs_pa: float, poisson: float) -> NDArray:
+    """Return the compliance (6, 6) of a solid circular rod, m and Pa."""
+    beam = section(diameter, youngs_pa, poisson)
+    bent = _uniform(length, beam.bending)
+    return cantilever(Flexibility(length / beam.axial, length / beam.torsion, bent, bent))
+
+
+def leaf_compliance(
+    length: float, width: float, thickness: float, youngs_pa: float, poisson: float, soft: str
+) -> NDArray:
+    """Return the compliance (6, 6) of a leaf spring that bends about s1 (x) or s2 (-y), m and Pa.
+
+    Its torsion constant is that of `rectangle_torsion`. Raises ValueError where soft is no axis, or the leaf is thicker
+    than wide.
+    """
+    if thickness > width:
+        raise Unfit("leaf", f"thickness {thickness} m and width {width} m", "it no thicker than wide")
+    shear_pa = youngs_pa / (2.0 * (1.0 + poisson))
+    thin, wide = (_uniform(length, youngs_pa * width * thickness * size**2 / 12.0) for size in (thickness, width))
+    twist = length / (shear_pa * float(rectangle_torsion(np.array(width), np.array(thickness))))
+    return cantilever(Flexibility(length / (youngs_pa * width * thickness), twist, *_soft_first(soft, thin, wide)))
+
+
+def notch_compliance(width: float, web: float, radius: float, youngs_pa: float, poisson: float, soft: str) -> NDArray:
+    """Return the compliance (6, 6) of a circular flexure hinge of length 2 radius, m and Pa.
+
+    Two half circles leave a web between them: thickness web + 2 radius (1 - cos phi), constant width. Integrals in the
+    angle psi with tan(phi/2) = tan(psi/2) / sqrt(1 + 4 radius/web), in which a thin web is no peak. Raises ValueError
+    where soft is no axis.
+    """
+    psi, weight = _nodes(_breaks(width, web, radius))
+    full, lean = web + 2.0 * radius, 2.0 * radius
+    square = full**2 - lean**2
+    size = full + lean * np.cos(psi)
+    thickness = square / size
+    step = weight * radius * (lean + full * np.cos(psi)) / size * np.sqrt(square) / size  # along the leg
+    beyond = radius * (1.0 - np.sqrt(square) * np.sin(psi) / size)  # the distance to the outer end
+    shear_pa = youngs_pa / (2.0 * (1.0 + poisson))
+    torsion = np.sum(step / rectangle_torsion(np.full_like(psi, width), thickness)) / shear_pa
+    area = width * thickness
+    thin, wide = (_integrals(12.0 * step / (youngs_pa * area * size**2), beyond) for size in (thickness, width))
+    axial = np.sum(step / area) / youngs_pa
+    return cantilever(Flexibility(float(axial), float(torsion), *_soft_first(soft, thin, wide)))
+
+
+def rectangle_torsion(one: NDArray, other: NDArray) -> NDArray:
+    """Return the torsion constants (...), m^4, of rectangles: a b^3 / 3 (1 - 0.63 b / a), a the longer side.
+
+    Right to 0.1 % for b < a / 2; 12 % too small for a square.
+    """
+    a, b = np.maximum(one, other), np.minimum(one, other)
+    return a * b**3 / 3.0 * (1.0 - 0.63 * b / a)
+
+
+def universal_joint(part: NDArray, length: float) -> NDArray:
+    """Return the compliance (6, 6) at the common centre of two equal crossed leaves or notches of a length, m.
+
+    part: one of them, soft about s1, at its outer end; the other is the same turned a quarter about the leg.
+    """
+    centred = moved_along(part, np.array(-0.5 * length))
+    quarter = np.kron(np.eye(2), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    return centred + quarter @ centred @ quarter.T
+
+
+def _uniform(length: float, bending: float) -> tuple[float, float, float]:
+    return length / bending, length**2 / (2.0 * bending), length**3 / (3.0 * bending)
+
+
+def _integrals(share: NDArray, beyond: NDArray) -> tuple[float, float, float]:
+    return float(np.sum(share)), float(np.sum(share * beyond)), float(np.sum(share * beyond**2))
+
+
+def _soft_first(
+    soft: str, thin: tuple[float, float, float], wide: tuple[float, float, float]
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Return bending about x and about y."""
+    if soft not in ("s1", "s2"):
+        raise Unfit("soft", f"{soft!r}", "s1 or s2")
+    return (thin, wide) if soft == "s1" else (wide, thin)
+
+
+def _breaks(width: float, web: float, radius: float) -> list[float]:
+    """Return where to cut the integrals: at the ends, and where the torsion formula changes its longer side."""
+    end = 2.0 * np.arctan(np.sqrt(1.0 + 4.0 * radius / web))
+    full, lean = web + 2.0 * radius, 2.0 * radius
+    cosine = ((full**2 - lean**2) / width - full) / lean  # of psi where the thickness is the width
+    inner = [np.arccos(cosine)] if web < width < full else []
+    return [-end, *(-np.array(inner)), *inner, end]
+
+
+def _nodes(breaks: list[float]) -> tuple[NDArray, NDArray]:
+    """Return abscissae and weights (n,) of Gauss's quadrature, piece by piece."""
+    x, w = _gauss()
+    pieces = list(pairwise(breaks))
+    at = [0.5 * (low + high) + 0.5 * (high - low) * x for low, high in pieces]
+    return np.concatenate(at), np.concatenate([0.5 * (high - low) * w for low, high in pieces])
+
+
+@cache
+def _gauss() -> tuple[NDArray, NDArray]:
+    return np.polynomial.legendre.leggauss(_NODES)
+
 
 # What is typed has three digits or so: lengths of elements and legs, and matrices, agree to this.
 _TYPED = 1e-3
@@ -40,18 +191,18 @@ def rigid(length: float | None = None) -> Element:
 
 def cylinder(length: float, diameter: float, youngs_pa: float, poisson: float) -> Element:
     """Return a solid circular rod."""
-    return Element("cylinder", length, (("youngs", parts.cylinder(length, diameter, youngs_pa, poisson)),))
+    return Element("cylinder", length, (("youngs", cylinder_compliance(length, diameter, youngs_pa, poisson)),))
 
 
 def leaf(length: float, width: float, thickness: float, youngs_pa: float, poisson: float, soft: str) -> Element:
     """Return a leaf spring that bends about the leg axis s1 or s2."""
-    found = parts.leaf(length, width, thickness, youngs_pa, poisson, soft)
+    found = leaf_compliance(length, width, thickness, youngs_pa, poisson, soft)
     return Element("leaf", length, (("youngs", found),))
 
 
 def notch(width: float, web: float, radius: float, youngs_pa: float, poisson: float, soft: str) -> Element:
     """Return a circular flexure hinge, 2 radius long, that bends about the leg axis s1 or s2."""
-    return Element("notch", 2.0 * radius, (("youngs", parts.notch(width, web, radius, youngs_pa, poisson, soft)),))
+    return Element("notch", 2.0 * radius, (("youngs", notch_compliance(width, web, radius, youngs_pa, poisson, soft)),))
 
 
 def spring(axial: float | None = None, torsion: float | None = None, length: float = 0.0) -> Element:

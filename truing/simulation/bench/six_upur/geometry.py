@@ -80,7 +80,9 @@ def leg_axes(direction: NDArray) -> NDArray:
     across = np.cross(_UP, direction)
     size = _length(across)[..., None]
     upright = size.real < _VERTICAL
-    x = np.where(upright, np.eye(3)[0], across / np.where(upright, 1.0, size))
+    # Square to the leg to first order as well, so that derivatives by a complex step are those of axes.
+    aside = np.eye(3)[0] - direction * direction[..., :1]
+    x = np.where(upright, aside, across / np.where(upright, 1.0, size))
     return np.stack([x, np.cross(direction, x), direction], -1)
 
 

@@ -8,19 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.sensor.calibration_matrix import MatrixEstimate
-from truing.simulation.bench.six_upur.assembly import closed_loop_map
-from truing.simulation.bench.six_upur.compliance_change import (
-    change_as_a_whole,
-    common_to_legs,
-    compliance_change,
-    compliance_covariance,
-    influence_change,
-    motion_of_sources,
-)
+from truing.simulation.bench.six_upur.assembly import closed_loop_map, influence_change, motion_of_sources
 from truing.simulation.bench.six_upur.geometry import JointCentres
 from truing.simulation.bench.six_upur.influence import characteristic_length, influence_matrix, influence_with_error
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor
 from truing.simulation.bench.six_upur.tolerances import first_order_covariances
+from truing.simulation.bench.six_upur.uncertain_sensor import compliance_change, compliance_covariance
 
 Array = NDArray[np.float64]
 
@@ -67,13 +60,13 @@ def _covariance(sensor: NominalSensor) -> Array:
     stiffness = sensor.stiffness_sigma
     if sensor.elastic is None:
         assert sensor.compliance is not None
-        return compliance_covariance(change_as_a_whole(sensor.compliance), np.array([stiffness]))
+        return compliance_covariance(-sensor.compliance[None], np.array([stiffness]))
     change = compliance_change(sensor.elastic)
     by_leg = change.by_stiffness
     return (
         compliance_covariance(change.by_source, np.broadcast_to(sensor.length_sigma, change.by_source.shape[:2]))
         + compliance_covariance(by_leg, np.full(by_leg.shape[:2], stiffness))
-        + compliance_covariance(common_to_legs(by_leg), np.full(by_leg.shape[1], stiffness))
+        + compliance_covariance(by_leg.sum(0), np.full(by_leg.shape[1], stiffness))
     )
 
 

@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from truing.simulation.bench.six_upur.assembly import SOURCES
-from truing.simulation.bench.six_upur.compliance_change import motion_of_sources
+from truing.simulation.bench.six_upur.assembly import SOURCES, motion_of_sources
 from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor, end_transport
@@ -234,6 +233,41 @@ class UncertainSensor:
 
     def _given(self, shape: tuple[int, ...]) -> NDArray:
         return np.broadcast_to(np.asarray(self.given), shape)
+
+
+@dataclass(frozen=True)
+class ComplianceChange:
+    """Derivatives of a platform's compliance.
+
+    by_source: (6, 5, 6, 6), by leg and error source, per m; by_stiffness: (6, P, 6, 6), by leg and the logarithm of
+    the elastic parameter of each part: where it is the same in all legs, their sum is the derivative.
+    """
+
+    by_source: NDArray
+    by_stiffness: NDArray
+
+
+def compliance_change(sensor: ElasticSensor) -> ComplianceChange:
+    """Return the derivatives of an unloaded sensor's compliance, as it is assembled.
+
+    A length error moves the platform to where its legs close, turns all six of them, and moves what lies in between.
+    """
+    free = UncertainSensor(sensor.joints, sensor, None, np.ones(len(SOURCES)), stiffness_sigma=1.0, share=0.0)
+    parts = len(sensor.parts.names)
+    by_stiffness = free.by_stiffness(np.zeros(free.stiffness_size)).compliance[parts:]  # after those of all legs
+    by_source = free.by_geometry.compliance
+    return ComplianceChange(by_source.reshape(_LEGS, -1, 6, 6), by_stiffness.reshape(_LEGS, parts, 6, 6))
+
+
+def compliance_covariance(change: NDArray, sigma: ArrayLike) -> NDArray:
+    """Return the covariance (36, 36) of a compliance, row by row, by independent parameters.
+
+    change: derivatives (..., 6, 6), any number of axes of parameters first; sigma: their standard deviations, of those
+    axes' shape.
+    """
+    weighed = np.broadcast_to(np.asarray(sigma, float)[..., None, None], change.shape) * change
+    flat = weighed.reshape(-1, 36)
+    return flat.T @ flat
 
 
 def _stacked(forces: list[NDArray], lead: tuple[int, ...]) -> NDArray:
