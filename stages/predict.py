@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.simulation.mechanisms.extended_model import ExtendedModel, PredictedPoses
-    from truing.simulation.mechanisms.unknowns import Conditions
+    from truing.simulation.mechanisms.recording import Conditions
 
 # What predicts by the model of a mechanism that is neither of legs nor a sensor on its bench, by its name there.
 _OF_MECHANISMS = {"axis": "truing.stages.axis.prediction"}

@@ -48,10 +48,10 @@ if TYPE_CHECKING:
     from truing.simulation.mechanisms.legs.kinematics import forward, inverse
     from truing.simulation.mechanisms.parameters import ParameterSet, full_set, report_set
     from truing.simulation.mechanisms.recalibration import recalibrate
+    from truing.simulation.mechanisms.recording import Conditions
     from truing.simulation.mechanisms.state import State
     from truing.simulation.mechanisms.structures.catalogue import structures
     from truing.simulation.mechanisms.structures.structure import Machine, poses_at, readings_at
-    from truing.simulation.mechanisms.unknowns import Conditions
 
 __version__ = "0.1.0"
 
@@ -187,7 +187,7 @@ _ROOMS = {
     "truing.simulation.bench.six_upur.stiffness": ("ElasticSensor", "elastic_sensor"),
     "truing.simulation.mechanisms.structures.structure": ("Machine", "poses_at", "readings_at"),
     "truing.simulation.mechanisms.structures.catalogue": ("structures",),
-    "truing.simulation.mechanisms.unknowns": ("Conditions",),
+    "truing.simulation.mechanisms.recording": ("Conditions",),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 

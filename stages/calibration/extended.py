@@ -23,7 +23,7 @@ from truing.stages.common.rows import Rows
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.simulation.mechanisms.unknowns import Conditions
+    from truing.simulation.mechanisms.recording import Conditions
 
 
 def extended_of(text: str, tables: Mapping[str, pa.Table], measured: Measured, fitted: NDArray) -> Extended:

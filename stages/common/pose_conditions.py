@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from truing.schemas.covariates import stand_in
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, order_in_time, remembered
-from truing.simulation.mechanisms.unknowns import Conditions
+from truing.simulation.mechanisms.recording import Conditions
 from truing.stages.common.point_arrays import number_column, positions
 
 # An actuator's direction of approach is that of its last movement larger than so many reading sigmas.

@@ -156,7 +156,7 @@ def _model(
         tuple(body.name for body in found if place_columns(body.name)[0] in covariates),
         settings.mechanism.reference_temperature_c,
     )
-    return BodyModel(targets, known, _conditions(stands, lead, covariates, poses))
+    return BodyModel(targets, _conditions(stands, lead, covariates, poses), known)
 
 
 def _conditions(

@@ -20,7 +20,7 @@ from truing.estimation.target_positions import (
 )
 from truing.report.numbers import count as counted
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped, markers_of
-from truing.simulation.mechanisms.unknowns import FREE_LENGTH_M
+from truing.simulation.mechanisms.recording import FREE_LENGTH_M
 from truing.stages.common.point_arrays import default_motions, pose_points, residual_points, survey_points
 from truing.stages.diagnosis.judged_points import Judged, judged_points, swapped_targets
 

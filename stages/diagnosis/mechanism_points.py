@@ -18,8 +18,8 @@ from truing.simulation.inputs import ORDER
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.extended_model import some_of
 from truing.simulation.mechanisms.legs.closures import Legs
-from truing.simulation.mechanisms.model import PointModel, nominal_leg_frames
-from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M, Conditions, Known
+from truing.simulation.mechanisms.model import Known, PointModel, nominal_leg_frames
+from truing.simulation.mechanisms.recording import FREE_DIRECTION, FREE_LENGTH_M, Conditions
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import number_column, pose_ids, pose_points, positions, survey_points
@@ -214,7 +214,7 @@ def _model(
         prior.pitch,
         prior.flexure_length,
     )
-    return PointModel(legs, bodies.targets, known, conditions), bodies, dropped
+    return PointModel(bodies.targets, conditions, legs, known), bodies, dropped
 
 
 def _leg_motions(

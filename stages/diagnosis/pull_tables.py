@@ -15,14 +15,14 @@ from truing.stages.common.rows import Rows
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.simulation.mechanisms.unknowns import Unknowns
+    from truing.simulation.mechanisms.model import PointModel
 
 
 @dataclass(frozen=True)
 class Fitted:
     """A model with the shared unknowns (G,) that were fitted and their covariance (G, G), in prior sigmas."""
 
-    model: Unknowns
+    model: PointModel
     shared: NDArray
     covariance: NDArray
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truing.estimation.bundle.shared_errors import shared_errors
 from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.simulation.catalogue import catalogue_of_rays
-from truing.simulation.effects_model import Photographed
+from truing.simulation.mechanisms.recording import Photographed
 from truing.simulation.photographs.ray_poses import BAR
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.point_errors import point_errors

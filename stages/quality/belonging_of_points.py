@@ -24,7 +24,7 @@ from truing.belonging.relation import State, Tested
 from truing.estimation.covariance import relative
 from truing.quality.bodies import BodyView, Surroundings
 from truing.schemas.columns import COLUMNS
-from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M
+from truing.simulation.mechanisms.recording import FREE_DIRECTION, FREE_LENGTH_M
 from truing.stages.common.point_arrays import number_column, pose_points, positions
 
 if TYPE_CHECKING:

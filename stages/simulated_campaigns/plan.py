@@ -15,9 +15,9 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.simulation import draw_readings
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.mechanisms.legs.closures import Legs
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.mechanisms.simulation import Layout, draw_campaign
-from truing.simulation.mechanisms.unknowns import Conditions, Known
 from truing.simulation.photographs.causes.ray_causes import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
@@ -144,7 +144,7 @@ def _nominal_model(
     unmoved, at_origin = np.tile(np.eye(3), (legs.count, 1, 1)), np.zeros((legs.count, 3))
     survey = shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov)
     known = Known({}, bodies.shape, survey, reading_sigma, np.array(ridden, int), unmoved, at_origin)
-    return PointModel(legs, bodies.targets, known, conditions), bodies
+    return PointModel(bodies.targets, conditions, legs, known), bodies
 
 
 def full_plan(bare: CampaignPlan, model: PointModel, seen: NDArray, poses_table: pa.Table) -> CampaignPlan:

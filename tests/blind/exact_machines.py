@@ -28,8 +28,8 @@ from truing.simulation import targets as kinds
 from truing.simulation.cause import Cause
 from truing.simulation.inputs import APPROACH, ORDER, approach, order_in_time
 from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, Conditions, Known
+from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.recording import FREE_ANGLE_RAD, Conditions
 from truing.simulation.targets import ShapeUnknowns
 
 TENTH_OF_NOISE_M, ROUNDING_M = 0.5e-6, 5e-9
@@ -91,7 +91,7 @@ def model_of(campaign: Campaign, make: Callable[[float, float], Cause] | None) -
         APPROACH: approach(readings, schedule.time_s, 5e-3 * campaign.layout.noise.declared_actuator_mm),
     }
     conditions = Conditions(readings, covariates, tuple(schedule.pose))
-    model = PointModel(legs, targets, known, conditions)
+    model = PointModel(targets, conditions, legs, known)
     axes = np.stack([rotate(with_axis(model.upright), np.tile(axis, (count, 1))) for axis in np.eye(3)], -1)
     start, end = schedule.time_s.min(), schedule.time_s.max()
     model = replace(model, known=replace(known, seat_rotation=axes))

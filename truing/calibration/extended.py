@@ -18,7 +18,7 @@ from truing.simulation.mechanisms.extended_model import ExtendedModel, acts_on_p
 from truing.simulation.mechanisms.identified import IdentifiedGeometry, identified_geometry
 
 if TYPE_CHECKING:
-    from truing.simulation.mechanisms.unknowns import Conditions
+    from truing.simulation.mechanisms.recording import Conditions
 
 MODEL, ESTIMATOR = "extended", "points"
 # How the platform deforms in the model, by the cause that was found; the richest counts.

@@ -13,8 +13,8 @@ from truing.calibration.targets import noise_of_all, prior_of_all, with_bodies, 
 from truing.estimation.errors_in_variables.fit import Prior
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.mechanisms.recording import FREE_DIRECTION, FREE_LENGTH_M
 from truing.simulation.mechanisms.structures.structure import Machine, Structure
-from truing.simulation.mechanisms.unknowns import FREE_DIRECTION, FREE_LENGTH_M
 
 DEFORMATIONS = ("none", "linear", "matrix")
 # What nothing is known of: a deformation coefficient may still be this large.

@@ -13,7 +13,7 @@ from truing.estimation.errors_in_variables.fit import Prior
 from truing.estimation.measured_numbers import pose_numbers, shift_number
 from truing.simulation.mechanisms.calibration_problem import AttachmentShifts, CalibrationProblem, CommonErrors
 from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegPoses, seated
-from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
+from truing.simulation.mechanisms.recording import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
 
 def with_bodies(problem: CalibrationProblem, measured: Measured) -> CalibrationProblem:

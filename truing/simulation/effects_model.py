@@ -1,32 +1,21 @@
-"""What every model shares: effects among its unknowns; and what instruments make of points."""
+"""What every model shares: effects among its unknowns, and what a prior campaign says of them."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Effect, Step
-from truing.simulation.mechanisms.recording import Recording
+from truing.simulation.cause import OBSERVED, Cause, Effect
+from truing.simulation.targets import Targets
 
 if TYPE_CHECKING:
     from truing.simulation.prior_campaign import CampaignPrior
-
-
-@dataclass(frozen=True)
-class Photographed:
-    """That points come from photographs: with so many ``errors`` common to all poses (of cameras, of scale bars) and so
-    many that the points of each pose share (its scale, ..), each of one standard deviation; and the bars that gave them
-    their scale, and at which height in the model's frame, m."""
-
-    errors: int = 0
-    pose_errors: int = 0
-    scale_bars: tuple[str, ...] = ()
-    scale_height_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -43,12 +32,13 @@ class Split:
 class Prediction:
     """What a model predicts at shared and local unknowns, with derivatives per prior sigma.
 
-    Points are readings of a bench, numbers of rays; rows of knowledge concern no pose (survey, a prior campaign).
+    Observations are of d dimensions: points of three, in m, readings and numbers of rays of one. Rows of knowledge
+    concern no epoch (survey, a prior campaign).
     """
 
-    values: NDArray  # (B, K, 3) m, base frame
-    by_shared: NDArray  # (B, K, 3, G) m
-    by_local: NDArray  # (B, K, 3, H) m
+    values: NDArray  # (B, K, d)
+    by_shared: NDArray  # (B, K, d, G)
+    by_local: NDArray  # (B, K, d, H)
     known_residual: NDArray  # (E,) whitened, measured - predicted
     known_by_shared: NDArray  # (E, G) whitened
     shared_known: NDArray  # (G,) whose prior is knowledge, and not merely wide
@@ -57,20 +47,40 @@ class Prediction:
 
 @dataclass(frozen=True)
 class EffectsModel(ABC):
-    """Points as a function of unknowns that all poses share (G,) and of each pose's own (B, H), with some effects."""
+    """Observations as a function of unknowns that all epochs share (G,) and of each one's own (B, H), with effects."""
 
     causes: tuple[Cause, ...] = field(default=(), kw_only=True)
     prior_campaign: CampaignPrior | None = field(default=None, kw_only=True)
 
     @property
     @abstractmethod
+    def _sizes(self) -> dict[str, int]:
+        """Return how many shared unknowns there are of each kind, but for those of effects."""
+
+    @cached_property
     def layout(self) -> dict[str, slice]:
         """Return where each kind of shared unknown stands in the vector."""
+        return laid_out({**self._sizes, **{cause.key: len(cause.parameters(self.part_count)) for cause in self.causes}})
+
+    @property
+    def part_count(self) -> int:
+        """Return the number of like parts, legs, that some causes have parameters of their own for: none."""
+        return 0
 
     @property
     @abstractmethod
-    def part_count(self) -> int:
-        """Return the number of legs L."""
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns (H,) the model does not claim to predict."""
+
+    @property
+    @abstractmethod
+    def _shared_known(self) -> NDArray:
+        """Return which shared unknowns (G,) have a prior that is knowledge, and not merely wide."""
+
+    @property
+    def _local_known(self) -> NDArray:
+        """Return which local unknowns (H,) have a prior that is knowledge."""
+        return np.asarray(~self.unpredicted)
 
     @property
     def zero_groups(self) -> NDArray | None:
@@ -106,6 +116,13 @@ class EffectsModel(ABC):
         prior = self.prior_campaign
         return (np.empty(0), np.empty((0, self.shared_size))) if prior is None else prior.rows(self, shared)
 
+    def _prediction(self, shared: NDArray, values: NDArray, by_shared: NDArray | None, by_local: NDArray) -> Prediction:
+        """Return a prediction with what is known beforehand; without derivatives by shared unknowns where none are."""
+        residual, rows, slopes = np.empty(0), np.empty((0, 0)), np.empty((*values.shape, 0))
+        if by_shared is not None:
+            (residual, rows), slopes = self._known_rows(shared), by_shared
+        return Prediction(values, slopes, by_local, residual, rows, self._shared_known, self._local_known)
+
     @property
     def shared_size(self) -> int:
         """Return the number of shared unknowns G."""
@@ -123,6 +140,11 @@ class EffectsModel(ABC):
         """Return the effects with the values that shared unknowns (G,) stand for."""
         return tuple(Effect(cause, shared[self.layout[cause.key]] * self.effect_sigma(cause)) for cause in self.causes)
 
+    def set_effects(self, shared: NDArray, effects: Iterable[Effect]) -> None:
+        """Put the values of effects among shared unknowns (G,)."""
+        for effect in effects:
+            shared[self.layout[effect.cause.key]] = effect.values / self.effect_sigma(effect.cause)
+
     def effect_scale(self, cause: Cause) -> NDArray:
         """Return the plausible scale (P,) of a cause's parameters, SI."""
         return np.array([parameter.scale for parameter in cause.parameters(self.part_count)])
@@ -138,82 +160,61 @@ def laid_out(sizes: Mapping[str, int]) -> dict[str, slice]:
     return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
-# What photographs of all poses have in common, among the shared unknowns.
-COMMON = "photographs"
+class ChannelModel(EffectsModel):
+    """Channels of one dimension each, seen from no place: readings, or what rays tell.
 
+    Causes act on what is observed itself, whatever it depends on.
+    """
 
-@dataclass(frozen=True)
-class RecordedModel(EffectsModel):
-    """Points of bodies in space, which instruments record; ``photographed`` where they were computed from images."""
+    @property
+    @abstractmethod
+    def targets(self) -> Targets:
+        """Return the channels as what is measured."""
 
-    photographed: Photographed | None = field(default=None, kw_only=True)
+    @property
+    def local_size(self) -> int:
+        """Return the number of local unknowns."""
+        return 0
+
+    @property
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns the model says nothing of: none."""
+        return np.zeros(self.local_size, bool)
+
+    @property
+    def channel_groups(self) -> NDArray:
+        """Return the number of each channel's noise (K,): one for all, since a single channel has too few readings to
+        tell its noise from an effect on most of them."""
+        return np.zeros(len(self.targets.names), int)
 
     @abstractmethod
-    def _recording(self, shared: NDArray, local: NDArray) -> Recording:
-        """Return what is recorded with the effects in force."""
-
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return the predicted points (B, K, 3), m, in the model's frame."""
-        return self._with_errors(self._recording(shared, local).state.points, shared, local)
+        """Return the predicted channels (B, K, 1) at shared (G,) and local (B, H) unknowns."""
+
+    @abstractmethod
+    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[Cause, NDArray], NDArray]:
+        """Return what tells how channels (B, K, P) follow a cause's parameters at values (P,), SI."""
 
     def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
-        return self._recording(shared, local).turn
+        """Return how channels follow shifts of them, (B, K, 1, 1): by one."""
+        return np.ones((len(local), len(self.targets.names), 1, 1))
 
-    @property
-    @abstractmethod
-    def unpredicted(self) -> NDArray:
-        """Return which local unknowns (H,) the model does not claim to predict."""
+    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+        """Return no pathway beside what is observed."""
+        return {}
 
-    @property
-    @abstractmethod
-    def _common_errors(self) -> NDArray | None:
-        """Return how points (B, K, 3, Q) follow the errors that photographs of all poses share; None where none do."""
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+        """Return what tells a cause's change of the pathway ``observed``, (B, K, P), per plausible scale."""
+        slopes = self._slopes_at(shared, local)
 
-    @property
-    def _common_sizes(self) -> dict[str, int]:
-        """Return how many unknowns photographs of all poses have in common; nothing where there are none."""
-        return {} if self.photographed is None else {COMMON: self.photographed.errors}
+        def found(cause: Cause) -> dict[str, NDArray]:
+            scale = self.effect_scale(cause)
+            return {OBSERVED: slopes(cause, np.zeros(len(scale))) * scale}
 
-    @property
-    @abstractmethod
-    def _pose_errors(self) -> NDArray | None:
-        """Return how points (B, K, 3, E) follow the errors that photographs of each pose share; None where none do."""
+        return found
 
-    @property
-    def _pose_size(self) -> int:
-        """Return how many errors the points of a pose share, the last ones of the local unknowns."""
-        return 0 if self.photographed is None else self.photographed.pose_errors
-
-    @property
-    def _local_known(self) -> NDArray:
-        """Return which local unknowns (H,) have a prior that is knowledge."""
-        known = ~self.unpredicted
-        return np.asarray(known | (np.arange(len(known)) >= len(known) - self._pose_size))
-
-    def _with_errors(self, points: NDArray, shared: NDArray, local: NDArray) -> NDArray:
-        """Return points (B, K, 3) with the errors that photographs of all poses, and of each, share."""
-        if self._common_errors is not None:
-            points = points + self._common_errors @ shared[self.layout[COMMON]]
-        if self._pose_errors is not None:
-            own = local[:, None, local.shape[1] - self._pose_size :, None]
-            points = points + (self._pose_errors @ own)[..., 0]
-        return points
-
-    def _fill_pose_errors(self, by_local: NDArray) -> None:
-        """Fill in the derivatives by the errors that photographs of each pose share."""
-        if self._pose_errors is not None:
-            by_local[..., by_local.shape[-1] - self._pose_size :] = self._pose_errors
-
-    def _fill_common(self, by_shared: NDArray) -> None:
-        """Fill in the derivatives by the errors that photographs of all poses share."""
-        if self._common_errors is not None:
-            by_shared[..., self.layout[COMMON]] = self._common_errors
-
-    def _fill_instruments(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
-        """Fill in the derivatives by the parameters of instruments' effects."""
+    def _fill_effects(self, by_shared: NDArray, shared: NDArray, slopes: Callable[[Cause, NDArray], NDArray]) -> None:
+        """Fill in the derivatives (B, K, G) by the parameters of effects, of which ``slopes`` tells."""
         for effect in self.effects(shared):
-            cause = effect.cause
-            if cause.step is Step.INSTRUMENT and len(effect.values):
-                slope = cause.change(recording.at(cause), effect.values).fields["points"] * self.effect_sigma(cause)
-                by_shared[..., self.layout[cause.key]] = recording.recorded(slope, cause)
+            own = slopes(effect.cause, effect.values) * self.effect_sigma(effect.cause)
+            by_shared[..., self.layout[effect.cause.key]] = own

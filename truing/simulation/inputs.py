@@ -45,6 +45,11 @@ def order_in_time(time: NDArray | None, poses: int) -> NDArray:
     return rank
 
 
+def ranks(order: NDArray) -> NDArray:
+    """Return the rank (B,) of each epoch by its order in time (B,), from 0; of equal ones the first."""
+    return np.asarray(np.argsort(np.argsort(order, kind="stable")))
+
+
 def remembered(readings: NDArray, time: NDArray, kept: float) -> NDArray:
     """Sum (B, L), m, of each actuator's movements up to a pose in time order, every earlier one ``kept`` times as much
     as the next; 0 for the first."""

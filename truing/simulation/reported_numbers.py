@@ -12,7 +12,7 @@ from truing.inference.changes import LEVEL, Comparison
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.mechanisms.identified import identified_geometry, name_and_leg
-from truing.simulation.mechanisms.unknowns import Unknowns
+from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.prior_campaign import CampaignPrior, Part
 
 # A number of which the data take away less than this share of what was not known has not been measured anew.
@@ -84,7 +84,7 @@ class Told:
 
 def told_numbers(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> Told:
     """The geometry as the tables tell it, or a sensor's lengths and stiffnesses, then the effects."""
-    if not isinstance(model, Unknowns):
+    if not isinstance(model, PointModel):
         rows = numbers_of(prior, model)
         return Told(tuple(rows), np.diag([row.scale for row in rows]), np.zeros(len(rows)))
     geometry, own = identified_geometry(model, shared, covariance), prior.places(model)

@@ -31,7 +31,7 @@ def body_model(
         -1 if still else 1,
         ("elevation_deg",),
     )
-    return BodyModel(targets, known, _conditions(rng, poses, still, levels), causes=causes)
+    return BodyModel(targets, _conditions(rng, poses, still, levels), known, causes=causes)
 
 
 def _conditions(rng: np.random.Generator, poses: int, still: bool, levels: int) -> BodyConditions:

@@ -14,7 +14,7 @@ from truing.simulation.mechanisms.causes.nonparametric import NonparametricMecha
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.extended_model import ExtendedModel, extended
 from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.mechanisms.unknowns import Conditions
+from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import LEG
 
 POSES = 12

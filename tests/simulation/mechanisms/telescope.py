@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from truing.simulation.catalogue import catalogue
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
-from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.mechanisms.unknowns import Conditions, Known
+from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "telescope_vectors.json").read_text(encoding="utf-8"))
@@ -62,4 +62,4 @@ def sample_model(rng: np.random.Generator, poses: int, causes: tuple[Any, ...] =
     known = Known(geometry, shape, survey, 1e-6, np.arange(6), seats, rng.normal(0.0, 0.05, (6, 3)))
     time = np.linspace(0.0, 3600.0, poses)
     conditions = Conditions(readings(rng, poses), {"time_s": time})
-    return PointModel(telescope(kind), targets, known, conditions, causes=causes)
+    return PointModel(targets, conditions, telescope(kind), known, causes=causes)

@@ -23,7 +23,7 @@ from truing.simulation.mechanisms.extended_model import (
     write_model,
 )
 from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.mechanisms.unknowns import Conditions
+from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import BASE, PLATFORM
 
 

@@ -27,7 +27,7 @@ from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.mechanisms.unknowns import Conditions
+from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import Targets, shape_unknowns
 from truing.stages.diagnosis.claims import claim_of
 from truing.stages.diagnosis.next_candidates import Possible, possible

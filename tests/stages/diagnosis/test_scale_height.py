@@ -8,7 +8,7 @@ import pytest
 
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.simulation.mechanisms.unknowns import Conditions
+from truing.simulation.mechanisms.recording import Conditions
 from truing.stages.diagnosis.scale_height import scale_height
 
 RNG = np.random.default_rng(4)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.axis.causes import AxisCause
-from truing.simulation.axis.rows import Axis, AxisRows, AxisScene, encoder_targets
-from truing.simulation.cause import OBSERVED, Cause
-from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.model import Prediction
+from truing.simulation.axis.rows import Axis, AxisRows, AxisScene
+from truing.simulation.cause import Cause
+from truing.simulation.effects_model import ChannelModel, Prediction
+from truing.simulation.inputs import ranks
 from truing.simulation.targets import Targets
 
 # Rows this far apart are left out of a fit together.
@@ -22,7 +21,7 @@ _EVERY = 5
 
 
 @dataclass(frozen=True)
-class AxisModel(EffectsModel):
+class AxisModel(ChannelModel):
     """An axis with K encoders; predicts readings minus commands (B, K, 1), rad or m.
 
     ``zero_sigma`` is the wide prior of each encoder's zero, ``command_sigma`` one sigma of how far the axis stands from
@@ -35,17 +34,8 @@ class AxisModel(EffectsModel):
     command_sigma: float = 0.0
 
     @property
-    def part_count(self) -> int:
-        """Return the number of legs: none."""
-        return 0
-
-    @cached_property
-    def layout(self) -> dict[str, slice]:
-        """Return where each kind of shared unknown stands in the vector."""
-        sizes = {"zero": len(self.axis.encoders), "shape": 0}
-        sizes |= {cause.key: len(cause.parameters(0)) for cause in self.causes}
-        ends = np.cumsum(list(sizes.values()))
-        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+    def _sizes(self) -> dict[str, int]:
+        return {"zero": len(self.axis.encoders), "shape": 0}
 
     @property
     def local_size(self) -> int:
@@ -53,38 +43,21 @@ class AxisModel(EffectsModel):
         return int(self.command_sigma > 0.0)
 
     @property
-    def unpredicted(self) -> NDArray:
-        """Return which local unknowns the model says nothing of: none."""
-        return np.zeros(self.local_size, bool)
-
-    @property
-    def channel_groups(self) -> NDArray:
-        """Return the number of each encoder's noise (K,): one for all.
-
-        A single encoder has too few readings to tell its noise from an effect on most of them.
-        """
-        return np.zeros(len(self.axis.encoders), int)
-
-    @property
     def targets(self) -> Targets:
         """Return the encoders as what is measured."""
-        return encoder_targets(self.axis)
+        return Targets.of_channels(self.axis.encoders, ["encoder"] * len(self.axis.encoders))
 
     @property
     def blocks(self) -> NDArray:
         """Return which rows (B,) are left out of a fit together: every fifth, since what depends on the time is told
         between rows that were measured, not beyond them."""
-        rank = np.argsort(np.argsort(self.rows.order, kind="stable"))
+        rank = ranks(self.rows.order)
         return np.asarray(rank % _EVERY * len(rank) + rank // _EVERY)
 
     @property
     def scene(self) -> AxisScene:
         """Return what the campaign offers to causes when they propose candidates."""
         return AxisScene(self.axis, self.rows)
-
-    def with_causes(self, causes: Sequence[Cause]) -> Self:
-        """Return the model with these effects among its unknowns."""
-        return replace(self, causes=tuple(causes))
 
     def at(self, conditions: AxisRows) -> Self:
         """Return the model at other rows."""
@@ -93,10 +66,6 @@ class AxisModel(EffectsModel):
     def rescaled(self, readings: float, survey: float) -> Self:
         """Return the model with the noise of commands so many times as large; there is no survey."""
         return replace(self, command_sigma=self.command_sigma * readings)
-
-    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how readings follow shifts of them, (B, K, 1, 1): by one."""
-        return np.ones((len(self.rows.command), len(self.axis.encoders), 1, 1))
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return readings minus commands (B, K, 1) at shared (G,) and local (B, H) unknowns."""
@@ -109,26 +78,20 @@ class AxisModel(EffectsModel):
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return readings minus commands and derivatives at shared (G,) and local (B, H) unknowns."""
         points = self.points(shared, local)
-        slopes = self._by_shared(points.shape) if by_shared else np.empty((*points.shape, 0))
+        slopes = None
+        if by_shared:
+            slopes = np.zeros((*points.shape, self.shared_size))
+            slopes[..., 0, self.layout["zero"]] = np.eye(len(self.axis.encoders)) * self.zero_sigma
+            self._fill_effects(slopes[:, :, 0], shared, self._slopes_at(shared, local))
         by_local = np.full((*points.shape, self.local_size), self.command_sigma)
-        known = np.zeros(self.shared_size, bool)
-        rows = np.empty(0), np.empty((0, self.shared_size if by_shared else 0))
-        return Prediction(points, slopes, by_local, *rows, known, ~self.unpredicted)
+        return self._prediction(shared, points, slopes, by_local)
 
-    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return no channel: a cause tells what it does to the readings."""
-        return {}
+    @property
+    def _shared_known(self) -> NDArray:
+        return np.zeros(self.shared_size, bool)
 
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
-        """Return what tells a cause's change of the pathway ``observed``, (B, K, P), per plausible scale."""
-        return lambda cause: {OBSERVED: self._slopes(cause) * self.effect_scale(cause)}
-
-    def _by_shared(self, shape: tuple[int, ...]) -> NDArray:
-        slopes = np.zeros((*shape[:2], self.shared_size))
-        slopes[..., self.layout["zero"]] = np.eye(len(self.axis.encoders)) * self.zero_sigma
-        for cause in self.causes:
-            slopes[..., self.layout[cause.key]] = self._slopes(cause) * self.effect_sigma(cause)
-        return slopes[:, :, None]
+    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[Cause, NDArray], NDArray]:
+        return lambda cause, values: self._slopes(cause)
 
     def _slopes(self, cause: Cause) -> NDArray:
         assert isinstance(cause, AxisCause)  # the catalogue of axes holds no other

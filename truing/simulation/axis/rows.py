@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.inputs import ORDER, TIME
-from truing.simulation.targets import Targets
 
 MOTOR, LOAD, MEASURED = "motor", "load", "measured"
 ENCODERS = (MOTOR, LOAD, MEASURED)
@@ -17,8 +16,6 @@ ENCODERS = (MOTOR, LOAD, MEASURED)
 TRANSMISSION = "axis"
 COMMAND, DIRECTION, SINCE_TURN = "command", "direction of approach", "travel since the turn"
 ROTARY, LINEAR = "rotary", "linear"
-# Encoders are no base, platform or leg.
-_NO_BODY, _NO_LEG = 3, -1
 
 
 @dataclass(frozen=True)
@@ -133,12 +130,6 @@ class AxisScene:
         """Return which readings (B, K) were recorded: all, where that is not told."""
         shape = len(self.rows.poses), len(self.axis.encoders)
         return np.ones(shape, bool) if self.seen is None else self.seen
-
-
-def encoder_targets(axis: Axis) -> Targets:
-    """Return the encoders as what is measured."""
-    count = len(axis.encoders)
-    return Targets(np.full(count, _NO_BODY), np.full(count, _NO_LEG), axis.encoders, ("encoder",) * count)
 
 
 def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray, NDArray]:

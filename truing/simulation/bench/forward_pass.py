@@ -15,44 +15,31 @@ from numpy.typing import NDArray
 from truing.simulation.bench.causes.reading_causes import FIELDS, ReadingCause
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.trace import Trace
 
 
 @dataclass(frozen=True)
-class ReadingPassage:
-    """How loads pass the chain: the state at its end, and every effect with the state that it met."""
+class ReadingPassage(Trace[ReadingState]):
+    """How loads pass the chain: compliance (6, 6), rows (S, 6) of signals by wrench, and the view (6, 6) that channels
+    have of the platform's motion."""
 
-    state: ReadingState
-    met: tuple[tuple[Effect, ReadingState], ...]
-    before: dict[Step, ReadingState]  # the state after a step's last effect
-    compliance: NDArray  # (6, 6)
-    rows: NDArray  # (S, 6) signals by wrench
-    view: NDArray  # (6, 6) channels by the platform's motion
-
-    def at(self, cause: Cause) -> ReadingState:
-        """Return the state that a cause meets: the last of its step where it is not in force."""
-        return {effect.cause.key: met for effect, met in self.met}.get(cause.key, self.before[cause.step])
-
-    def after(self, step: Step, cause: Cause | None) -> list[tuple[ReadingCause, ReadingState, NDArray]]:
-        """Return the effects of a step, or those of them after a cause, which comes last if it is not in force."""
-        own = [(_of_readings(e.cause), met, e.values) for e, met in self.met if e.cause.step is step]
-        if cause is None or cause.step is not step:
-            return own
-        keys = [other.key for other, _, _ in own]
-        return own[keys.index(cause.key) + 1 :] if cause.key in keys else []
+    compliance: NDArray
+    rows: NDArray
+    view: NDArray
 
     def from_wrench(self, slopes: NDArray, cause: Cause | None = None) -> NDArray:
         """Return how readings (B, K, P) follow changes of the wrench (B, 6, P), upstream of all or after a cause."""
-        for own, state, values in self.after(Step.DRIVE, cause):
-            slopes = own.passed_on(slopes, state, values)
+        for effect, state in self.downstream(cause, Step.DRIVE):
+            slopes = _of_readings(effect.cause).passed_on(slopes, state, effect.values)
         signals = self.rows @ slopes
-        if not self.after(Step.STRUCTURE, None):
+        if not self.downstream(None, Step.STRUCTURE):
             return self.from_motion(self.compliance @ slopes, signals)
         return self.from_deflection(self.compliance[..., None] * slopes[:, None], signals)
 
     def from_deflection(self, slopes: NDArray, signals: NDArray | None = None, cause: Cause | None = None) -> NDArray:
         """Return how readings (B, K, P) follow changes of the deflection (B, 6, 6, P), and of the signals (B, S, P)."""
-        for own, state, values in self.after(Step.STRUCTURE, cause):
-            slopes = own.passed_on(slopes, state, values)
+        for effect, state in self.downstream(cause, Step.STRUCTURE):
+            slopes = _of_readings(effect.cause).passed_on(slopes, state, effect.values)
         motion = slopes.sum(2)
         if signals is None:
             signals = np.zeros((len(motion), len(self.rows), motion.shape[-1]))
@@ -64,8 +51,8 @@ class ReadingPassage:
 
     def from_readings(self, slopes: NDArray, cause: Cause | None = None) -> NDArray:
         """Return what becomes of changes of the readings (B, K, P)."""
-        for own, state, values in self.after(Step.INSTRUMENT, cause):
-            slopes = own.passed_on(slopes, state, values)
+        for effect, state in self.downstream(cause, Step.INSTRUMENT):
+            slopes = _of_readings(effect.cause).passed_on(slopes, state, effect.values)
         return slopes
 
     def of_cause(self, cause: Cause, values: NDArray) -> NDArray:
@@ -96,20 +83,16 @@ def passed(
     seen: how channels follow the motion (6, 6), and what they read beside it (B, 6).
     """
     count = len(wrench)
-    state = ReadingState(steps, wrench, np.zeros((count, len(compliance), 0)), np.zeros((count, 0)))
-    met: list[tuple[Effect, ReadingState]] = []
-    before = {}
-    for step in (Step.DRIVE, Step.STRUCTURE, Step.INSTRUMENT):
-        if step is Step.STRUCTURE:
-            state = replace(state, deflection=compliance * state.wrench[:, None])
-        if step is Step.INSTRUMENT:
-            motion = state.deflection.sum(-1) @ seen[0].T + seen[1]
-            state = replace(state, readings=np.concatenate([motion, state.wrench @ rows.T], 1))
-        for effect in effects:
-            if effect.cause.step is step:
-                met.append((effect, state))
-                name = FIELDS[step]
-                by = _of_readings(effect.cause).moved(state, effect.values)
-                state = replace(state, **{name: getattr(state, name) + by})
-        before[step] = state
-    return ReadingPassage(state, tuple(met), before, compliance, rows, seen[0])
+    start = ReadingState(steps, wrench, np.zeros((count, len(compliance), 0)), np.zeros((count, 0)))
+    driven = ReadingPassage(start, (), {}, compliance, rows, seen[0]).through(Step.DRIVE, effects, _applied)
+    bent = replace(driven.state, deflection=compliance * driven.state.wrench[:, None])
+    built = driven.entering(bent).through(Step.STRUCTURE, effects, _applied)
+    state = built.state
+    motion = state.deflection.sum(-1) @ seen[0].T + seen[1]
+    read = replace(state, readings=np.concatenate([motion, state.wrench @ rows.T], 1))
+    return built.entering(read).through(Step.INSTRUMENT, effects, _applied)
+
+
+def _applied(effect: Effect, state: ReadingState) -> ReadingState:
+    name = FIELDS[effect.cause.step]
+    return replace(state, **{name: getattr(state, name) + _of_readings(effect.cause).moved(state, effect.values)})

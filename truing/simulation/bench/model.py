@@ -17,20 +17,18 @@ from truing.simulation.bench.forward_pass import ReadingPassage, passed
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, LoadSteps
 from truing.simulation.bench.six_upur.uncertain_sensor import Response
-from truing.simulation.cause import OBSERVED, Cause, Scene, Step
-from truing.simulation.effects_model import EffectsModel, Prediction, Split, laid_out
-from truing.simulation.inputs import ORDER, TIME
+from truing.simulation.cause import Cause, Scene, Step
+from truing.simulation.effects_model import ChannelModel, Prediction, Split
+from truing.simulation.inputs import ORDER, TIME, ranks
 from truing.simulation.targets import Targets
 
 _AXES = 6
 # Beforehand either model of what a leg carries may hold, and anything between them: at the middle, give or take one.
 _BETWEEN = 0.5
-# Channels are no base, platform or leg.
-_NO_BODY, _NO_LEG = 3, -1
 
 
 @dataclass(frozen=True)
-class ReadingModel(EffectsModel):
+class ReadingModel(ChannelModel):
     """A sensor on its bench with K channels; a function of the unknowns for a set of effects."""
 
     known: KnownReadings
@@ -38,19 +36,16 @@ class ReadingModel(EffectsModel):
 
     @property
     def part_count(self) -> int:
-        """Return the number of legs."""
+        """Return the number of legs, whose stiffnesses some causes follow."""
         return _AXES
 
-    @cached_property
-    def layout(self) -> dict[str, slice]:
-        """Return where each kind of shared unknown stands in the vector."""
+    @property
+    def _sizes(self) -> dict[str, int]:
         sensor = self.known.sensor
         sizes = {"zero": len(self.known.zeros.run), "shape": 0}
         sizes |= {"geometry": sensor.geometry_size, "stiffness": sensor.stiffness_size}
         sizes |= {"gain": self.known.gains.start.size, "legforce": int(self._has_two_models)}
-        sizes |= {"optics": self.known.optics.size}
-        sizes |= {cause.key: len(cause.parameters(_AXES)) for cause in self.causes}
-        return laid_out(sizes)
+        return sizes | {"optics": self.known.optics.size}
 
     @cached_property
     def _noisy(self) -> NDArray:
@@ -63,11 +58,6 @@ class ReadingModel(EffectsModel):
         return len(self._noisy)
 
     @property
-    def unpredicted(self) -> NDArray:
-        """Return which local unknowns the model says nothing of: none."""
-        return np.zeros(self.local_size, bool)
-
-    @property
     def channel_groups(self) -> NDArray:
         """Return the number of each channel's noise (K,): one for displacements, rotations and signals each.
 
@@ -78,9 +68,8 @@ class ReadingModel(EffectsModel):
     @property
     def targets(self) -> Targets:
         """Return the channels as what is measured."""
-        count = len(self.known.channels)
-        own = tuple("signal" if n >= len(CHANNELS) else "channel" for n in range(count))
-        return Targets(np.full(count, _NO_BODY), np.full(count, _NO_LEG), self.known.channels, own)
+        names = self.known.channels
+        return Targets.of_channels(names, ["signal" if n >= len(CHANNELS) else "channel" for n in range(len(names))])
 
     @cached_property
     def zero_groups(self) -> NDArray:
@@ -103,7 +92,7 @@ class ReadingModel(EffectsModel):
     def steps(self) -> LoadSteps:
         """Return the load steps, with what the plain simulation expects at them."""
         known, own = self.known, self.conditions
-        order = np.argsort(np.argsort(own.time_s, kind="stable")).astype(float)
+        order = ranks(own.time_s).astype(float)
         sensor = known.sensor
         compliance = sensor.at(np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)).compliance
         bare = LoadSteps(
@@ -158,39 +147,15 @@ class ReadingModel(EffectsModel):
         """Return the wrenches (B, 6) that truly act, N and N m, at shared (G,) and local (B, H) unknowns."""
         return self._passage(shared, local).state.wrench
 
-    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how readings follow shifts of them, (B, K, 1, 1): by one."""
-        return np.ones((*self.conditions.load.shape[:1], len(self.known.channels), 1, 1))
-
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return readings and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
         passage = self._passage(shared, local)
-        points = self._with_zeros(passage.state.readings, shared)
-        slopes, rows = np.empty((*points.shape, 0)), (np.empty(0), np.empty((0, 0)))
-        if by_shared:
-            slopes, rows = self._by_shared(shared, passage), self._known_rows(shared)
-        return Prediction(
-            points[..., None],
-            slopes[:, :, None],
-            passage.from_wrench(self._load_errors)[:, :, None],
-            *rows,
-            self._shared_known,
-            ~self.unpredicted,
-        )
+        points = self._with_zeros(passage.state.readings, shared)[..., None]
+        slopes = self._by_shared(shared, passage)[:, :, None] if by_shared else None
+        return self._prediction(shared, points, slopes, passage.from_wrench(self._load_errors)[:, :, None])
 
-    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return no channel: what acts on a bench is told by what it does to the readings, whatever they remember."""
-        return {}
-
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
-        """Return what tells a cause's change of the pathway ``observed``, (B, K, P), per plausible scale."""
-        passage = self._passage(shared, local)
-
-        def found(cause: Cause) -> dict[str, NDArray]:
-            values = np.zeros(len(cause.parameters(_AXES)))
-            return {OBSERVED: passage.of_cause(cause, values) * self.effect_scale(cause)}
-
-        return found
+    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[Cause, NDArray], NDArray]:
+        return self._passage(shared, local).of_cause
 
     @property
     def _has_two_models(self) -> bool:
@@ -260,7 +225,7 @@ class ReadingModel(EffectsModel):
         slopes[step, channel, self.layout["zero"].start + index[step, channel]] = self.known.zeros.sigma[
             index[step, channel]
         ]
-        sensor, wrench = self.known.sensor, passage.before[Step.DRIVE].wrench
+        sensor, wrench = self.known.sensor, passage.after[Step.DRIVE].wrench
         by_stiffness = sensor.by_stiffness(shared[self.layout["stiffness"]])
         for name, response in (("geometry", sensor.by_geometry), ("stiffness", by_stiffness)):
             if len(response.compliance):
@@ -270,13 +235,11 @@ class ReadingModel(EffectsModel):
             motion = np.zeros((len(wrench), _AXES, signals.shape[-1]))
             slopes[..., self.layout[name]] = passage.from_readings(np.concatenate([motion, signals], 1))
         if self.known.optics.size:
-            motion = passage.before[Step.STRUCTURE].deflection.sum(-1)
+            motion = passage.after[Step.STRUCTURE].deflection.sum(-1)
             seen = self.known.optics.slopes(self.steps, motion)
             still = np.zeros((len(wrench), self.known.signals, self.known.optics.size))
             slopes[..., self.layout["optics"]] = passage.from_readings(np.concatenate([seen, still], 1))
-        for effect in self.effects(shared):
-            own = passage.of_cause(effect.cause, effect.values)
-            slopes[..., self.layout[effect.cause.key]] = own * self.effect_sigma(effect.cause)
+        self._fill_effects(slopes, shared, passage.of_cause)
         return slopes
 
     def _by_response(self, response: Response, shared: NDArray, wrench: NDArray, passage: ReadingPassage) -> NDArray:
@@ -285,7 +248,7 @@ class ReadingModel(EffectsModel):
         if self.known.signals and self.known.gains.are_of_legs:
             rows = self._gains(shared)[:, None] * self._mixed(response.forces, shared)
             signals = np.einsum("nsj,bj->bsn", rows, wrench)
-        if not passage.after(Step.STRUCTURE, None):
+        if not passage.downstream(None, Step.STRUCTURE):
             motion = np.moveaxis(wrench @ np.swapaxes(response.compliance, -1, -2), 0, -1)
             return passage.from_motion(motion, signals)
         deflection = np.moveaxis(response.compliance, 0, -1) * wrench[:, None, :, None]

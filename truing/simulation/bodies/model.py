@@ -16,14 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.simulation.cause import OBSERVED, Cause, Scene, Step
-from truing.simulation.effects_model import COMMON, Prediction, RecordedModel, laid_out
-from truing.simulation.mechanisms.forward_pass import Met, Passage, moved_by_shape
+from truing.simulation.cause import OBSERVED, Cause, Effect, Scene, Step
+from truing.simulation.effects_model import Prediction
+from truing.simulation.mechanisms.forward_pass import Passage, moved_by_shape
 from truing.simulation.mechanisms.legs.closures import Closure, Legs
-from truing.simulation.mechanisms.recording import LegFrames, Recording, designs
+from truing.simulation.mechanisms.recording import (
+    COMMON,
+    FREE_ANGLE_RAD,
+    FREE_LENGTH_M,
+    Conditions,
+    LegFrames,
+    RecordedModel,
+    Recording,
+    designs,
+    record,
+)
 from truing.simulation.mechanisms.state import State
-from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Conditions
-from truing.simulation.targets import ShapeUnknowns, Targets
+from truing.simulation.targets import ShapeUnknowns
 
 # Bodies without a mechanism are numbered from here: what concerns base, platform or legs alone passes them by.
 FIRST_BODY = 3
@@ -78,38 +87,20 @@ class KnownBodies:
 class BodyModel(RecordedModel):
     """Bodies with their targets; a function of the unknowns for a set of effects."""
 
-    targets: Targets
-    known: KnownBodies
     conditions: BodyConditions
+    known: KnownBodies
 
     nominal = _NO_LEGS
-
-    @property
-    def _common_errors(self) -> NDArray | None:
-        """Return how points follow the errors that photographs of all poses share."""
-        return self.conditions.common_errors
-
-    @property
-    def _pose_errors(self) -> NDArray | None:
-        """Return how points follow the errors that the photographs of each pose share."""
-        return self.conditions.pose_errors
-
-    @property
-    def part_count(self) -> int:
-        """Return the number of legs: none."""
-        return 0
 
     @cached_property
     def channel_groups(self) -> NDArray:
         """Return the number of each target's body (K,)."""
         return self.targets.body - FIRST_BODY
 
-    @cached_property
-    def layout(self) -> dict[str, slice]:
-        """Return where each kind of shared unknown stands in the vector."""
+    @property
+    def _sizes(self) -> dict[str, int]:
         sizes = {"shape": self.known.survey.modes.shape[-1], "seat": _POSE * int(self.known.levels.sum())}
-        sizes |= self._common_sizes | {cause.key: len(cause.parameters(0)) for cause in self.causes}
-        return laid_out(sizes)
+        return sizes | self._common_sizes
 
     @cached_property
     def _local(self) -> dict[int, slice]:
@@ -155,10 +146,6 @@ class BodyModel(RecordedModel):
             scale_height_m=self.photographed.scale_height_m if self.photographed else 0.0,
         )
 
-    def at(self, conditions: BodyConditions) -> Self:
-        """Return the model at other poses."""
-        return replace(self, conditions=conditions)
-
     def rescaled(self, readings: float, survey: float) -> Self:
         """Return the model with jitter and the survey's noise so many times as large."""
         factors = np.where(self.known.surveyed, survey, 1.0)
@@ -172,24 +159,16 @@ class BodyModel(RecordedModel):
         for body, own, slope in self._by_pose(shared, local, recording):
             if body in self._local:
                 by_local[:, own, :, self._local[body]] = slope @ self._pose_factor(body)
-        slopes = self._by_shared(shared, local, recording) if by_shared else np.empty((*by_local.shape[:-1], 0))
         by_local = recording.recorded(by_local)
         self._fill_pose_errors(by_local)
-        return Prediction(
-            self._with_errors(recording.state.points, shared, local),
-            slopes,
-            by_local,
-            np.empty(0),
-            np.empty((0, slopes.shape[-1])),
-            self._shared_known,
-            self._local_known,
-        )
+        slopes = self._by_shared(shared, local, recording) if by_shared else None
+        return self._prediction(shared, self._with_errors(recording.state.points, shared, local), slopes, by_local)
 
     def _by_shared(self, shared: NDArray, local: NDArray, recording: Recording) -> NDArray:
         """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
         slopes = np.zeros((*recording.state.points.shape, self.shared_size))
         turn = recording.state.turn
-        follows = moved_by_shape(recording.passage.met, turn.shape)
+        follows = moved_by_shape(recording.passage.before_recording(), turn.shape)
         slopes[..., self.layout["shape"]] = (turn + turn @ follows) @ self.known.survey.modes
         for body, own, slope in self._by_pose(shared, local, recording):
             for level in range(self.known.levels[body]):
@@ -263,12 +242,7 @@ class BodyModel(RecordedModel):
             middle = self.conditions.t[:, body] + start @ centre + pose[:, :3]
             points[:, own] = middle[:, None] + (places[:, own] - centre) @ np.swapaxes(R, -1, -2)
             turn[:, own] = R[:, None]
-        state, met = replace(passage.state, points=points, turn=turn), []
-        for effect in self.effects(shared):
-            if effect.cause.step is Step.INSTRUMENT:
-                met.append((effect, state))
-                state = effect.apply(state)
-        return Recording(passage, self.targets, _NO_FRAMES, state, tuple(met))
+        return record(passage, self.targets, _NO_FRAMES, self.effects(shared), points, turn)
 
     def _passage(self, shared: NDArray) -> Passage:
         """Return where the targets sit on their bodies, and which effects brought them there."""
@@ -285,12 +259,7 @@ class BodyModel(RecordedModel):
             moved=np.zeros((1, *shape.shape)),
             reference_temperature_c=self.known.reference_temperature_c,
         )
-        met: list[Met] = []
-        for effect in self.effects(shared):
-            if effect.cause.step is Step.STRUCTURE:
-                met.append((effect, state))
-                state = effect.apply(state)
-        return Passage(state, state, tuple(met))
+        return Passage(state, (), {}).through(Step.STRUCTURE, self.effects(shared), Effect.apply)
 
     def _places(self, passage: Passage) -> NDArray:
         """Return where the targets sit (B, K, 3) in the frames of their bodies."""
@@ -314,7 +283,7 @@ class BodyModel(RecordedModel):
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is Step.STRUCTURE and len(effect.values):
-                slope = cause.change(recording.at(cause), effect.values).fields.get("moved", _NOT_MOVED)
+                slope = cause.change(recording.passage.at(cause), effect.values).fields.get("moved", _NOT_MOVED)
                 own = np.flatnonzero(np.any(slope != 0.0, (0, 2, 3)))  # few targets of many
                 motion = recording.state.turn[:, own] @ (slope[:, own] * self.effect_sigma(cause))
                 by_shared[:, own, :, self.layout[cause.key]] = motion

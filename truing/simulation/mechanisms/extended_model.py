@@ -1,6 +1,6 @@
 """The extended model: a mechanism as identified, with the effects that were found; its poses, and its text.
 
-In the text, model.toml, lengths are mm. Unknowns come in the order of their names: a, b, u, l leg by leg (u as two
+In the text, model.toml, lengths are mm. PointModel come in the order of their names: a, b, u, l leg by leg (u as two
 tilts across the nominal direction), effects.
 """
 
@@ -16,10 +16,9 @@ from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import rigid_motions, skew
 from truing.simulation.catalogue import catalogue, of_photographed_points
 from truing.simulation.cause import Cause, Effect, Step
-from truing.simulation.effects_model import COMMON
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
-from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.mechanisms.unknowns import Conditions, Known, Unknowns
+from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.recording import COMMON, Conditions
 from truing.simulation.model_text import (
     context_of,
     covariance_from,
@@ -103,7 +102,7 @@ def exact_survey(targets: Targets) -> ShapeUnknowns:
     return ShapeUnknowns(np.zeros((len(targets.body), 3, 0)), np.eye(3 * int(targets.at_attachment.sum())))
 
 
-def survey_noise(model: Unknowns) -> NDArray:
+def survey_noise(model: PointModel) -> NDArray:
     """Return the noise (K,), m, of the survey of each body, as its unknown shape has it: all but a rigid motion."""
     squares = np.sum(model.known.survey.modes**2, (1, 2))
     sigma = np.zeros(len(squares))
@@ -311,7 +310,7 @@ def _model(document: dict[str, Any], nominal: Legs, causes: tuple[Cause, ...]) -
     geometry = {name: float(sigma) for name, sigma in prior.items() if sigma > 0}
     known = bare_known(geometry, places, targets, nominal.count, about["reading_sigma_mm"] * 1e-3)
     known = replace(known, open_geometry=opened, reference_temperature_c=about["reference_temperature_c"])
-    return PointModel(nominal, targets, known, Conditions(nominal.rho0[None]), causes=causes)
+    return PointModel(targets, Conditions(nominal.rho0[None]), nominal, known, causes=causes)
 
 
 def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:

@@ -20,6 +20,7 @@ from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import forward, home_pose, pose_change
 from truing.simulation.mechanisms.state import State
+from truing.simulation.trace import Trace
 
 Met = tuple[Effect, State]
 POSE = "pose"
@@ -31,52 +32,24 @@ _TINY = 1e-30
 
 
 @dataclass(frozen=True)
-class Passage:
-    """A state whose structure has answered, and how it came about.
+class Passage(Trace[State]):
+    """How the state of a mechanism, or of bodies, passes the chain."""
 
-    ``met`` is every effect of the drive and of the structure, in the order in which they acted, with the state that it
-    met; ``driven`` is the state between the two steps.
-    """
-
-    state: State
-    driven: State
-    met: tuple[Met, ...]
-
-    def downstream(self, cause: Cause) -> tuple[Met, ...]:
-        """Return the effects that act after a cause, which comes last in its step where it is not among them."""
-        keys = [effect.cause.key for effect, _ in self.met]
-        if cause.key in keys:
-            return self.met[keys.index(cause.key) + 1 :]
-        return self.met[self._drives if cause.step is Step.DRIVE else len(self.met) :]
-
-    def at(self, cause: Cause) -> State:
-        """Return the state that a cause meets."""
-        otherwise = self.driven if cause.step is Step.DRIVE else self.state
-        return self._met_by_key.get(cause.key, otherwise) if self.met else otherwise
-
-    @cached_property
-    def _met_by_key(self) -> dict[str, State]:
-        return {effect.cause.key: met for effect, met in self.met}
+    def before_recording(self, cause: Cause | None = None) -> tuple[Met, ...]:
+        """Return the effects of drive and structure, or those of them that act after a cause."""
+        return self.downstream(cause, Step.DRIVE, Step.STRUCTURE)
 
     @cached_property
     def answer(self) -> Change:
         """Return what the effects of the structure make of a twist of the platform, per component of it, m and rad."""
-        if not any(POSE in effect.cause.reads for effect, _ in self.of_structure):
+        structure = self.downstream(None, Step.STRUCTURE)
+        if not any(POSE in effect.cause.reads for effect, _ in structure):
             return Change({}, 6)
         shifted = np.broadcast_to(np.eye(3, 6), (1, 3, 6))
         turned = np.zeros((*self.state.R.shape, 6))
         turned[..., 3:] = np.einsum("aij,bjk->bika", skew(np.eye(3)), self.state.R)
-        answer = carried(Change({"p": shifted, "R": turned}, 6), self.of_structure)
+        answer = carried(Change({"p": shifted, "R": turned}, 6), structure)
         return Change({name: slope for name, slope in answer.fields.items() if name not in ("p", "R")}, 6)
-
-    @property
-    def of_structure(self) -> tuple[Met, ...]:
-        """Return the effects of the structure."""
-        return self.met[self._drives :]
-
-    @property
-    def _drives(self) -> int:
-        return sum(effect.cause.step is Step.DRIVE for effect, _ in self.met)
 
 
 def simulate(
@@ -89,26 +62,18 @@ def simulate(
 
 
 def passed(start: State, effects: Sequence[Effect]) -> Passage:
-    """Return how a state passes drive and structure; effects of one step act in their order, each on what it meets.
+    """Return how a state passes drive and structure.
 
     Effects that depend on the pose are found by rounds: the pose that the others lead to, then again with theirs.
     """
-    driven, drives = _through(start, [effect for effect in effects if effect.cause.step is Step.DRIVE])
-    structure = [effect for effect in effects if effect.cause.step is Step.STRUCTURE]
-    rounds = _ROUNDS if any(POSE in effect.cause.reads for effect in structure) else 0
-    entry = _posed(driven, driven) if rounds else driven
+    driven = Passage(start, (), {}).through(Step.DRIVE, effects, Effect.apply)
+    reads = (effect.cause.reads for effect in effects if effect.cause.step is Step.STRUCTURE)
+    rounds = _ROUNDS if any(POSE in fields for fields in reads) else 0
+    entry = _posed(driven.state, driven.state) if rounds else driven.state
     for _ in range(rounds):
-        entry = _posed(_through(entry, structure)[0], driven)
-    state, met = _through(entry, structure)
-    return Passage(_posed(state, state), driven, (*drives, *met))
-
-
-def _through(state: State, effects: Sequence[Effect]) -> tuple[State, list[Met]]:
-    met = []
-    for effect in effects:
-        met.append((effect, state))
-        state = effect.apply(state)
-    return state, met
+        entry = _posed(driven.entering(entry).through(Step.STRUCTURE, effects, Effect.apply).state, driven.state)
+    built = driven.entering(entry).through(Step.STRUCTURE, effects, Effect.apply)
+    return built.entering(_posed(built.state, built.state)).through(Step.STRUCTURE, (), Effect.apply)
 
 
 def _posed(state: State, target: State) -> State:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.mechanisms.legs.closures import Legs
+from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
 from truing.simulation.mechanisms.structures.structure import Machine
-from truing.simulation.mechanisms.unknowns import Unknowns
 
 _TINY = 1e-30
 
@@ -41,7 +41,7 @@ class IdentifiedGeometry:
         return np.where(self.known, np.sqrt(np.diag(self.prior)), np.nan)
 
 
-def identified_geometry(model: Unknowns, shared: NDArray, covariance: NDArray) -> IdentifiedGeometry:
+def identified_geometry(model: PointModel, shared: NDArray, covariance: NDArray) -> IdentifiedGeometry:
     """Return the geometry at shared unknowns (G,) with covariance (G, G); derivatives by complex step, exact."""
     every = full_set(_machine(model.nominal), "none").entries
     entries = ParameterSet(tuple(entry for entry in every if _part(entry) in model.layout))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import left_jacobian_so3, skew
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import Prediction
+from truing.simulation.inputs import ranks
 from truing.simulation.mechanisms.forward_pass import (
     REFERENCE,
     Passage,
@@ -22,23 +25,231 @@ from truing.simulation.mechanisms.forward_pass import (
     simulate,
 )
 from truing.simulation.mechanisms.legs.closures import Legs
-from truing.simulation.mechanisms.legs.kinematics import forward, home_change, home_pose, leg_vectors, unit
-from truing.simulation.mechanisms.recording import LegFrames, Recording, designs, leg_frames, record
+from truing.simulation.mechanisms.legs.kinematics import Forward, forward, home_change, home_pose, leg_vectors, unit
+from truing.simulation.mechanisms.recording import (
+    FREE_ANGLE_RAD,
+    FREE_LENGTH_M,
+    LegFrames,
+    RecordedModel,
+    Recording,
+    designs,
+    leg_frames,
+    positions,
+    record,
+    turns,
+)
 from truing.simulation.mechanisms.state import State
-from truing.simulation.mechanisms.unknowns import FREE_ANGLE_RAD, FREE_LENGTH_M, Unknowns
-from truing.simulation.targets import LEG
+from truing.simulation.targets import LEG, ShapeUnknowns
 
 
 @dataclass(frozen=True)
-class PointModel(Unknowns):
-    """A mechanism with its targets and readings; a function of the unknowns for a set of effects."""
+class Known:
+    """What is known beforehand of a mechanism and its targets; one standard deviation each, m and rad.
+
+    ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies'
+    frames and ``survey`` what it leaves unknown. ``ridden`` are the legs that carry targets; ``seat_rotation``
+    (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the upright leg, as a start. ``pitch_m`` of the
+    leadscrews and ``flexure_length_m`` are None where they are not known.
+    """
+
+    geometry: dict[str, float]
+    shape: NDArray
+    survey: ShapeUnknowns
+    reading_sigma: float
+    ridden: NDArray
+    seat_rotation: NDArray
+    seat: NDArray
+    open_geometry: tuple[str, ...] = ()  # of a, b, u, l: those without tolerance, whose sigma is merely wide
+    reference_temperature_c: float = 20.0
+    pitch_m: float | None = None
+    flexure_length_m: float | None = None
+
+
+@dataclass(frozen=True)
+class PointModel(RecordedModel):
+    """A mechanism with its targets and readings; a function of the unknowns for a set of effects.
+
+    Unknowns are counted in their prior's standard deviations, so that a value is a pull: shared ones (geometry, shape
+    of the bodies, how each leg's survey frame sits on its leg, effects) and each pose's own (actuators, rolls).
+    """
+
+    nominal: Legs
+    known: Known
+
+    @cached_property
+    def home(self) -> Forward:
+        """Return the platform's pose in the nominal reference configuration, a batch of one."""
+        return forward(self.nominal, self.nominal.rho0[None])
+
+    @cached_property
+    def upright(self) -> NDArray:
+        """Return the legs' directions (L, 3) in the nominal reference configuration."""
+        return unit(leg_vectors(self.nominal, self.home.p, self.home.R, self.nominal.rho0[None]))[0]
+
+    @property
+    def _sizes(self) -> dict[str, int]:
+        count = self.nominal.count
+        sizes = {"a": 3 * count, "b": 3 * count, "u": 2 * count, "l": count}
+        sizes = {name: size for name, size in sizes.items() if self.known.geometry.get(name, 0.0) > 0}
+        sizes |= {"shape": self.known.survey.modes.shape[-1], "seat": 6 * len(self.known.ridden)}
+        return sizes | self._common_sizes
+
+    @property
+    def local_size(self) -> int:
+        """Return the number of local unknowns H: actuators (unless exact), then rolls, then what photographs share."""
+        return self._rolls.stop + self._pose_size
+
+    @property
+    def _rolls(self) -> slice:
+        """Return where the rolls stand among the local unknowns."""
+        first = self.nominal.count * (self.known.reading_sigma > 0)
+        return slice(first, first + len(self.known.ridden))
+
+    @property
+    def unpredicted(self) -> NDArray:
+        """Return which local unknowns (H,) the mechanism says nothing of: rolls of legs, errors of photographs."""
+        return np.arange(self.local_size) >= self._rolls.start
+
+    @property
+    def part_count(self) -> int:
+        """Return the number of legs L."""
+        return self.nominal.count
+
+    @property
+    def channel_groups(self) -> NDArray:
+        """Return the number of each target's body (K,): base, platform, then the legs."""
+        return self.targets.body + np.where(self.targets.body == LEG, self.targets.leg, 0)
+
+    def rescaled(self, readings: float, survey: float) -> Self:
+        """Return the model with the noise of readings and of the survey so many times as large."""
+        surveyed = self.known.survey
+        scaled = ShapeUnknowns(surveyed.modes * survey, surveyed.attachment_factor * survey)
+        return replace(
+            self, known=replace(self.known, survey=scaled, reading_sigma=self.known.reading_sigma * readings)
+        )
+
+    def legs(self, shared: NDArray) -> Legs:
+        """Return the geometry that shared unknowns (G,) stand for."""
+        count, legs = self.nominal.count, self.nominal
+        moved: dict[str, NDArray] = {
+            name: getattr(legs, name) + self._part(shared, name).reshape(count, -1) * self.known.geometry[name]
+            for name in ("a", "b")
+            if name in self.layout
+        }
+        if "l" in self.layout:
+            moved["l"] = legs.l + self._part(shared, "l") * self.known.geometry["l"]
+        if "u" in self.layout:
+            moved["u"] = unit(self._tilted(shared))
+        return legs.replace(**moved)
+
+    def shape(self, shared: NDArray) -> NDArray:
+        """Return where targets sit (K, 3), along the axes of the bodies' surveys, from the bodies' origins."""
+        shape = self.known.shape + self.known.survey.modes @ self._part(shared, "shape")
+        rotation, offset = self._seats(shared)
+        on_leg = self.targets.body == LEG
+        ridden = self.targets.leg[on_leg]
+        shape[on_leg] += np.einsum("kji,kj->ki", rotation[ridden], offset[ridden])
+        return shape
+
+    def unknowns(self, legs: Legs, effects: dict[str, NDArray]) -> NDArray:
+        """Return the shared unknowns (G,) at which the model has this geometry and these effects' values."""
+        shared = np.zeros(self.shared_size)
+        for name in ("a", "b", "l"):
+            if name in self.layout:
+                gap = getattr(legs, name) - getattr(self.nominal, name)
+                shared[self.layout[name]] = gap.ravel() / self.known.geometry[name]
+        if "u" in self.layout:
+            ahead = np.sum(legs.u * self.nominal.u, -1)[:, None]
+            tilt = np.einsum("lij,li->lj", self.across, legs.u / ahead)
+            shared[self.layout["u"]] = tilt.ravel() / self.known.geometry["u"]
+        for cause in self.causes:
+            shared[self.layout[cause.key]] = effects[cause.key] / self.effect_sigma(cause)
+        return shared
+
+    @property
+    def _shared_known(self) -> NDArray:
+        known = np.ones(self.shared_size, bool)
+        for name in ("seat", *self.known.open_geometry, *(cause.key for cause in self.causes)):
+            known[self.layout[name]] = False
+        return known
+
+    def _part(self, shared: NDArray, name: str) -> NDArray:
+        return shared[self.layout[name]]
+
+    def _actuators(self, local: NDArray) -> NDArray:
+        exact = self.known.reading_sigma == 0
+        return np.zeros_like(self.conditions.readings) if exact else local[:, : self.nominal.count]
+
+    @cached_property
+    def across(self) -> NDArray:
+        """Two directions (L, 3, 2) across each nominal actuator: the first as near as can be to its smallest axis."""
+        u = self.nominal.u
+        axis = np.eye(3)[np.argmin(np.abs(u), -1)]
+        first = unit(axis - u * np.sum(u * axis, -1)[:, None])
+        return np.stack([first, np.cross(u, first)], -1)
+
+    def _tilted(self, shared: NDArray) -> NDArray:
+        pulls = self._part(shared, "u").reshape(-1, 2) * self.known.geometry["u"]
+        return self.nominal.u + np.einsum("lij,lj->li", self.across, pulls)
+
+    def geometry_changes(self, shared: NDArray) -> list[tuple[str, Change]]:
+        """Return how the geometry changes with its unknowns: the part of the layout, and the change per prior sigma."""
+        count, sigma, layout = self.nominal.count, self.known.geometry, self.layout
+        identity = np.eye(3 * count).reshape(1, count, 3, 3 * count)
+        found: list[tuple[str, Change]] = []
+        found += [(name, Change({name: identity * sigma[name]}, 3 * count)) for name in ("a", "b") if name in layout]
+        if "u" in layout:
+            found.append(("u", Change({"u": self._direction_change(shared)[None]}, 2 * count)))
+        if "l" in layout:
+            found.append(("l", Change({"l": np.eye(count)[None] * sigma["l"]}, count)))
+        return found
+
+    def _direction_change(self, shared: NDArray) -> NDArray:
+        """Return the derivative (L, 3, 2L) of the actuators' unit directions."""
+        tilted = self._tilted(shared)
+        u, length = unit(tilted), np.sqrt(np.sum(tilted * tilted, -1))[:, None, None]
+        own = (self.across - u[..., None] * np.einsum("li,lij->lj", u, self.across)[:, None]) / length
+        spread = np.einsum("lij,lm->limj", own, np.eye(len(u)))
+        return spread.reshape(len(u), 3, -1) * self.known.geometry["u"]
+
+    def _seats(self, shared: NDArray) -> tuple[NDArray, NDArray]:
+        rotation, offset = self.known.seat_rotation.astype(shared.dtype), self.known.seat.astype(shared.dtype)
+        pulls = self._part(shared, "seat").reshape(-1, 6)
+        rotation[self.known.ridden] = exp_so3(pulls[:, 3:] * FREE_ANGLE_RAD) @ rotation[self.known.ridden]
+        offset[self.known.ridden] += pulls[:, :3] * FREE_LENGTH_M
+        return rotation, offset
+
+    def scale_of(self, name: str) -> NDArray:
+        """Return what a unit of the unknowns of a part of the layout, geometry or effect, is in SI: (n,) or ()."""
+        if name in self.known.geometry:
+            return np.asarray(self.known.geometry[name])
+        return super().scale_of(name)
+
+    def _known_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
+        """Return what survey and prior campaigns say beforehand: whitened residual and derivative."""
+        residuals, derivatives = zip(self.survey_rows(shared), super()._known_rows(shared), strict=True)
+        return np.concatenate(residuals), np.concatenate(derivatives)
+
+    def survey_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
+        """Return what the survey of targets on attachments says of b: whitened residual and derivative."""
+        own = np.flatnonzero(self.targets.at_attachment)
+        ridden, factor = self.targets.leg[own], self.known.survey.attachment_factor
+        gap = self.known.shape[own] - self.legs(shared).b[ridden]
+        derivative = np.zeros((len(own), 3, self.shared_size))
+        if "b" in self.layout:
+            sigma, first = self.known.geometry["b"], self.layout["b"].start
+            for axis in range(3):
+                derivative[np.arange(len(own)), axis, first + 3 * ridden + axis] = sigma
+        return np.linalg.solve(factor, gap.ravel()), np.linalg.solve(
+            factor, derivative.reshape(3 * len(own), self.shared_size)
+        )
 
     @property
     def blocks(self) -> NDArray | None:
         """Return the poses' ranks in time (B,): any can be left out together."""
         poses = len(self.conditions.readings)
         order = self.conditions.covariates.get("order", np.arange(poses))
-        return np.argsort(np.argsort(order, kind="stable"))
+        return ranks(order)
 
     @property
     def scene(self) -> Scene:
@@ -69,16 +280,14 @@ class PointModel(Unknowns):
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
         recording = self._recording(shared, local)
         points = self._with_errors(recording.state.points, shared, local)
-        slopes, rows = np.empty((*points.shape, 0)), (np.empty(0), np.empty((0, 0)))
-        if by_shared:
-            slopes, rows = self._by_shared(shared, recording), self._known_rows(shared)
-        return Prediction(points, slopes, self._by_local(recording), *rows, self._shared_known, self._local_known)
+        slopes = self._by_shared(shared, recording) if by_shared else None
+        return self._prediction(shared, points, slopes, self._by_local(recording))
 
     def _by_shared(self, shared: NDArray, recording: Recording) -> NDArray:
         """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
         slopes = np.zeros((*recording.state.points.shape, self.shared_size))
         for part, change, cause in self._changes(shared, recording):
-            met = recording.passage.met if cause is None else recording.passage.downstream(cause)
+            met = recording.passage.before_recording(cause)
             slopes[..., part] = recording.motion(change, met)
         self._fill_shape(slopes, shared, recording)
         slopes = recording.recorded(slopes)
@@ -90,7 +299,7 @@ class PointModel(Unknowns):
         """Return the points' derivatives (B, K, 3, H) by the local unknowns."""
         slopes = np.zeros((*recording.state.points.shape, self.local_size))
         if (reading := self._reading_change) is not None:
-            slopes[..., : reading.size] = recording.motion(reading, recording.passage.met)
+            slopes[..., : reading.size] = recording.motion(reading, recording.passage.before_recording())
         self._fill_rolls(slopes, recording)
         slopes = recording.recorded(slopes)
         self._fill_pose_errors(slopes)
@@ -103,7 +312,7 @@ class PointModel(Unknowns):
         channel is what a cause after all those in force would change: of the drive for rho, of the structure else.
         """
         recording, count = self._recording(shared, local), self.nominal.count
-        structure = recording.passage.of_structure
+        structure = recording.passage.downstream(None, Step.STRUCTURE)
         found = {}
         for name in ("rho", "delta_bz", *self.nominal.closure.geometry):
             shape = (1, count, 3) if name in "abu" else (1, count)
@@ -127,10 +336,10 @@ class PointModel(Unknowns):
         by_shared = np.zeros((len(passage.state.rho), 6, self.shared_size))
         by_local = np.zeros((len(passage.state.rho), 6, self.local_size))
         for part, change, cause in self._changes(shared, recording):
-            met = passage.met if cause is None else passage.downstream(cause)
+            met = passage.before_recording(cause)
             by_shared[..., part] = settled(passage, carried(change, met))[1]
         if (reading := self._reading_change) is not None:
-            by_local[..., : reading.size] = settled(passage, carried(reading, passage.met))[1]
+            by_local[..., : reading.size] = settled(passage, carried(reading, passage.before_recording()))[1]
         return by_shared, by_local
 
     def _passage(self, shared: NDArray, local: NDArray) -> Passage:
@@ -159,7 +368,9 @@ class PointModel(Unknowns):
         roll = np.zeros(self.conditions.readings.shape, local.dtype)
         roll[:, self.known.ridden] = local[:, self._rolls] * FREE_ANGLE_RAD
         frames = leg_frames(passage.state, self.upright, roll, self._seats(shared)[0])
-        return record(passage, self.targets, frames, self.effects(shared))
+        state = passage.state
+        points, turn = positions(state, self.targets, frames), turns(state, self.targets, frames)
+        return record(passage, self.targets, frames, self.effects(shared), points, turn)
 
     def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice, Change, Cause | None]]:
         """Yield every change upstream of instruments by shared unknowns: its place among these, its cause."""
@@ -168,7 +379,7 @@ class PointModel(Unknowns):
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is not Step.INSTRUMENT:
-                change = cause.change(recording.at(cause), effect.values)
+                change = cause.change(recording.passage.at(cause), effect.values)
                 scaled = {name: slope * self.effect_sigma(cause) for name, slope in change.fields.items()}
                 yield self.layout[cause.key], Change(scaled, change.size), cause
 
@@ -194,7 +405,7 @@ class PointModel(Unknowns):
     def _fill_shape(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         """Fill in the derivatives by the bodies' shapes and by the seats of the legs' survey frames."""
         turn = recording.state.turn
-        follows = turn @ moved_by_shape(recording.passage.met, turn.shape)
+        follows = turn @ moved_by_shape(recording.passage.before_recording(), turn.shape)
         by_shared[..., self.layout["shape"]] = (turn + follows) @ self.known.survey.modes
         seat_rotation, offset = self._seats(shared)
         pulls = self._part(shared, "seat").reshape(-1, 6)
@@ -204,14 +415,14 @@ class PointModel(Unknowns):
             first = self.layout["seat"].start + 6 * place
             upright = turn[:, own] @ seat.T
             pushed = follows[:, own] @ seat.T
-            arms = self._arms(recording.passage.state, own) @ seat.T - offset[leg]
+            arms = self._arms(recording.state, own) @ seat.T - offset[leg]
             turned = (pushed @ skew(offset[leg]) - upright @ skew(arms)) @ jacobian[place]
             by_shared[:, own, :, first : first + 3] = (upright + pushed) * FREE_LENGTH_M
             by_shared[:, own, :, first + 3 : first + 6] = turned
 
     def _fill_rolls(self, by_local: NDArray, recording: Recording) -> None:
         first = self._rolls.start
-        frames, state = recording.frames, recording.passage.state
+        frames, state = recording.frames, recording.state
         for place, leg in enumerate(self.known.ridden):
             own = self._riding(leg)
             arms = np.einsum("bij,bkj->bki", frames.rotation[:, leg], self._arms(state, own))

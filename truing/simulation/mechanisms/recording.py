@@ -7,9 +7,11 @@ the shortest way and, held by alike flexures at both ends, about its own axis ha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
 from truing.simulation.cause import OBSERVED, Cause, Effect, Step
 from truing.simulation.change import Change
+from truing.simulation.effects_model import EffectsModel
 from truing.simulation.mechanisms.forward_pass import Met, Passage, carried, settled
 from truing.simulation.mechanisms.legs.kinematics import (
     attachment_change,
@@ -27,6 +30,26 @@ from truing.simulation.mechanisms.legs.kinematics import (
 )
 from truing.simulation.mechanisms.state import State
 from truing.simulation.targets import LEG, PLATFORM, Targets
+
+# What nothing is known of: wide enough not to pull, narrow enough to keep the equations well scaled.
+FREE_LENGTH_M, FREE_ANGLE_RAD, FREE_DIRECTION = 0.01, 0.1, 0.05
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What is known of each pose: readings (B, L) in m, covariates (B,) or (B, L) by column; the poses' names.
+
+    ``span_s`` is the first and last time of the whole campaign, of which these poses may be a part. ``common_errors``
+    (B, K, 3, Q): how points, in the model's frame, follow the errors that photographs of all poses share, m;
+    ``pose_errors`` (B, K, 3, E) those that the points of each pose share.
+    """
+
+    readings: NDArray
+    covariates: Mapping[str, NDArray] = field(default_factory=dict)
+    poses: tuple[int | str, ...] = ()
+    span_s: tuple[float, float] | None = None
+    common_errors: NDArray | None = field(default=None, kw_only=True)
+    pose_errors: NDArray | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -150,30 +173,25 @@ def _turned(rotation: NDArray, arms: NDArray) -> NDArray:
 
 @dataclass(frozen=True)
 class Recording:
-    """What was recorded of a passage: ``state`` with its points and turns, ``met`` as in `Passage`, of instruments."""
+    """What was recorded: how the state passed all of the chain, and where the legs stood."""
 
     passage: Passage
     targets: Targets
     frames: LegFrames
-    state: State
-    met: tuple[Met, ...]
 
-    def at(self, cause: Cause) -> State:
-        """Return the state that a cause meets."""
-        if cause.step is not Step.INSTRUMENT:
-            return self.passage.at(cause)
-        if not self.met:
-            return self.state
-        return {effect.cause.key: met for effect, met in self.met}.get(cause.key, self.state)
+    @property
+    def state(self) -> State:
+        """Return the state with its points and turns as recorded."""
+        return self.passage.state
 
     def motion(self, change: Change, met: Sequence[Met]) -> NDArray:
         """Return how the targets move (B, K, 3, P), m, base frame, by a change that goes on to meet these effects."""
-        bodies = motion(self.passage, self.passage.state.upright, carried(change, met))
-        return target_motion(self.passage.state, self.targets, self.frames, bodies)
+        bodies = motion(self.passage, self.state.upright, carried(change, met))
+        return target_motion(self.state, self.targets, self.frames, bodies)
 
     def recorded(self, motions: NDArray, cause: Cause | None = None) -> NDArray:
         """Return motions of the points (B, K, 3, P) as recorded: by all instruments, or those after a cause."""
-        for effect, state in self._after(cause):
+        for effect, state in self.passage.downstream(cause, Step.INSTRUMENT):
             motions = effect.cause.recorded(motions, state, effect.values)
         return motions
 
@@ -182,26 +200,13 @@ class Recording:
         """Return how recorded points follow shifts along the axes of their bodies, (B, K, 3, 3)."""
         return self.recorded(self.state.turn)
 
-    def _after(self, cause: Cause | None) -> tuple[Met, ...]:
-        if cause is None:
-            return self.met
-        keys = [effect.cause.key for effect, _ in self.met]
-        return self.met[keys.index(cause.key) + 1 :] if cause.key in keys else ()
 
-
-def record(passage: Passage, targets: Targets, frames: LegFrames, effects: Sequence[Effect]) -> Recording:
-    """Return what instruments record of a passage, their effects in order."""
-    state = replace(
-        passage.state,
-        points=positions(passage.state, targets, frames),
-        turn=turns(passage.state, targets, frames),
-    )
-    met = []
-    for effect in effects:
-        if effect.cause.step is Step.INSTRUMENT:
-            met.append((effect, state))
-            state = effect.apply(state)
-    return Recording(passage, targets, frames, state, tuple(met))
+def record(
+    passage: Passage, targets: Targets, frames: LegFrames, effects: Sequence[Effect], points: NDArray, turn: NDArray
+) -> Recording:
+    """Return what instruments record of points (B, K, 3), m, and of turns (B, K, 3, 3) of their axes."""
+    seen = passage.entering(replace(passage.state, points=points, turn=turn))
+    return Recording(seen.through(Step.INSTRUMENT, effects, Effect.apply), targets, frames)
 
 
 def designs(recording: Recording, cause: Cause, scale: NDArray) -> dict[str, NDArray]:
@@ -210,7 +215,7 @@ def designs(recording: Recording, cause: Cause, scale: NDArray) -> dict[str, NDA
     The index within a pathway is leg, or 3 leg + axis; of what is observed, 3 target + axis.
     """
     found: dict[str, NDArray] = {}
-    for name, slope in cause.change(recording.at(cause), np.zeros(len(scale))).fields.items():
+    for name, slope in cause.change(recording.passage.at(cause), np.zeros(len(scale))).fields.items():
         slope = slope * scale
         if name == "moved":
             slope = recording.turn @ slope
@@ -218,3 +223,90 @@ def designs(recording: Recording, cause: Cause, scale: NDArray) -> dict[str, NDA
         flat = slope.reshape(len(slope), -1, len(scale))
         found[pathway] = found[pathway] + flat if pathway in found else flat
     return found
+
+
+@dataclass(frozen=True)
+class Photographed:
+    """That points come from photographs: with so many ``errors`` common to all poses (of cameras, of scale bars) and so
+    many that the points of each pose share (its scale, ..), each of one standard deviation; and the bars that gave them
+    their scale, and at which height in the model's frame, m."""
+
+    errors: int = 0
+    pose_errors: int = 0
+    scale_bars: tuple[str, ...] = ()
+    scale_height_m: float = 0.0
+
+
+# What photographs of all poses have in common, among the shared unknowns.
+COMMON = "photographs"
+
+
+@dataclass(frozen=True)
+class RecordedModel(EffectsModel):
+    """Points of bodies in space, which instruments record; ``photographed`` where they were computed from images."""
+
+    targets: Targets
+    conditions: Conditions
+    photographed: Photographed | None = field(default=None, kw_only=True)
+
+    def at(self, conditions: Conditions) -> Self:
+        """Return the model at other poses."""
+        return replace(self, conditions=conditions)
+
+    @abstractmethod
+    def _recording(self, shared: NDArray, local: NDArray) -> Recording:
+        """Return what is recorded with the effects in force."""
+
+    def points(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return the predicted points (B, K, 3), m, in the model's frame."""
+        return self._with_errors(self._recording(shared, local).state.points, shared, local)
+
+    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
+        """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
+        return self._recording(shared, local).turn
+
+    @property
+    def _common_sizes(self) -> dict[str, int]:
+        """Return how many unknowns photographs of all poses have in common; nothing where there are none."""
+        return {} if self.photographed is None else {COMMON: self.photographed.errors}
+
+    @property
+    def _pose_size(self) -> int:
+        """Return how many errors the points of a pose share, the last ones of the local unknowns."""
+        return 0 if self.photographed is None else self.photographed.pose_errors
+
+    @property
+    def _local_known(self) -> NDArray:
+        """Return which local unknowns (H,) have a prior that is knowledge."""
+        known = ~self.unpredicted
+        return np.asarray(known | (np.arange(len(known)) >= len(known) - self._pose_size))
+
+    def _with_errors(self, points: NDArray, shared: NDArray, local: NDArray) -> NDArray:
+        """Return points (B, K, 3) with the errors that photographs of all poses, and of each, share."""
+        conditions = self.conditions
+        if conditions.common_errors is not None:
+            points = points + conditions.common_errors @ shared[self.layout[COMMON]]
+        if conditions.pose_errors is not None:
+            own = local[:, None, local.shape[1] - self._pose_size :, None]
+            points = points + (conditions.pose_errors @ own)[..., 0]
+        return points
+
+    def _fill_pose_errors(self, by_local: NDArray) -> None:
+        """Fill in the derivatives by the errors that photographs of each pose share."""
+        if self.conditions.pose_errors is not None:
+            by_local[..., by_local.shape[-1] - self._pose_size :] = self.conditions.pose_errors
+
+    def _fill_common(self, by_shared: NDArray) -> None:
+        """Fill in the derivatives by the errors that photographs of all poses share."""
+        if self.conditions.common_errors is not None:
+            by_shared[..., self.layout[COMMON]] = self.conditions.common_errors
+
+    def _fill_instruments(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
+        """Fill in the derivatives by the parameters of instruments' effects."""
+        for effect in self.effects(shared):
+            cause = effect.cause
+            if cause.step is Step.INSTRUMENT and len(effect.values):
+                slope = cause.change(recording.passage.at(cause), effect.values).fields["points"] * self.effect_sigma(
+                    cause
+                )
+                by_shared[..., self.layout[cause.key]] = recording.recorded(slope, cause)

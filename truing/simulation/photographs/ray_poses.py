@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.inputs import ORDER, TEMPERATURE
+from truing.simulation.inputs import ORDER, TEMPERATURE, ranks
 
 CAMERA, BAR, AIR, WINDOW = "camera", "bar", "air", "window"
 
@@ -69,7 +69,7 @@ class RayPoses:
     def rank(self) -> NDArray:
         """Return the rank in time (B,) of each pose among these."""
         order = self.covariates.get(ORDER, np.arange(len(self.poses)))
-        return np.argsort(np.argsort(order, kind="stable"))
+        return ranks(order)
 
     def varies(self, column: str) -> bool:
         """Return whether a column is known at all poses and takes more than one value."""
