@@ -10,7 +10,11 @@ from truing.pipeline.artifacts import Unreadable, read_artifact
 from truing.pipeline.campaign_folder import CampaignFolder
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import pandas as pd
+
+    from truing.simulation.cause import Cause
 
 HEADS = ("cause that photographs show", "concerns", "theory, in the run")
 _DRAWN = (
@@ -35,8 +39,8 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
     from truing.report.wordings.catalogue import cause_words
     from truing.simulation.catalogue import catalogue_of_rays, of_photographed_points
 
-    kinds = {**catalogue_of_rays(), **of_photographed_points()}
-    names = [name for name, kind in kinds.items() if kind.catalogued]
+    catalogues: tuple[Mapping[str, Cause], ...] = (catalogue_of_rays(), of_photographed_points())
+    names = list(dict.fromkeys(name for own in catalogues for name, kind in own.items() if kind.catalogued))
     listed = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
     table = _detectable(run)
     own = None if table is None else table[table["cause"].isin(names)]

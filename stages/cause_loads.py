@@ -5,7 +5,7 @@ As `stages.load_design`, no stage of a run: tables in, a table and sentences out
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.schemas.campaign import Campaign
-    from truing.simulation.cause import Cause, Scene
+    from truing.simulation.cause import Cause
 
 
 @dataclass(frozen=True)
@@ -47,18 +47,18 @@ def loads_for_causes(
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
     plain = fitter.prepared(gathered.given)
     known = kinds_of(settings)
-    causes = [one for name in wanted for one in _members(known[name], plain.scene)]
+    causes = [one for name in wanted for one in _members(plain.scene.candidates(known[name]))]
     fits = [(cause, next_run(fitter.fitted((*gathered.given, cause), plain))) for cause in causes]
     plans, advice = planned(partial(possible_runs, settings, plain), fits, (), least_known=True)
     told = [f"{cause.id} {cause.subject}".strip() + f": {advice[cause.key].words}" for cause in causes]
     return CauseLoads(plan_table("next_loads", plans), tuple(told))
 
 
-def _members(kind: Cause, scene: Scene) -> Iterator[Cause]:
+def _members(candidates: Iterable[Cause]) -> Iterator[Cause]:
     """A cause per subject that a kind may concern: of its forms the middle one; none of what ends with a campaign's
     runs."""
     by_subject: dict[str, list[Cause]] = {}
-    for cause in kind.candidates(scene):
+    for cause in candidates:
         by_subject.setdefault(cause.subject, []).append(cause)
     for forms in by_subject.values():
         middle = forms[len(forms) // 2]

@@ -224,7 +224,7 @@ def rule_of(settings: Campaign, *, of_points: bool = False) -> Settings:
     return Settings(share * settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
 
 
-def kinds_of(settings: Campaign, *, photographed: bool = False) -> dict[str, Cause]:
+def kinds_of(settings: Campaign, *, photographed: bool = False) -> Mapping[str, Cause]:
     """The causes that a campaign's instrument and mechanism know, by id."""
     from truing.simulation.catalogue import (
         OF_TYPES,
@@ -245,8 +245,9 @@ def kinds_of(settings: Campaign, *, photographed: bool = False) -> dict[str, Cau
 def decided(gathered: Gathered, settings: Campaign, progress: Progress) -> Diagnosis:
     """All that the search over the catalogue decides."""
     from truing.inference.selection import Acceptance
+    from truing.simulation.mechanisms.recording import RecordedModel
 
-    photographed = bool(gathered.model.scene.photographed)
+    photographed = isinstance(gathered.model, RecordedModel) and gathered.model.photographed is not None
     search = Acceptance(
         gathered.model,
         gathered.calibration,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _THRESHOLD_DRAWS = 1600
 
 
-def judged_by(plan: Plan, settings: Campaign) -> tuple[dict[str, Cause], Settings]:
+def judged_by(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Settings]:
     """The causes that a diagnosis of such a campaign looks for, by id, and how sure it must be."""
     from truing.simulation.catalogue import catalogue_of_rays
     from truing.stages.diagnose import kinds_of, rule_of

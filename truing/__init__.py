@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from truing.simulation.mechanisms.legs.closures import Closure, Legs, mechanism
     from truing.simulation.mechanisms.legs.kinematics import forward, inverse
     from truing.simulation.mechanisms.parameters import ParameterSet, full_set, report_set
+    from truing.simulation.mechanisms.point_causes import PointCause
     from truing.simulation.mechanisms.recalibration import recalibrate
     from truing.simulation.mechanisms.recording import Conditions
     from truing.simulation.mechanisms.state import State
@@ -81,6 +82,7 @@ __all__ = [
     "Observability",
     "Parameter",
     "ParameterSet",
+    "PointCause",
     "Prior",
     "ProcrustesFit",
     "ResponseFit",
@@ -174,6 +176,7 @@ _ROOMS = {
     "truing.simulation.air": ("ciddor_index", "edlen_index"),
     "truing.simulation.mechanisms.calibration_problem": ("CalibrationProblem",),
     "truing.simulation.cause": ("Cause", "Parameter", "Step"),
+    "truing.simulation.mechanisms.point_causes": ("PointCause",),
     "truing.simulation.mechanisms.forward_pass": ("simulate",),
     "truing.simulation.mechanisms.state": ("State",),
     "truing.simulation.mechanisms.extended_model": ("ExtendedModel", "predict_poses", "read_model"),

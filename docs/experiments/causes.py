@@ -146,7 +146,7 @@ def seen(bare: bool) -> Seen:
     own = (model.targets.leg < 0) | (not bare)
     measured = replace(poses.measured, seen=poses.measured.seen & own)
     start = np.zeros(model.shared_size), np.zeros((len(poses.frames.t), model.local_size))
-    return Seen(model, measured, fit_model(model, measured, poses.frames, *start))
+    return Seen(model, measured, fit_model(model.predict, measured, poses.frames, *start))
 
 
 def compared() -> tuple[Cause, ...]:

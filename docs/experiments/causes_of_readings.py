@@ -98,7 +98,7 @@ def _fitted(model: object, measured: object) -> Seen:
     steps = len(measured.seen)  # type: ignore[attr-defined]
     start = np.zeros(model.shared_size), np.zeros((steps, model.local_size))  # type: ignore[attr-defined]
     frames = Frames.of_numbers(steps)
-    return Seen(model, measured, fit_model(model, measured, frames, *start))  # type: ignore[arg-type]
+    return Seen(model, measured, fit_model(model.predict, measured, frames, *start))
 
 
 @cache

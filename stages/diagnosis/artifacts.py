@@ -48,13 +48,10 @@ def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, setti
 
 def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
     from truing.simulation.mechanisms.extended_model import extended, write_model
-    from truing.stages.diagnosis.pull_tables import Fitted, pull_tables
+    from truing.stages.diagnosis.pull_tables import fitted_mechanism, pull_tables
 
-    plain, final = (
-        Fitted(stand.model, stand.fit.shared, stand.covariance()) for stand in (diagnosis.plain, diagnosis.final)
-    )
-    context = {"campaign": settings.campaign.name}
-    text = write_model(extended(diagnosis.final.model, final.shared, final.covariance, context))
+    plain, final = fitted_mechanism(diagnosis.plain), fitted_mechanism(diagnosis.final)
+    text = write_model(extended(final.model, final.shared, final.covariance, {"campaign": settings.campaign.name}))
     return {"model": text, **pull_tables(plain, final), **_changes(diagnosis)}
 
 
@@ -103,8 +100,8 @@ def _prediction_table(diagnosis: Diagnosis, gathered: Gathered) -> pa.Table:
 
     plain, final = diagnosis.plain, diagnosis.final
     rows = _rows(gathered.calibration.conditions.poses, "calibration", plain.error, final.error)
-    if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
-        rows += _rows(diagnosis.held_out.conditions.poses, "verification", plain.held_out, final.held_out)
+    if gathered.held_out is not None and plain.held_out is not None and final.held_out is not None:
+        rows += _rows(gathered.held_out.conditions.poses, "verification", plain.held_out, final.held_out)
     identifier = "int64" if all(isinstance(row["pose"], int) for row in rows) else "string"
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["prediction"].arrow_schema(identifier))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,12 @@ from truing.inference.fitted_model import FittedModel, Fitter
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml
 from truing.simulation.bench.extended_model import is_sensor, read_sensor
+from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.prior import sensor_prior
 from truing.simulation.cause import Cause
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.mechanisms.extended_model import read_model
+from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.prior_campaign import CampaignPrior
 from truing.simulation.reported_numbers import alternatives, figures, numbers_of, told_numbers
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.stages.diagnosis.mechanism_points import Gathered
+
+ModelT = TypeVar("ModelT", bound=EffectsModel)
 
 _UNNAMED = "the earlier campaign"
 
@@ -45,6 +49,7 @@ def started(gathered: Gathered, text: str, seed: int) -> Gathered:
     alone = with_earlier(gathered.model, earlier.nothing)
     try:
         stand = Fitter(alone, gathered.calibration, gathered.held_out, seed).prepared(gathered.given)
+        assert isinstance(stand.model, PointModel | ReadingModel)
         compared = _compared(earlier, stand.model, stand.fit.shared, stand.covariance())
     except np.linalg.LinAlgError:
         raise ValueError("with the effects of the earlier model the fit left what the legs can reach") from None
@@ -68,7 +73,7 @@ def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior
     return found.context.get("campaign", _UNNAMED), found.model.causes, mechanism_prior(found, model)
 
 
-def with_earlier(model: Any, earlier: CampaignPrior) -> Any:
+def with_earlier(model: ModelT, earlier: CampaignPrior) -> ModelT:
     """The model, of points or of readings, that starts from what an earlier campaign found."""
     return replace(model, prior_campaign=earlier).with_causes(())
 
@@ -103,11 +108,12 @@ def changes_table(final: FittedModel) -> pa.Table | None:
 
     None where the campaign starts from nothing.
     """
-    earlier: CampaignPrior | None = final.model.prior_campaign
+    assert isinstance(final.model, PointModel | ReadingModel)
+    earlier = final.model.prior_campaign
     if earlier is None:
         return None
-    model: Any = with_earlier(final.model, earlier.nothing).with_causes(final.causes)
-    fit = fit_model(model, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
+    model = with_earlier(final.model, earlier.nothing).with_causes(final.causes)
+    fit = fit_model(model.predict, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
     covariance = fit.whitened.covariance() * final.noise_ratio**2
     found = _compared(earlier, model, fit.shared, covariance)
     told = told_numbers(earlier, model, fit.shared, covariance)

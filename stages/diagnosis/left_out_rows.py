@@ -54,6 +54,6 @@ def _place(one: ScreenedValue, gathered: Gathered) -> dict[str, Any]:
 
 def _subject(one: ScreenedValue, diagnosis: Diagnosis) -> str:
     """Body and target, or the channel."""
-    targets = diagnosis.final.model.targets
-    name = str(targets.names[one.channel])
-    return f"{targets.bodies[one.channel]} {name}" if len(targets.bodies) > one.channel else name
+    model = diagnosis.final.model
+    name = model.channel_names[one.channel]
+    return f"{model.channel_kinds[one.channel]} {name}" if len(model.channel_kinds) > one.channel else name

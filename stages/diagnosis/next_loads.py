@@ -14,12 +14,12 @@ from truing.estimation.design.run_candidates import Readout, Runs, run_candidate
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.load_cases import LoadLimits, bench_loads
 from truing.simulation.bench.known_readings import ReadingConditions, Zeros
+from truing.simulation.bench.model import ReadingModel
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
     from truing.schemas.campaign import Campaign
-    from truing.simulation.bench.model import ReadingModel
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,8 @@ def _branches(load: Array) -> Iterator[str]:
 
 def next_run(stand: FittedModel) -> Fitted:
     """The fit of a bench as further runs see it: the zeros of runs that are over do not matter to them."""
-    model: ReadingModel = stand.model  # type: ignore[assignment]
+    model = stand.model
+    assert isinstance(model, ReadingModel)
     none = Zeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
     kept = np.setdiff1d(np.arange(model.shared_size), np.arange(model.shared_size)[model.layout["zero"]])
     later = replace(model, known=replace(model.known, zeros=none))
@@ -115,7 +116,8 @@ def next_run(stand: FittedModel) -> Fitted:
 
 def possible_runs(settings: Campaign, stand: FittedModel, models: Sequence[Fitted]) -> PossibleRuns:
     """Return the runs that could be done next on the bench of a fit, to judge models by."""
-    model: ReadingModel = stand.model  # type: ignore[assignment]
+    model = stand.model
+    assert isinstance(model, ReadingModel)
     readout, seen = _readout(stand, model), stand.measured.seen
     plain = list(_plain_runs(settings, model))
     made = list(plain)

@@ -105,7 +105,7 @@ def _asked(
     rivals = [
         Rivals(own.cause, fitted(own.own), other.cause, fitted(other.own), own.log_odds - other.log_odds)
         for other in diagnosis.verdicts
-        if other.verdict == "indistinguishable" and (own := found.get(other.rival.key)) and own.own and other.own
+        if other.rival is not None and (own := found.get(other.rival.key)) and own.own and other.own
     ]
     final = fitted(diagnosis.final)
     return [(own.cause, final) for own in found.values()], rivals

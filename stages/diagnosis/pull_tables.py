@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from truing.inference.pulls import Pulls, pulls
 from truing.simulation.mechanisms.identified import IdentifiedGeometry, identified_geometry
+from truing.simulation.mechanisms.model import PointModel
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.simulation.mechanisms.model import PointModel
+    from truing.inference.fitted_model import FittedModel
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,12 @@ class Fitted:
     model: PointModel
     shared: NDArray
     covariance: NDArray
+
+
+def fitted_mechanism(stand: FittedModel) -> Fitted:
+    """The fit of a mechanism's model."""
+    assert isinstance(stand.model, PointModel)
+    return Fitted(stand.model, stand.fit.shared, stand.covariance())
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from truing.estimation.bundle.shared_errors import shared_errors
 from truing.estimation.rigid_poses.point_errors import PointErrors
 from truing.simulation.catalogue import catalogue_of_rays
-from truing.simulation.mechanisms.recording import Photographed
+from truing.simulation.mechanisms.point_causes import Photographed
+from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import BAR
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.point_errors import point_errors
@@ -79,6 +80,7 @@ def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, rule: Setti
     points = {key: row for row, key in enumerate(keys)}
     pose = np.array([whole.poses.index(key[0]) for key in keys], int)
     final, scale = diagnosis.final, np.array([number.scale for number in whole.parameters])
+    assert isinstance(final.model, RayModel)
     model = final.model.at(whole)
     off = np.zeros((len(keys), 3))
     moves: dict[str, Array] = {}

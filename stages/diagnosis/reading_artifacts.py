@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.bench.model import ReadingModel
 from truing.stages.diagnosis.pull_tables import Belief, sensor_pull_tables
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ def of_readings(diagnosis: Diagnosis, channels: Channels, settings: Campaign) ->
     from truing.simulation.bench.extended_model import extended_sensor, write_sensor
 
     final = diagnosis.final
+    assert isinstance(final.model, ReadingModel)
     context = {"campaign": settings.campaign.name}
     text = write_sensor(extended_sensor(final.model, final.fit.shared, final.covariance(), context))
     names = final.model.known.sensor.unknowns
@@ -43,10 +45,9 @@ def _errors_table(diagnosis: Diagnosis, channels: Channels, settings: Campaign) 
     import pyarrow as pa
 
     plain, final = diagnosis.plain, diagnosis.final
-    rows = _rows(plain.model, "calibration", plain.error, final.error, channels)
+    rows = _rows("calibration", plain.error, final.error, channels)
     if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
-        there = plain.model.at(diagnosis.held_out.conditions)
-        rows += _rows(there, "verification", plain.held_out, final.held_out, channels)
+        rows += _rows("verification", plain.held_out, final.held_out, channels)
     floor = _floors(diagnosis, channels, settings)
     rows = [{**row, "noise_floor": floor.get(row["channel"])} for row in rows]
     identifier = "int64" if all(isinstance(row["run"], int) for row in rows) else "string"
@@ -62,19 +63,18 @@ def _floors(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dic
     floor = diagnosis.final.floor
     declared = ~channels.signal | (settings.noise.signal_mv is not None)
     size = np.sqrt(floor.square) / channels.si
-    names = diagnosis.final.model.known.channels
+    names = diagnosis.final.model.channel_names
     return {names[k]: float(size[k]) for k in np.flatnonzero(declared & (floor.seen > 0))}
 
 
-def _rows(
-    model: Any, role: str, before: PredictionError, after: PredictionError, channels: Channels
-) -> list[dict[str, Any]]:
-    conditions = model.conditions
+def _rows(role: str, before: PredictionError, after: PredictionError, channels: Channels) -> list[dict[str, Any]]:
+    assert isinstance(before.model, ReadingModel)
+    names, conditions = before.model.channel_names, before.model.conditions
     return [
         {
             "run": conditions.run[b].item() if hasattr(conditions.run[b], "item") else conditions.run[b],
             "step": int(conditions.step[b]),
-            "channel": model.known.channels[k],
+            "channel": names[k],
             "role": role,
             "missed_before": float(before.gap[b, k, 0] / channels.si[k]),
             "missed_after": float(after.gap[b, k, 0] / channels.si[k]),

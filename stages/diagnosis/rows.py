@@ -159,11 +159,11 @@ def _noise_row(level: NoiseLevel, final: FittedModel, shown: Shown) -> dict[str,
 def _noisy_row(target: int, level: NoiseLevel, final: FittedModel, words: Words) -> dict[str, Any]:
     """One channel that is noisier than declared."""
     shown = words.of_target(target)
-    return _noise_row(level, final, shown) | {"subject": f"{final.model.scene.word_of_target} {_name(final, target)}"}
+    return _noise_row(level, final, shown) | {"subject": f"{final.model.channel_word} {_name(final, target)}"}
 
 
 def _name(final: FittedModel, target: int) -> str:
-    return str(final.model.targets.names[target])
+    return final.model.channel_names[target]
 
 
 def _followed_column(column: str) -> tuple[str, ...]:
@@ -177,7 +177,7 @@ def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> di
     from truing.report.diagnosis.findings import noise_explanation
 
     names = [_name(final, target) for target in own.driver.channels]
-    whose = final.model.scene.word_of_target
+    whose = final.model.channel_word
     follows = own_name(own.driver.name) or f"{whose} {names[0]}"
     where = f"Look at {follows}" if names else f"Repeat it where {follows} differs"
     missed = shown.rms(final.error), shown.floor(final.floor)

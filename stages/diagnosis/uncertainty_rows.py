@@ -39,8 +39,15 @@ _WORDS = {
 _READ = {
     "points": "readings of the actuators",
     "bodies": "standing of what should stand still",
-    "bench": "applied loads",
+    "channel": "applied loads",
     "encoder": "standing of the axis at its command",
+}
+# What was measured, by what a model calls one channel.
+_MEASURED = {
+    "target": "measured points",
+    "channel": "readings and signals",
+    "encoder": "readings of the encoders",
+    "rays of": "rays of photographs",
 }
 # Noise is of its declared size unless what was measured shows it to be larger by this much.
 _LARGER = 1.01
@@ -78,24 +85,14 @@ def _source(final: FittedModel, given: Contribution) -> tuple[str, bool]:
     """A source in words, and whether its size was found from what was measured."""
     readings, survey = final.learned
     if given.source == OBSERVATIONS:
-        return f"{_measured(final)}, at the noise found", True
+        return f"{_MEASURED[final.model.channel_word]}, at the noise found", True
     if given.source == INPUTS:
-        word = final.model.scene.word_of_target
-        numbers = word if word in _READ else "bench"
-        kind = numbers if not final.fit.frames.size else "points" if final.model.part_count else "bodies"
+        word = final.model.channel_word
+        kind = word if not final.fit.frames.size else "points" if final.model.part_count else "bodies"
         return _found(_READ[kind], readings)
     if given.source == "shape":
         return _found(_WORDS["shape"], survey)
     return _WORDS[given.source], False
-
-
-def _measured(final: FittedModel) -> str:
-    """What was measured, in words."""
-    if final.fit.frames.size:
-        return "measured points"
-    if final.model.scene.word_of_target == "encoder":
-        return "readings of the encoders"
-    return "readings and signals" if final.model.scene.rays is None else "rays of photographs"
 
 
 def _found(words: str, ratio: float) -> tuple[str, bool]:

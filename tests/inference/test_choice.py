@@ -30,7 +30,6 @@ def _cause(name: str, catalogued: bool) -> Any:
         catalogued=catalogued,
         alike=lambda legs: (),
         one_sided=lambda legs: (0,) if name.startswith("gap") else (),
-        higher_order_terms=lambda scene: (),
         is_higher_order=name.startswith("further"),
         subject=name.partition(" of ")[2] or name,
     )
@@ -50,7 +49,11 @@ def _round(designs: dict[str, dict[str, NDArray]], sizes: dict[str, float], unna
     whitened = toy.measured(np.random.default_rng(2), effect)
     own, noise = toy.channels(whitened), components(whitened, 3 * toy.POINTS, toy.READINGS)
     stand: Any = SimpleNamespace(
-        noise=noise, model=SimpleNamespace(part_count=0), fit=SimpleNamespace(whitened=whitened), causes=(), scene=None
+        noise=noise,
+        model=SimpleNamespace(part_count=0),
+        fit=SimpleNamespace(whitened=whitened),
+        causes=(),
+        scene=SimpleNamespace(higher_order_terms=lambda cause: ()),
     )
     found = [Candidate(_cause(n, n not in unnamed), n, signature(own, d), 1.0) for n, d in designs.items()]
     shares = dict.fromkeys(designs, 1.0)

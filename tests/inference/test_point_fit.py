@@ -42,6 +42,6 @@ def test_a_step_that_would_make_things_worse_is_halved() -> None:
     model = Saturating(TRUE + np.linspace(-0.02, 0.02, 9))
     truth = model.predict(np.array([TRUE / PRIOR]), np.zeros((9, 0))).values
     measured = Observations(truth, np.full((9, 1, 1, 1), 1e-10), np.ones((9, 1), bool))
-    fit = fit_model(model, measured, Frames.of_numbers(9), np.array([0.0]), np.zeros((9, 0)))
+    fit = fit_model(model.predict, measured, Frames.of_numbers(9), np.array([0.0]), np.zeros((9, 0)))
     assert fit.state == FitState.SETTLED
     assert_close(PRIOR * fit.shared, [TRUE], atol=1e-6)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from truing.inference.observations import Frames, Observations
 from truing.inference.prediction import PredictionError, predicts_worse
 
 TRIALS, TARGETS = 4000, 8
+MODEL = SimpleNamespace(error_groups=None, zero_groups=None)
 
 
 def _error(gap: NDArray, sigma: float = 1.0) -> PredictionError:
@@ -19,7 +22,7 @@ def _error(gap: NDArray, sigma: float = 1.0) -> PredictionError:
     measured = Observations(gap, np.broadcast_to(sigma**2 * np.eye(3), (*gap.shape, 3)), seen)
     frames = Frames(np.broadcast_to(np.eye(3), (poses, 3, 3)), np.zeros((poses, 3)))
     none = np.zeros((poses, 0))
-    return PredictionError(gap, measured, whitened, frames, none, none[..., None], none[..., None], None, none[0])
+    return PredictionError(gap, measured, whitened, frames, none, none[..., None], none[..., None], MODEL, none[0])
 
 
 def _vetoes(poses: int, size: float, share: float) -> float:

@@ -13,10 +13,11 @@ from tests.tolerance import assert_close
 from truing.simulation import catalogue as causes
 from truing.simulation import installed
 from truing.simulation.bench.causes.channels import ZeroDrift
-from truing.simulation.cause import Cause, Effect, Parameter, Scene, Step
+from truing.simulation.cause import Cause, Effect, Parameter, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.mechanisms.forward_pass import simulate
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
 COVARIATES = {
@@ -26,7 +27,7 @@ COVARIATES = {
 }
 
 
-class LegsTooLong(Cause):
+class LegsTooLong(PointCause):
     """A laboratory's own cause, whole: all legs are longer by the same length."""
 
     id = "legs-too-long"
@@ -67,6 +68,19 @@ def test_a_cause_of_readings_joins_those_of_a_bench_alone(monkeypatch: pytest.Mo
     assert all("beams-warm" not in known and "legs-too-long" in known for known in elsewhere)
 
 
+class OfNoSort(Cause):
+    """A laboratory's own cause that says neither what it changes nor how."""
+
+    id = "of-no-sort"
+
+
+def test_a_cause_of_no_sort_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = EntryPoints([EntryPoint("OfNoSort", f"{__name__}:OfNoSort", causes.ENTRY_POINTS)])
+    monkeypatch.setattr(installed, "entry_points", lambda group: own.select(group=group))
+    with pytest.raises(ValueError, match="cause of-no-sort: found a class of no sort, expected a PointCause"):
+        causes.catalogue()
+
+
 def test_two_causes_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     _installed(monkeypatch, "one", "other")
     with pytest.raises(ValueError, match="cause legs-too-long: found in two places"):
@@ -87,7 +101,7 @@ def test_one_function_is_all_that_its_effect_takes() -> None:
     ],  # they have tests of their own
     ids=lambda cause: cause.id,
 )
-def test_every_cause_says_what_the_contract_asks_of_it(cause: Cause) -> None:
+def test_every_cause_says_what_the_contract_asks_of_it(cause: PointCause) -> None:
     state = replace(
         simulate(telescope(), readings(np.random.default_rng(2), 3), (), COVARIATES), points=np.ones((3, 2, 3))
     )
@@ -103,7 +117,7 @@ def test_a_form_that_nobody_declared_claims_nothing_beyond_the_range_of_what_it_
     assert own.covers({}, 2).all()
 
 
-def sample_scene(poses: int = 12) -> Scene:
+def sample_scene(poses: int = 12) -> PointScene:
     """A campaign that offers something to every cause of a telescope."""
     rng = np.random.default_rng(3)
     scene = sample_model(rng, poses).scene
@@ -123,7 +137,7 @@ def sample_scene(poses: int = 12) -> Scene:
 
 
 @pytest.mark.parametrize("cause", causes.catalogue().values(), ids=lambda cause: cause.id)
-def test_every_candidate_answers_all_that_is_asked_once_it_is_found(cause: Cause) -> None:
+def test_every_candidate_answers_all_that_is_asked_once_it_is_found(cause: PointCause) -> None:
     scene = sample_scene()
     members = [own.member(0, shape) for own in cause.channel_candidates(scene) for shape in range(len(own.values))]
     for candidate in [*cause.candidates(scene), *members]:

@@ -8,20 +8,20 @@ import pytest
 from tests.simulation.mechanisms.telescope import sample_model
 from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.catalogue import catalogue
-from truing.simulation.cause import Scene
 from truing.simulation.detection_trials import Sort, concerned, sorts, told_size
+from truing.simulation.mechanisms.point_causes import PointScene
 
 LEGS = 6
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene() -> PointScene:
     return sample_model(np.random.default_rng(2), 24).scene
 
 
 @pytest.fixture(scope="module")
-def found(scene: Scene) -> list[Sort]:
-    return sorts([kind for kind in catalogue().values() if kind.catalogued], scene)
+def found(scene: PointScene) -> list[Sort]:
+    return sorts([kind for kind in catalogue().values() if kind.catalogued], scene, LEGS)
 
 
 def test_a_cause_per_leg_is_a_sort_on_the_whole_and_one_on_a_single_leg(found: list[Sort]) -> None:

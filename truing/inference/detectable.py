@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.model import Cause
+from truing.inference.model import CauseT
 from truing.inference.search import Candidate, ChannelFamily, Search
 
 POWER = 0.8
@@ -51,11 +52,11 @@ class Rule:
 
 
 @dataclass(frozen=True)
-class Sight:
+class Sight(Generic[CauseT]):
     """How well a campaign sees one sort of effect: ``per_scale`` (D,) are the signal-to-noise ratios of patterns of its
     parameters, in no particular direction, whose root mean square is one plausible scale."""
 
-    cause: Cause  # a typical one of its sort
+    cause: CauseT  # a typical one of its sort
     kind: str
     rule: Rule
     per_scale: NDArray
@@ -93,25 +94,27 @@ def _patterns(parameters: int) -> NDArray:
     return np.asarray(pattern * np.sqrt(parameters) / np.linalg.norm(pattern, axis=1, keepdims=True))
 
 
-def sights(search: Search, level: float) -> list[Sight]:
+def sights(search: Search[CauseT], level: float) -> list[Sight[CauseT]]:
     """Return how well a search sees every sort of effect: per kind, subject (the whole, or a single one), parameters.
 
     Of candidates of one sort that differ in shape (onset, pitch, time constant) the one that is seen middling well.
     """
-    sorts: dict[tuple[object, ...], list[Sight]] = {}
+    sorts: dict[tuple[object, ...], list[Sight[CauseT]]] = {}
     for sight in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
         sorts.setdefault((sight.kind, *_sort(sight.cause)), []).append(sight)
     return [_middling(own) for own in sorts.values()]
 
 
-def sight(search: Search, cause: Cause, level: float) -> Sight | None:
+def sight(search: Search[CauseT], cause: CauseT, level: float) -> Sight[CauseT] | None:
     """Return how well a search sees one of its candidates; None where it has no such candidate."""
     key = cause.key
     own = (candidate for candidate in search.candidates if candidate.key == key)
     return next(_of_candidates(search, level, own), None)
 
 
-def _of_candidates(search: Search, level: float, candidates: Iterable[Candidate]) -> Iterator[Sight]:
+def _of_candidates(
+    search: Search[CauseT], level: float, candidates: Iterable[Candidate[CauseT]]
+) -> Iterator[Sight[CauseT]]:
     rules: dict[tuple[str, int], Rule] = {}
     for candidate in candidates:
         own, sort = candidate.signature, (candidate.kind, candidate.signature.rank)
@@ -122,7 +125,7 @@ def _of_candidates(search: Search, level: float, candidates: Iterable[Candidate]
         yield Sight(candidate.cause, candidate.kind, rules[sort], per_scale(own.strengths, own.loadings))
 
 
-def _of_families(search: Search, level: float) -> Iterator[Sight]:
+def _of_families(search: Search[CauseT], level: float) -> Iterator[Sight[CauseT]]:
     """Yield how well single channels are seen, each at its middling shape."""
     for family in search.families:
         own = family.signatures
@@ -132,7 +135,7 @@ def _of_families(search: Search, level: float) -> Iterator[Sight]:
             yield from (sight for sight in found if sight is not None and sight.cause.catalogued)
 
 
-def _of_channel(family: ChannelFamily, channel: int, rule: Rule) -> Sight | None:
+def _of_channel(family: ChannelFamily[CauseT], channel: int, rule: Rule) -> Sight[CauseT] | None:
     own = family.signatures
     shapes = np.flatnonzero(own.seen[:, channel])
     if not len(shapes):
@@ -144,18 +147,18 @@ def _of_channel(family: ChannelFamily, channel: int, rule: Rule) -> Sight | None
     return Sight(cause, family.kind, rule, per_scale(np.sqrt(np.maximum(values, 0.0)), vectors))
 
 
-def _rule(search: Search, kind: str, rank: int, level: float) -> Rule:
+def _rule(search: Search[CauseT], kind: str, rank: int, level: float) -> Rule:
     if rank == 0:
         return Rule(0, 1.0, level)
     group = search.null.group_of(kind, rank)
     return Rule(rank, search.noise.freedom(group.input_share), search.null.threshold(group, level))
 
 
-def _sort(cause: Cause) -> tuple[object, ...]:
+def _sort(cause: CauseT) -> tuple[object, ...]:
     """Return what effects of one sort have in common: their subject, and their parameters' names and units."""
     return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(6)))
 
 
-def _middling(own: Sequence[Sight]) -> Sight:
+def _middling(own: Sequence[Sight[CauseT]]) -> Sight[CauseT]:
     ranked = sorted(own, key=lambda s: float(np.mean(s.per_scale**2)) if s.rule.rank else 0.0)
     return ranked[len(ranked) // 2]

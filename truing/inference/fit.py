@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.linear_problem import Linearised, Whitened, whiten
-from truing.inference.model import Model
+from truing.inference.model import Predict
 from truing.inference.observations import Frames, Observations
 
 _MAX_ITERATIONS = 25
@@ -44,9 +44,9 @@ class Fit:
     iterations: int
 
 
-def fit_model(model: Model, measured: Observations, frames: Frames, shared: NDArray, local: NDArray) -> Fit:
+def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: NDArray, local: NDArray) -> Fit:
     """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
-    problem = linearise(model, measured, frames, shared, local)
+    problem = linearise(predict, measured, frames, shared, local)
     for iteration in range(_MAX_ITERATIONS):
         whitened = whiten(problem)
         if whitened.explained < _SETTLED:
@@ -56,7 +56,7 @@ def fit_model(model: Model, measured: Observations, frames: Frames, shared: NDAr
             part = 0.5**halved
             own = shared + part * of_shared, local + part * of_local[:, frames.size :]
             moved = frames.moved(part * of_local[:, : frames.size])
-            problem = linearise(model, measured, moved, *own)
+            problem = linearise(predict, measured, moved, *own)
             if problem.squares <= whitened.problem.squares:
                 break
         (shared, local), frames = own, moved
@@ -64,13 +64,13 @@ def fit_model(model: Model, measured: Observations, frames: Frames, shared: NDAr
 
 
 def linearise(
-    model: Model, measured: Observations, frames: Frames, shared: NDArray, local: NDArray, by_shared: bool = True
+    predict: Predict, measured: Observations, frames: Frames, shared: NDArray, local: NDArray, by_shared: bool = True
 ) -> Linearised:
     """Return the whitened problem at some values of the unknowns; the frames' six come first among the local ones.
 
     Derivatives by the shared unknowns are many, and left out (G = 0) where they are not asked for.
     """
-    found = model.predict(shared, local, by_shared)
+    found = predict(shared, local, by_shared)
     arms = found.values @ np.swapaxes(frames.R, 1, 2)
     gap = measured.values - arms - frames.t[:, None]
     turned = measured.whitener @ frames.R[:, None]

@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.fit import Fit, fit_model
 from truing.inference.linear_problem import Contribution, rows_by_source
-from truing.inference.model import CausalModel, Cause
+from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, Model, Scene
 from truing.inference.noise import (
     NoiseComponents,
     NoiseDependence,
@@ -40,21 +40,21 @@ _BLOCKS, _FEWEST_IN_BLOCK, _MOST_VALUES = 5, 4, 20_000
 
 
 @dataclass(frozen=True)
-class FittedModel:
+class FittedModel(Generic[CauseT]):
     """A model fitted to the calibration epochs, with what it leaves there and on held-out epochs."""
 
-    causes: tuple[Any, ...]
-    model: Any  # a CausalModel
+    causes: tuple[CauseT, ...]
+    model: Model[CauseT]
     measured: Observations
     fit: Fit
-    held_out: PredictionError | None
+    held_out: PredictionError[CauseT] | None
     seed: int
     learned: tuple[float, float] = (1.0, 1.0)  # noise of inputs and survey used in the fit, over that declared
 
     @cached_property
-    def error(self) -> PredictionError:
+    def error(self) -> PredictionError[CauseT]:
         """Return the error of its prediction from inputs."""
-        return prediction_error(self.model, self.measured, self.fit.frames, self.fit.shared, self.model.unpredicted)
+        return prediction_error(self.model, self.measured, self.fit.frames, self.fit.shared)
 
     @cached_property
     def floor(self) -> NoiseFloor:
@@ -63,14 +63,14 @@ class FittedModel:
         return noise_floor(self.fit, self.measured, self.model.unpredicted, self.model.zero_groups, rng)
 
     @cached_property
-    def scene(self) -> Any:
+    def scene(self) -> Scene[CauseT]:
         """Return what the campaign offers to causes, with what was seen of it."""
-        return replace(self.model.scene, seen=self.measured.seen)
+        return self.model.scene.with_seen(self.measured.seen)
 
     @cached_property
-    def design_matrix(self) -> Callable[[Cause], Mapping[str, NDArray]]:
+    def design_matrix(self) -> Callable[[CauseT], Mapping[str, NDArray]]:
         """Return what tells how a candidate acts at this fit."""
-        return self.model.design_matrix(self.fit.shared, self.fit.local)  # type: ignore[no-any-return]
+        return self.model.design_matrix(self.fit.shared, self.fit.local)
 
     @property
     def input_rows(self) -> slice:
@@ -98,12 +98,12 @@ class FittedModel:
         motions = self.model.pathways(self.fit.shared, self.fit.local)
         return pathways_of(self.fit.whitened, self.measured, self.fit.frames, motions, self.input_rows)
 
-    def values(self, cause: Cause) -> tuple[NDArray, NDArray]:
+    def values(self, cause: CauseT) -> tuple[NDArray, NDArray]:
         """Return the values (P,) and covariance (P, P), SI, of an accepted cause's parameters."""
         place, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
         return self.fit.shared[place] * sigma, self.covariance()[place, place] * np.outer(sigma, sigma)
 
-    def contributions(self, cause: Cause) -> tuple[Contribution, ...]:
+    def contributions(self, cause: CauseT) -> tuple[Contribution, ...]:
         """Return what each source gives to the covariance of an accepted cause's parameters, SI: all of it together."""
         whitened, place = self.fit.whitened, self.model.layout[cause.key]
         rows = rows_by_source(whitened, self.model.layout, {own.key for own in self.causes}, self.input_rows)
@@ -127,31 +127,36 @@ class ScreenedValue:
     length: float  # in units of the noise as it was known then
 
 
-class Fitter:
+class Fitter(Generic[CauseT]):
     """Fits a campaign's model with any causes; knows the noise and the gross errors found so far."""
 
     def __init__(
         self,
-        model: CausalModel,
-        calibration: Epochs,
-        held_out: Epochs | None,
+        model: CampaignModel[CauseT, ConditionsT],
+        calibration: Epochs[ConditionsT],
+        held_out: Epochs[ConditionsT] | None,
         seed: int,
         progress: Callable[[str], None] = lambda what: None,
     ) -> None:
-        self.model = model
-        self.calibration, self.held_out = calibration, held_out
-        self._declared, self.declared = model, calibration.measured.covariance
+        self.model: Model[CauseT] = model
+        self.calibration: Epochs[Conditions] = calibration
+        self.held_out: Epochs[Conditions] | None = held_out
+        self._declared: Model[CauseT] = model
+        self._held_out_model: Model[CauseT] | None = None if held_out is None else model.at(held_out.conditions)
+        self.declared = calibration.measured.covariance
         self._ratios = 1.0, 1.0
         self._seed, self._progress = seed, progress
         self.screened: list[ScreenedValue] = []  # observations taken out as gross errors
 
-    def prepared(self, causes: tuple[Cause, ...] = (), start: FittedModel | None = None) -> FittedModel:
+    def prepared(
+        self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None
+    ) -> FittedModel[CauseT]:
         """Return the fit with some causes once gross errors are out and the noise is known; with what it predicts
         wrongly of epochs that were left out."""
         fitted = self.settled(causes, start)
         return fitted if fitted.held_out is not None else replace(fitted, held_out=self._left_out_in_turn(fitted))
 
-    def settled(self, causes: tuple[Cause, ...] = (), start: FittedModel | None = None) -> FittedModel:
+    def settled(self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None) -> FittedModel[CauseT]:
         """Return the fit with some causes once gross errors are out and the noise is known."""
         fitted = self.fitted(causes, start)
         for _ in range(_PREPARATIONS):
@@ -161,7 +166,7 @@ class Fitter:
             fitted = self.fitted(causes, fitted)
         return fitted
 
-    def fitted(self, causes: tuple[Cause, ...], start: FittedModel | None = None) -> FittedModel:
+    def fitted(self, causes: tuple[CauseT, ...], start: FittedModel[CauseT] | None = None) -> FittedModel[CauseT]:
         """Return the model with some causes, fitted from an earlier fit."""
         self._progress("fitting " + (", ".join(cause.id for cause in causes) or "the plain simulation"))
         model = self.model.with_causes(causes)
@@ -171,16 +176,17 @@ class Fitter:
         else:
             shared, local = start.model.embedded(start.fit.shared, model), start.fit.local
             frames = start.fit.frames
-        fit = fit_model(model, measured, frames, shared, local)
-        return FittedModel(causes, model, measured, fit, self._predicted(model, fit), self._seed, self._ratios)
+        fit = fit_model(model.predict, measured, frames, shared, local)
+        return FittedModel(causes, model, measured, fit, self._predicted(causes, fit), self._seed, self._ratios)
 
-    def _predicted(self, model: CausalModel, fit: Fit) -> PredictionError | None:
-        if self.held_out is None:
-            return None
+    def _predicted(self, causes: tuple[CauseT, ...], fit: Fit) -> PredictionError[CauseT] | None:
         held = self.held_out
-        return prediction_error(model.at(held.conditions), held.measured, held.frames, fit.shared, model.unpredicted)
+        if held is None or self._held_out_model is None:
+            return None
+        model = self._held_out_model.rescaled(*self._ratios).with_causes(causes)
+        return prediction_error(model, held.measured, held.frames, fit.shared)
 
-    def _left_out_in_turn(self, fitted: FittedModel) -> PredictionError | None:
+    def _left_out_in_turn(self, fitted: FittedModel[CauseT]) -> PredictionError[CauseT] | None:
         """Return what is predicted wrongly of blocks of epochs, one after the other in time, each left out of a fit.
 
         For campaigns that hold no epoch out; None where blocks would have too few epochs, or fits take too long.
@@ -195,15 +201,15 @@ class Fitter:
             return None
         return merged([self._predicted_block(fitted, block == number) for number in range(count)], block, measured)
 
-    def _predicted_block(self, fitted: FittedModel, own: NDArray) -> PredictionError:
+    def _predicted_block(self, fitted: FittedModel[CauseT], own: NDArray) -> PredictionError[CauseT]:
         """Return the error of the prediction of epochs own (B,) by a fit without them."""
         model, measured, fit = fitted.model, fitted.measured, fitted.fit
         others = replace(measured, seen=measured.seen & ~own[:, None])
         local = np.where(own[:, None], 0.0, fit.local)
-        without = fit_model(model, others, fit.frames, fit.shared, local)
-        return prediction_error(model, measured, fit.frames, without.shared, model.unpredicted, by_shared=False)
+        without = fit_model(model.predict, others, fit.frames, fit.shared, local)
+        return prediction_error(model, measured, fit.frames, without.shared, by_shared=False)
 
-    def screen(self, fitted: FittedModel) -> bool:
+    def screen(self, fitted: FittedModel[CauseT]) -> bool:
         """Take out what is grossly wrong against a fit, held out or not; return whether there was anything."""
         seen, own = self.calibration.measured.seen, _height(self.calibration.measured)
         height = own + fitted.fit.whitened.problem.local_value.shape[1]
@@ -225,13 +231,13 @@ class Fitter:
         self.screened += found
         return bool(found)
 
-    def learn_noise(self, fitted: FittedModel) -> bool:
+    def learn_noise(self, fitted: FittedModel[CauseT]) -> bool:
         """Take over the noise that a fit shows, and what its parts have in common; return whether either is another
         than before."""
         measured, whitened = self.calibration.measured, fitted.fit.whitened
         rescaled = rescaled_noise(whitened, measured, fitted.model.channel_groups)
         size = len(whitened.rest) - len(fitted.fit.shared)
-        places = size + np.arange(len(fitted.fit.shared))[fitted.model.layout["shape"]]
+        places = size + np.arange(len(fitted.fit.shared))[fitted.model.survey]
         before = self._ratios
         self._ratios = (
             input_ratio(whitened, _height(measured), fitted.input_rows, before[0]),
@@ -245,7 +251,7 @@ class Fitter:
         moved = max(*(abs(step - 1.0) for step in steps), float(np.abs(traces[0] / traces[1] - 1.0).max()))
         return moved > _SAME_NOISE or share_moved
 
-    def _learn_share(self, fitted: FittedModel) -> bool:
+    def _learn_share(self, fitted: FittedModel[CauseT]) -> bool:
         """Take over how much of what parts are off by a fit shows them to have in common; return whether it is another
         share than before."""
         split = fitted.model.split
@@ -254,9 +260,11 @@ class Fitter:
         covariance = fitted.fit.whitened.covariance()[np.ix_(split.places, split.places)]
         share = estimated_share(fitted.fit.shared[split.places], covariance, split.common, split.share)
         self._declared = self._declared.with_share(share)
+        if self._held_out_model is not None:
+            self._held_out_model = self._held_out_model.with_share(share)
         return share != split.share
 
-    def noise_dependence(self, fitted: FittedModel, level: float) -> NoiseDependence | None:
+    def noise_dependence(self, fitted: FittedModel[CauseT], level: float) -> NoiseDependence | None:
         """Return what the noise that a fit leaves follows, None where p exceeds the level."""
         measured, scene = self.calibration.measured, fitted.scene
         seen = measured.seen

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol, Self
+from dataclasses import dataclass
+from typing import Generic, Protocol, Self, TypeVar
 
 from numpy.typing import NDArray
 
@@ -23,7 +24,7 @@ class Parameter(Protocol):
 
 
 class Cause(Protocol):
-    """What a search asks of a cause; scenes, what a campaign offers to causes, are passed on unread."""
+    """What is asked of a cause. Causes of one sort belong to one sort of model; `Scene` tells which to propose."""
 
     @property
     def id(self) -> str:
@@ -39,7 +40,7 @@ class Cause(Protocol):
 
     @property
     def catalogued(self) -> bool:
-        """Whether its form was declared; else it is a dependence on inputs in a form that nobody declared."""
+        """Whether its form was declared; else it is a nonparametric effect, in a form that nobody declared."""
 
     @property
     def subject(self) -> str:
@@ -53,7 +54,7 @@ class Cause(Protocol):
     def is_higher_order(self) -> bool:
         """Whether this adds higher-order terms to a cause that must be accepted first."""
 
-    def excludes(self, other: Any, /) -> bool:
+    def excludes(self, other: Self, /) -> bool:
         """Whether a model that holds this cause has no place for another."""
 
     def parameters(self, parts: int, /) -> Sequence[Parameter]:
@@ -65,106 +66,144 @@ class Cause(Protocol):
     def one_sided(self, parts: int, /) -> Sequence[int]:
         """Return the positions of parameters that nature makes no less than zero."""
 
-    def prior(self, scene: Any, /) -> float:
-        """Return its share of its kind's probability beforehand."""
-
-    def candidates(self, scene: Any, /) -> Sequence[Cause]:
-        """Return the candidates of its kind worth testing in a campaign."""
-
-    def channel_candidates(self, scene: Any, /) -> Sequence[ChannelCandidates]:
-        """Return candidates over single channels, too many to be told one by one."""
-
-    def higher_order_terms(self, scene: Any, /) -> Sequence[Cause]:
-        """Return the forms that go on where this one ends."""
-
-    def refined(self) -> Cause:
+    def refined(self) -> Self:
         """Return the form that is fitted once it is chosen, with its shape among the parameters."""
 
-    def with_fixed_shape(self, shape: NDArray, /) -> Cause | None:
+    def with_fixed_shape(self, shape: NDArray, /) -> Self | None:
         """Return the form with its shape held; None where that need not be asked."""
 
-    def narrowed(self, values: NDArray, covariance: NDArray, parts: int, /) -> Cause:
+    def narrowed(self, values: NDArray, covariance: NDArray, parts: int, /) -> Self:
         """Return the cause without the parts that clearly do nothing once it is fitted."""
 
     def covers(self, covariates: Mapping[str, NDArray], epochs: int, /) -> NDArray:
         """Return at which epochs (B,) it claims to hold."""
 
 
-class ChannelCandidates(Protocol):
-    """Candidates that each shift one channel, or n that hold together, by one of S shapes over the epochs."""
+CauseT = TypeVar("CauseT", bound=Cause)
+
+
+class Conditions(Protocol):
+    """What is known of some epochs, and all that a model needs there."""
 
     @property
-    def values(self) -> NDArray:
-        """Shapes (S, B, m), without dimension."""
+    def covariates(self) -> Mapping[str, NDArray]:
+        """Columns (B,) or (B, L), by name."""
+
+
+ConditionsT = TypeVar("ConditionsT", bound=Conditions)
+ConditionsT_co = TypeVar("ConditionsT_co", bound=Conditions, covariant=True)
+ConditionsT_contra = TypeVar("ConditionsT_contra", bound=Conditions, contravariant=True)
+
+
+@dataclass(frozen=True)
+class ChannelCandidates(Generic[CauseT]):
+    """Candidates that each shift one of T channels, along the axes of its group, by one of S shapes over the epochs.
+
+    Their parameters are the shifts, d for each of m columns. There are as many as channels times shapes, so that they
+    are scored by their shapes; ``member(t, s)`` is the cause for the t-th of ``channels`` and shape s. With
+    ``patterns`` each shifts n channels together, and its parameters, q for every column, are those of the pattern.
+    """
+
+    values: NDArray  # (S, B, m), without dimension: what a shift is multiplied with
+    channels: NDArray  # (T,) places of the channels; (T, n) with patterns
+    usable: NDArray  # (S, T) whether that channel was seen often enough for that shape
+    scale: float  # one sigma of a plausible shift, SI
+    member: Callable[[int, int], CauseT]
+    patterns: NDArray | None = None  # (T, n, d, q), shifts over a plausible one
+
+
+class Scene(Protocol[CauseT]):
+    """What a campaign offers to causes of one sort: which candidates are worth testing there."""
 
     @property
-    def channels(self) -> NDArray:
-        """Places (T,) of the channels, or (T, n) with patterns."""
+    def covariates(self) -> Mapping[str, NDArray]:
+        """Columns (B,) or (B, L) known at every epoch; of these, ``order`` ranks the epochs in time."""
 
     @property
-    def usable(self) -> NDArray:
-        """Whether (S, T) a channel was seen often enough for a shape."""
+    def shape(self) -> NDArray:
+        """Places (K, 0 to 3) of the channels on their groups, m."""
 
-    @property
-    def scale(self) -> float:
-        """One sigma of a plausible shift, SI."""
+    def with_seen(self, seen: NDArray) -> Self:
+        """Return the scene of which so many observations (B, K) were seen."""
 
-    @property
-    def member(self) -> Callable[[int, int], Cause]:
-        """The cause for a channel and a shape."""
+    def candidates(self, kind: CauseT, /) -> Sequence[CauseT]:
+        """Return the candidates of a kind worth testing."""
 
-    @property
-    def patterns(self) -> NDArray | None:
-        """Shifts (T, n, d, q) over a plausible one; None for single channels."""
+    def channel_candidates(self, kind: CauseT, /) -> Sequence[ChannelCandidates[CauseT]]:
+        """Return those over single channels, too many to be told one by one."""
+
+    def higher_order_terms(self, cause: CauseT, /) -> Sequence[CauseT]:
+        """Return the forms that go on where a cause ends."""
+
+    def prior(self, cause: CauseT, /) -> float:
+        """Return a candidate's share of its kind's probability beforehand."""
 
 
 class Predicted(Protocol):
-    """What a model returns: observations (B, K, d), SI, in its own frame, derivatives, whitened rows that concern no
+    """What a model predicts, with derivatives per prior sigma, and whitened rows of knowledge, which concern no
     epoch."""
 
-    values: NDArray
-    by_shared: NDArray  # (B, K, d, G)
-    by_local: NDArray  # (B, K, d, H)
-    known_residual: NDArray  # (E,)
-    known_by_shared: NDArray  # (E, G)
-    shared_known: NDArray  # (G,) whose prior is knowledge
-    local_known: NDArray  # (H,)
-
-
-class Model(Protocol):
-    """A model of observations; unknowns are counted in standard deviations of their priors."""
+    @property
+    def values(self) -> NDArray:
+        """Observations (B, K, d), SI, in the model's frame."""
 
     @property
-    def zero_groups(self) -> NDArray | None:
-        """Return which inputs (B, K) share a zero, by number, -1 for none; None where observations have frames."""
+    def by_shared(self) -> NDArray:
+        """Their derivatives (B, K, d, G) by the shared unknowns."""
 
-    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Predicted:
+    @property
+    def by_local(self) -> NDArray:
+        """Their derivatives (B, K, d, H) by the local unknowns."""
+
+    @property
+    def known_residual(self) -> NDArray:
+        """Rows (E,) of knowledge, known minus predicted."""
+
+    @property
+    def known_by_shared(self) -> NDArray:
+        """Their derivatives (E, G)."""
+
+    @property
+    def shared_known(self) -> NDArray:
+        """Which shared unknowns (G,) have a prior that is knowledge, and not merely wide."""
+
+    @property
+    def local_known(self) -> NDArray:
+        """Which local unknowns (H,) have such a prior."""
+
+
+class Predict(Protocol):
+    """Observations as a function of unknowns, which are counted in standard deviations of their priors."""
+
+    def __call__(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Predicted:
         """Return observations and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked
         for."""
 
 
-class Split(Protocol):
-    """Shared unknowns that split into what is common to all like parts and each part's own."""
+@dataclass(frozen=True)
+class Split:
+    """Shared unknowns (P,) that split into what is common to all like parts and each part's own: their places, which of
+    them are common, and the share of their variance that is."""
+
+    places: NDArray
+    common: NDArray
+    share: float
+
+
+class Model(Protocol[CauseT]):
+    """A model of observations that takes up causes of one sort; each brings parameters and a design per pathway."""
 
     @property
-    def places(self) -> NDArray:
-        """Their places among the shared unknowns."""
+    def predict(self) -> Predict:
+        """Observations and their derivatives by the unknowns."""
 
     @property
-    def common(self) -> NDArray:
-        """Which of these are common to all."""
+    def layout(self) -> Mapping[str, slice]:
+        """Return where each kind of shared unknown stands; effects by their key."""
 
     @property
-    def share(self) -> float:
-        """Share of their variance that is common."""
-
-
-class CausalModel(Protocol):
-    """A model of observations that can take up causes; each brings parameters and a design per pathway."""
-
-    @property
-    def layout(self) -> dict[str, slice]:
-        """Return where each kind of shared unknown stands; effects by their key, the survey as ``shape``."""
+    def survey(self) -> slice:
+        """Return where the shared unknowns stand whose prior is the survey's noise; empty where nothing is surveyed."""
 
     @property
     def local_size(self) -> int:
@@ -173,6 +212,18 @@ class CausalModel(Protocol):
     @property
     def unpredicted(self) -> NDArray:
         """Return which local unknowns (H,) the model does not claim to predict."""
+
+    @property
+    def channel_word(self) -> str:
+        """Return what one channel is called, in words."""
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Return the names (K,) of the channels, as tables have them."""
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """Return what each channel (K,) belongs to, or what sort of channel it is; none where none is told."""
 
     @property
     def channel_groups(self) -> NDArray:
@@ -184,7 +235,8 @@ class CausalModel(Protocol):
 
     @property
     def zero_groups(self) -> NDArray | None:
-        """Return which inputs (B, K) share a zero, by number, -1 for none; None where observations have frames."""
+        """Return which observations (B, K) share a zero, by number, -1 for none; None where observations have
+        frames."""
 
     @property
     def error_groups(self) -> NDArray | None:
@@ -201,35 +253,36 @@ class CausalModel(Protocol):
         they would have to be predicted from others before and after."""
 
     @property
-    def scene(self) -> Any:
+    def scene(self) -> Scene[CauseT]:
         """Return what the campaign offers to causes."""
 
-    def with_causes(self, causes: Sequence[Any]) -> Self:
+    def with_causes(self, causes: Sequence[CauseT], /) -> Self:
         """Return the model with these causes among its unknowns."""
 
-    def at(self, conditions: Any) -> Self:
-        """Return the model at other epochs."""
-
-    def rescaled(self, inputs: float, survey: float) -> Self:
+    def rescaled(self, inputs: float, survey: float, /) -> Self:
         """Return the model with the noise of inputs and survey so many times as large."""
 
-    def with_share(self, share: float) -> Self:
+    def with_share(self, share: float, /) -> Self:
         """Return the model with another share of what splits in common."""
 
-    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Predicted:
-        """Return observations and derivatives, as `Model` does."""
-
-    def embedded(self, shared: NDArray, model: Self) -> NDArray:
+    def embedded(self, shared: NDArray, model: Self, /) -> NDArray:
         """Return shared unknowns of this model as those of another."""
 
     def pathways(self, shared: NDArray, local: NDArray) -> Mapping[str, NDArray]:
         """Return how the observations (B, K, d, C) follow each pathway."""
 
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], Mapping[str, NDArray]]:
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[CauseT], Mapping[str, NDArray]]:
         """Return what tells a cause's change (B or 1, C, P) of each pathway that it acts on, per plausible scale."""
 
     def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the rotations (B, K, d, d) from the axes of the channels' groups to those of the observations."""
 
-    def effect_sigma(self, cause: Cause) -> NDArray:
+    def effect_sigma(self, cause: CauseT, /) -> NDArray:
         """Return the prior sigma (P,), SI, that a cause's parameters are fitted with."""
+
+
+class CampaignModel(Model[CauseT], Protocol[CauseT, ConditionsT_contra]):
+    """A model that can be brought to other epochs of its campaign."""
+
+    def at(self, conditions: ConditionsT_contra, /) -> Self:
+        """Return the model at other epochs."""

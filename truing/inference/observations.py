@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Generic, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, skew
+from truing.inference.model import ConditionsT_co
 
 _SPACE, _FRAME = 3, 6
 # Nothing is known of an epoch's frame; these keep the equations scaled, and bend it by parts in 1e8.
@@ -74,14 +75,14 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Epochs:
+class Epochs(Generic[ConditionsT_co]):
     """Measured observations of some epochs, the conditions that the model needs there, and frames to start from.
 
     ``kept`` (B, K): observations that are no gross errors, for a person says so.
     """
 
     measured: Observations
-    conditions: Any
+    conditions: ConditionsT_co
     frames: Frames
     kept: NDArray | None = None
 
@@ -89,7 +90,7 @@ class Epochs:
         """Return which observations (B, K) are to be taken out, of those that look grossly wrong."""
         return wrong if self.kept is None else wrong & ~self.kept
 
-    def without(self, wrong: NDArray) -> Epochs:
+    def without(self, wrong: NDArray) -> Self:
         """Return the epochs without some observations (B, K)."""
         return replace(self, measured=replace(self.measured, seen=self.measured.seen & ~wrong))
 

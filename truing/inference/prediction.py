@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.fit import Fit, linearise
 from truing.inference.linear_problem import Whitened
-from truing.inference.model import Cause, Model
+from truing.inference.model import CauseT, Model
 from truing.inference.observations import Frames, Observations
 
 # Newton on frames and rolls: after two rounds from an epoch's own fit, nothing is left to gain.
@@ -29,16 +29,12 @@ _WORSE, _EPOCHS_OF_NOISE = 0.006, 10
 _HELD = 1e-3
 
 
-_BY_EPOCH = ("gap", "whitened", "local", "by_shared", "by_fitted")
-
-
 @dataclass(frozen=True)
-class PredictionError:
+class PredictionError(Generic[CauseT]):
     """Measured minus predicted observations (B, K, d), SI, in the measurement's axes, zero where unseen.
 
     ``frames``, ``local`` (B, H) and the derivatives by the shared unknowns (B, M, G) and by what is fitted to each
-    epoch (B, M, h) are those at the prediction, whitened; ``model`` predicted, with ``shared`` unknowns (G,). ``zeros``
-    (B, K) numbers the inputs that share a zero, -1 for none; None where observations have frames.
+    epoch (B, M, h) are those at the prediction, whitened; ``model`` predicted, with ``shared`` unknowns (G,).
     """
 
     gap: NDArray
@@ -48,29 +44,28 @@ class PredictionError:
     local: NDArray
     by_shared: NDArray
     by_fitted: NDArray
-    model: Any
+    model: Model[CauseT]
     shared: NDArray
-    zero_groups: NDArray | None = None
 
     @cached_property
     def pathways(self) -> Mapping[str, NDArray]:
         """Return how the observations (B, K, d, C) follow each pathway at the prediction."""
-        return self.model.pathways(self.shared, self.local)  # type: ignore[no-any-return]
+        return self.model.pathways(self.shared, self.local)
 
     @cached_property
-    def design_matrix(self) -> Callable[[Cause], Mapping[str, NDArray]]:
+    def design_matrix(self) -> Callable[[CauseT], Mapping[str, NDArray]]:
         """Return what tells a cause's change of each pathway at the prediction."""
-        return self.model.design_matrix(self.shared, self.local)  # type: ignore[no-any-return]
+        return self.model.design_matrix(self.shared, self.local)
 
     @property
     def seen(self) -> NDArray:
         """Return which observations (B, K) were measured."""
         return self.measured.seen
 
-    def less(self, columns: NDArray) -> PredictionError:
+    def less(self, columns: NDArray) -> PredictionError[CauseT]:
         """Return the error where the prediction moves by columns (B, M), whitened, and each epoch is fitted anew."""
         left = self.whitened.reshape(columns.shape) - columns
-        left = _freed(left[..., None], self.by_fitted, self.measured, self.zero_groups)[..., 0]
+        left = _freed(left[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
         return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
     @property
@@ -104,57 +99,69 @@ class PredictionError:
         return float(self.largest_by_epoch.max()) if self.seen.any() else None
 
 
-def merged(errors: Sequence[PredictionError], block: NDArray, measured: Observations) -> PredictionError:
+def merged(
+    errors: Sequence[PredictionError[CauseT]], block: NDArray, measured: Observations
+) -> PredictionError[CauseT]:
     """Return the error of every epoch as it is in the one of errors that block (B,) names."""
     each = np.arange(len(block))
 
     def chosen(arrays: list[NDArray]) -> NDArray:
         return np.asarray(np.stack(arrays)[block, each])
 
-    turned, moved = (chosen([getattr(e.frames, name) for e in errors]) for name in ("R", "t"))
-    frames = replace(errors[0].frames, R=turned, t=moved)
-    parts = {name: chosen([getattr(e, name) for e in errors]) for name in _BY_EPOCH}
-    return replace(errors[0], measured=measured, frames=frames, **parts)
+    frames = replace(errors[0].frames, R=chosen([e.frames.R for e in errors]), t=chosen([e.frames.t for e in errors]))
+    return replace(
+        errors[0],
+        measured=measured,
+        frames=frames,
+        gap=chosen([e.gap for e in errors]),
+        whitened=chosen([e.whitened for e in errors]),
+        local=chosen([e.local for e in errors]),
+        by_shared=chosen([e.by_shared for e in errors]),
+        by_fitted=chosen([e.by_fitted for e in errors]),
+    )
 
 
 def prediction_error(
-    model: Model,
+    model: Model[CauseT],
     measured: Observations,
     frames: Frames,
     shared: NDArray,
-    unpredicted: NDArray,
     by_shared: bool = True,
-) -> PredictionError:
-    """Return the error of the prediction from inputs; unpredicted (H,) marks local unknowns that are fitted.
+) -> PredictionError[CauseT]:
+    """Return the error of the prediction from inputs; local unknowns that the model does not predict are fitted.
 
     Derivatives by the shared unknowns are left out (G = 0) where they are not asked for.
     """
+    unpredicted = model.unpredicted
     kept = np.concatenate([np.ones(frames.size, bool), unpredicted])
     local = np.zeros((len(measured.values), len(unpredicted)))
     for _ in range(_ROUNDS):
-        at = linearise(model, measured, frames, shared, local, by_shared=False)
+        at = linearise(model.predict, measured, frames, shared, local, by_shared=False)
         step = _fit(at.by_local[..., kept], at.residual[..., None])[..., 0]
         frames = frames.moved(step[:, : frames.size])
         local[:, unpredicted] += step[:, frames.size :]
-    at = linearise(model, measured, frames, shared, local, by_shared)
+    at = linearise(model.predict, measured, frames, shared, local, by_shared)
     fitted = at.by_local[..., kept]
     zero_groups = model.zero_groups
     rest = at.residual if zero_groups is None else _freed(at.residual[..., None], fitted, measured, zero_groups)[..., 0]
     whitened, gap = rest.reshape(measured.values.shape), _unwhitened(measured, rest)
-    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared, zero_groups)
+    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared)
 
 
 def predicts_worse(
-    before: PredictionError | None, after: PredictionError | None, covered: NDArray, error_groups: NDArray | None = None
+    before: PredictionError[CauseT] | None,
+    after: PredictionError[CauseT] | None,
+    covered: NDArray,
 ) -> bool:
     """Return whether held-out epochs that a cause covers (B,) are predicted significantly worse, epoch against epoch.
 
-    Epochs with the same number in ``together`` (B,) err together, and count as one.
+    Epochs that err together count as one.
     """
     if before is None or after is None:
         return False
     from scipy.special import stdtrit
 
+    error_groups = after.model.error_groups
     groups = np.arange(len(covered)) if error_groups is None else error_groups
     groups = np.unique(groups[covered], return_inverse=True)[1]
     if not len(groups) or groups.max() < 1:

@@ -6,13 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.evidence import alike_log_evidence, log_evidence, log_possible, probabilities
 from truing.inference.fitted_model import FittedModel
-from truing.inference.model import Cause
+from truing.inference.model import Cause, CauseT
 from truing.inference.search import (
     FURTHER_SHARE,
     Candidate,
@@ -48,29 +49,29 @@ def is_form_of_a_subject(cause: Cause) -> bool:
 
 
 @dataclass(frozen=True)
-class Pair:
+class Pair(Generic[CauseT]):
     """Two candidates that together explain what no single one does, the one to be accepted first before the other.
 
     ``rivals`` would explain it as well in place of the first, beside the second, with their log odds over the first.
     """
 
-    first: Candidate
-    second: Candidate
-    rivals: tuple[tuple[Candidate, float], ...]
+    first: Candidate[CauseT]
+    second: Candidate[CauseT]
+    rivals: tuple[tuple[Candidate[CauseT], float], ...]
 
 
 @dataclass(frozen=True)
-class Round:
+class Round(Generic[CauseT]):
     """A fitted model, the candidates that are still open, and what the data say of each."""
 
-    fitted: FittedModel
+    fitted: FittedModel[CauseT]
     null: NullDistribution
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[Candidate[CauseT], ...]
     scores: dict[str, Score] = field(repr=False)  # by the cause's key
     tried: int  # how many candidates there were
-    search: Search | None = field(repr=False)  # None once the round is over
+    search: Search[CauseT] | None = field(repr=False)  # None once the round is over
 
-    def p_value(self, candidate: Candidate) -> float:
+    def p_value(self, candidate: Candidate[CauseT]) -> float:
         """Return a candidate's p-value, corrected for everything that was tried."""
         if not candidate.signature.rank:
             return 1.0
@@ -78,21 +79,21 @@ class Round:
         return self.null.corrected(self.scores[candidate.key].squares, group)
 
     @cached_property
-    def best(self) -> dict[str, Candidate]:
+    def best(self) -> dict[str, Candidate[CauseT]]:
         """Return the most probable candidate of every kind."""
-        found: dict[str, Candidate] = {}
+        found: dict[str, Candidate[CauseT]] = {}
         for candidate in self.candidates:
             rival = found.setdefault(candidate.kind, candidate)
             if self.posterior(candidate) > self.posterior(rival):
                 found[candidate.kind] = candidate
         return found
 
-    def closed(self) -> Round:
+    def closed(self) -> Round[CauseT]:
         """Return the round as it was decided, without what is needed only to decide: large campaigns fill memory."""
         kept = tuple(candidate.light() for candidate in self.best.values())
         return replace(self, candidates=kept, search=None)
 
-    def posterior(self, candidate: Candidate) -> float:
+    def posterior(self, candidate: Candidate[CauseT]) -> float:
         """Return a candidate's log posterior odds against the model without it."""
         return self.scores[candidate.key].log_posterior
 
@@ -101,12 +102,12 @@ class Round:
         """Return the probability of every kind of cause, among them and none."""
         return probabilities({kind: self.posterior(candidate) for kind, candidate in self.best.items()})
 
-    def scale_holds(self, candidate: Candidate, rivals: Sequence[Candidate]) -> bool:
+    def scale_holds(self, candidate: Candidate[CauseT], rivals: Sequence[Candidate[CauseT]]) -> bool:
         """Return whether a candidate stays the most probable where plausible scales are tripled."""
         own = self._stretched(candidate)
         return all(own >= self._stretched(rival) for rival in rivals)
 
-    def _stretched(self, candidate: Candidate) -> float:
+    def _stretched(self, candidate: Candidate[CauseT]) -> float:
         """Return a candidate's log posterior odds with plausible scales tripled."""
         score = self.scores[candidate.key]
         if not candidate.signature.rank:
@@ -115,7 +116,7 @@ class Round:
         return log_evidence_of(candidate, self.fitted, score.along, STRETCH) + score.log_signs + beforehand
 
     @cached_property
-    def best_pair(self) -> Pair | None:
+    def best_pair(self) -> Pair[CauseT] | None:
         """Return the pair of candidates with the most evidence, the stronger one first, if it beats any single one."""
         if len(self.candidates) < 2 or self.search is None:
             return None
@@ -134,7 +135,7 @@ class Round:
         rivals = [(tried[i], lead) for i, lead in behind.items() if i != first and lead >= -np.log(RIVAL_FACTOR)]
         return Pair(tried[first], tried[second], tuple(rivals))
 
-    def _least_of_pair(self, pair: Sequence[Candidate]) -> float:
+    def _least_of_pair(self, pair: Sequence[Candidate[CauseT]]) -> float:
         """Return the least log odds at which a name is told beside a form that nobody declared: that form is rough, so
         that what is left of it is its own further terms, or another form of the same subject, unless the name is far
         more probable."""
@@ -143,7 +144,7 @@ class Round:
             return -np.inf
         return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
 
-    def _with_rest(self, form: Candidate) -> float:
+    def _with_rest(self, form: Candidate[CauseT]) -> float:
         """Return the log odds of a form that nobody declared with what speaks most for it in forms of its subject."""
         if form.key not in self._rests:
             assert self.search is not None
@@ -153,7 +154,7 @@ class Round:
             self._rests[form.key] = max([self.posterior(form), *beside])
         return self._rests[form.key]
 
-    def is_remainder(self, candidate: Candidate) -> bool:
+    def is_remainder(self, candidate: Candidate[CauseT]) -> bool:
         """Return whether a candidate is small beside a form that nobody declared and that the model holds, where it
         acts on the same."""
         if self.search is None:
@@ -181,21 +182,21 @@ class Round:
         return {}
 
     @cached_property
-    def _unnamed_best(self) -> list[Candidate]:
+    def _unnamed_best(self) -> list[Candidate[CauseT]]:
         """Return the most probable forms that nobody declared, those of an accepted one's further terms among them."""
         ranked = sorted(self.candidates, key=self.posterior, reverse=True)
         unnamed = [c for c in ranked if not c.cause.catalogued and c.signature.rank]
         return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.is_higher_order]
 
-    def _further(self, form: Candidate) -> list[Candidate]:
+    def _further(self, form: Candidate[CauseT]) -> list[Candidate[CauseT]]:
         """Return the further terms of a form as candidates, as they would be proposed once it was accepted."""
         assert self.search is not None
-        pathways, proposed = self.search.pathways, opened(self.fitted, form.cause.higher_order_terms(self.fitted.scene))
+        pathways, proposed = self.search.pathways, opened(self.fitted, self.fitted.scene.higher_order_terms(form.cause))
         prior = FURTHER_SHARE / max(len(proposed), 1)
         found = [candidate_of(self.fitted, pathways, cause, form.kind, prior) for cause in proposed]
         return [candidate for candidate in found if candidate.signature.rank]
 
-    def _score(self, candidate: Candidate) -> Score:
+    def _score(self, candidate: Candidate[CauseT]) -> Score:
         """Return what the data say of a candidate, of one that is not yet proposed as well."""
         if candidate.key in self.scores or self.search is None:
             return self.scores[candidate.key]
@@ -204,15 +205,15 @@ class Round:
         return score_of(candidate, self.fitted, pathways, along)
 
     @cached_property
-    def _paired(self) -> list[Candidate]:
+    def _paired(self) -> list[Candidate[CauseT]]:
         """Return the most probable candidates, a few of each kind."""
-        taken: list[Candidate] = []
+        taken: list[Candidate[CauseT]] = []
         for candidate in sorted(self.candidates, key=self.posterior, reverse=True):
             if candidate.signature.rank and sum(c.kind == candidate.kind for c in taken) < _OF_A_KIND:
                 taken.append(candidate)
         return taken[:_PAIRED]
 
-    def _pair_evidence(self, pathways: Pathways, *pair: Candidate) -> float:
+    def _pair_evidence(self, pathways: Pathways, *pair: Candidate[CauseT]) -> float:
         strengths, loadings = joint(pathways, pair[0].signature, pair[1].signature)
         raw = np.concatenate([raw_scores(c.signature, self._score(c)) for c in pair])
         along = (raw @ loadings) / strengths
@@ -222,7 +223,7 @@ class Round:
         signs = self._signs(pair, values, covariance)
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
 
-    def _signs(self, pair: Sequence[Candidate], values: NDArray, covariance: NDArray) -> float:
+    def _signs(self, pair: Sequence[Candidate[CauseT]], values: NDArray, covariance: NDArray) -> float:
         """Return what the evidence of candidates together owes to signs, from all their parameters (P,)."""
         parts, first, found = self.fitted.model.part_count, 0, 0.0
         for candidate in pair:
@@ -231,14 +232,14 @@ class Round:
             first = own.stop
         return found
 
-    def _of_likeness(self, candidate: Candidate) -> float:
+    def _of_likeness(self, candidate: Candidate[CauseT]) -> float:
         """Return what a candidate's log evidence owes to parameters of like size."""
         score, (total, freedom) = self._score(candidate), total_of(self.fitted)
         owed = score.log_evidence - score.log_signs
         return owed - float(log_evidence(score.along, candidate.signature.strengths, total, freedom))
 
 
-def _index_pairs(tried: Sequence[Candidate]) -> list[tuple[int, int]]:
+def _index_pairs(tried: Sequence[Candidate[CauseT]]) -> list[tuple[int, int]]:
     """Return the pairs worth trying: of two kinds, or of two single channels."""
     return [
         (i, j)
@@ -247,22 +248,24 @@ def _index_pairs(tried: Sequence[Candidate]) -> list[tuple[int, int]]:
     ]
 
 
-def _unnamed(candidates: Iterable[Candidate]) -> int:
+def _unnamed(candidates: Iterable[Candidate[CauseT]]) -> int:
     """Return how many candidates are dependences in a form that nobody declared."""
     return sum(not candidate.cause.catalogued for candidate in candidates)
 
 
-def _apart(first: Candidate, second: Candidate) -> bool:
+def _apart(first: Candidate[CauseT], second: Candidate[CauseT]) -> bool:
     """Return whether two candidates act on pathways none of which they share, as two single channels do."""
     return not np.isin(first.signature.index, second.signature.index).any()
 
 
-def score_round(fitted: FittedModel, kinds: Sequence[Cause], draws: int, rng: np.random.Generator) -> Round:
+def score_round(
+    fitted: FittedModel[CauseT], kinds: Sequence[CauseT], draws: int, rng: np.random.Generator
+) -> Round[CauseT]:
     """Return what a fitted model leaves for all candidates that the kinds of cause propose."""
     return scored(fitted, search_of(fitted, kinds, draws, rng))
 
 
-def scored(fitted: FittedModel, search: Search) -> Round:
+def scored(fitted: FittedModel[CauseT], search: Search[CauseT]) -> Round[CauseT]:
     """Return what a fitted model leaves for all candidates of a search."""
     along = search.pathways.along(fitted.fit.whitened.rest[None])[0]
     scores = {c.key: score_of(c, fitted, search.pathways, along) for c in search.candidates}
@@ -285,7 +288,7 @@ class Score:
         return float(np.sqrt(self.squares))
 
 
-def score_of(candidate: Candidate, fitted: FittedModel, pathways: Pathways, along: NDArray) -> Score:
+def score_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], pathways: Pathways, along: NDArray) -> Score:
     own = candidate.signature
     if not own.rank:
         return Score(0.0, 0.0, float(np.log(candidate.prior)), np.zeros(0))
@@ -295,7 +298,7 @@ def score_of(candidate: Candidate, fitted: FittedModel, pathways: Pathways, alon
     return Score(float(parts @ parts), odds, odds + float(np.log(max(candidate.prior, 1e-300))), parts, signs)
 
 
-def signs_of(candidate: Candidate, fitted: FittedModel, parts: NDArray) -> float:
+def signs_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: NDArray) -> float:
     """Return what a candidate's log evidence owes to the signs of parameters that nature makes on one side only."""
     places = candidate.cause.one_sided(fitted.model.part_count)
     if not places:
@@ -305,7 +308,9 @@ def signs_of(candidate: Candidate, fitted: FittedModel, parts: NDArray) -> float
     return log_possible(own.fitted(parts), covariance, places)
 
 
-def log_evidence_of(candidate: Candidate, fitted: FittedModel, parts: NDArray, stretch: float = 1.0) -> float:
+def log_evidence_of(
+    candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: NDArray, stretch: float = 1.0
+) -> float:
     """Return a candidate's log evidence: of parameters of like size where there are such, or independent ones."""
     own, (total, freedom) = candidate.signature, total_of(fitted)
     independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
-from truing.inference.model import OBSERVED, Cause, ChannelCandidates
+from truing.inference.model import OBSERVED, CauseT, ChannelCandidates
 from truing.inference.noise import NoiseComponents
 from truing.inference.signatures import (
     ChannelSignatures,
@@ -45,10 +46,10 @@ FURTHER_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(Generic[CauseT]):
     """One candidate: its cause, the kind it belongs to, its signature, and its probability beforehand in its kind."""
 
-    cause: Cause
+    cause: CauseT
     kind: str
     signature: Signature
     prior: float
@@ -56,18 +57,18 @@ class Candidate:
     @cached_property
     def key(self) -> str:
         """Return the name that tells it from all others."""
-        return str(self.cause.key)
+        return self.cause.key
 
-    def light(self) -> Candidate:
+    def light(self) -> Candidate[CauseT]:
         """Return it without its design, which only a search needs."""
         return replace(self, signature=replace(self.signature, design=np.zeros((0, self.signature.parameters))))
 
 
 @dataclass(frozen=True)
-class ChannelFamily:
+class ChannelFamily(Generic[CauseT]):
     """Candidates over single channels: the kind they belong to, and their signatures."""
 
-    cause: ChannelCandidates  # which makes the candidate of a channel and a shape
+    cause: ChannelCandidates[CauseT]  # which makes the candidate of a channel and a shape
     kind: str
     signatures: ChannelSignatures
 
@@ -78,13 +79,13 @@ class ChannelFamily:
 
 
 @dataclass(frozen=True)
-class Search:
+class Search(Generic[CauseT]):
     """All candidates on one fit; ``shares`` (by kind) are their parts of the budget of false alarms."""
 
     pathways: Pathways
     noise: NoiseComponents
-    candidates: Sequence[Candidate]
-    families: Sequence[ChannelFamily]
+    candidates: Sequence[Candidate[CauseT]]
+    families: Sequence[ChannelFamily[CauseT]]
     shares: dict[str, float]
     draws: int
     rng: np.random.Generator
@@ -101,7 +102,7 @@ class Search:
         return tuple(listed)
 
     @cached_property
-    def _seen(self) -> list[Candidate]:
+    def _seen(self) -> list[Candidate[CauseT]]:
         return [candidate for candidate in self.candidates if candidate.signature.rank]
 
     @cached_property
@@ -320,7 +321,9 @@ def _share(minima: NDArray, statistic: float) -> float:
     return max(min(drawn, extrapolated), LEAST_P)
 
 
-def search_of(fitted: FittedModel, kinds: Sequence[Cause], draws: int, rng: np.random.Generator) -> Search:
+def search_of(
+    fitted: FittedModel[CauseT], kinds: Sequence[CauseT], draws: int, rng: np.random.Generator
+) -> Search[CauseT]:
     """Return the search over all candidates that the kinds of cause propose, on what a fitted model leaves."""
     pathways = fitted.pathways()
     candidates, families = _proposed(fitted, pathways, kinds), _families(fitted, pathways, kinds)
@@ -331,35 +334,38 @@ def search_of(fitted: FittedModel, kinds: Sequence[Cause], draws: int, rng: np.r
     return Search(pathways, fitted.noise, candidates, families, shares, draws, rng)
 
 
-def _proposed(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Cause]) -> list[Candidate]:
-    found = []
+def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[Candidate[CauseT]]:
+    found: list[Candidate[CauseT]] = []
+    scene = fitted.scene
     for kind in kinds:
         further = opened(
-            fitted, [c for own in fitted.causes if own.id == kind.id for c in own.higher_order_terms(fitted.scene)]
+            fitted, [c for own in fitted.causes if own.id == kind.id for c in scene.higher_order_terms(own)]
         )
-        for proposed in (opened(fitted, kind.candidates(fitted.scene)), further):
-            weights = np.array([cause.prior(fitted.scene) for cause in proposed])
+        for proposed in (opened(fitted, scene.candidates(kind)), further):
+            weights = np.array([scene.prior(cause) for cause in proposed])
             whole = max(weights.sum(), 1e-300) / (FURTHER_SHARE if further else 1.0)
             for cause, weight in zip(proposed, weights / whole, strict=True):
                 found.append(candidate_of(fitted, pathways, cause, kind.id, float(weight)))
     return found
 
 
-def opened(fitted: FittedModel, proposed: Sequence[Cause]) -> list[Cause]:
+def opened(fitted: FittedModel[CauseT], proposed: Sequence[CauseT]) -> list[CauseT]:
     """Return the causes that a fitted model has a place for."""
     return [cause for cause in proposed if not any(own.excludes(cause) for own in fitted.causes)]
 
 
-def candidate_of(fitted: FittedModel, pathways: Pathways, cause: Cause, kind: str, prior: float) -> Candidate:
+def candidate_of(
+    fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT, kind: str, prior: float
+) -> Candidate[CauseT]:
     return Candidate(cause, kind, signature(pathways, fitted.design_matrix(cause)), prior)
 
 
-def _families(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Cause]) -> list[ChannelFamily]:
+def _families(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[ChannelFamily[CauseT]]:
     found = []
     rotations, scene = fitted.model.rotations(fitted.fit.shared, fitted.fit.local), fitted.scene
     rotated: dict[tuple[tuple[int, ...], bytes], RotatedChannels] = {}  # mostly the same for all
     for kind in kinds:
-        for own in kind.channel_candidates(scene):
+        for own in scene.channel_candidates(kind):
             key = own.channels.shape, own.channels.tobytes()
             rotated[key] = rotated.get(key) or rotated_channels(pathways, own.channels, rotations, own.patterns)
             signatures = channel_signatures(rotated[key], own.values * own.scale, own.usable)
@@ -368,7 +374,9 @@ def _families(fitted: FittedModel, pathways: Pathways, kinds: Sequence[Cause]) -
     return found
 
 
-def _best_members(fitted: FittedModel, pathways: Pathways, own: ChannelFamily, along: NDArray) -> list[Candidate]:
+def _best_members(
+    fitted: FittedModel[CauseT], pathways: Pathways, own: ChannelFamily[CauseT], along: NDArray
+) -> list[Candidate[CauseT]]:
     """Return the candidates over single channels with the most evidence, each channel at its best shape."""
     signatures = own.signatures
     scores = signatures.scores(signatures.rotated.along(along[None][:, :, pathways.places[OBSERVED]]))[..., 0]
@@ -386,6 +394,6 @@ def _best_members(fitted: FittedModel, pathways: Pathways, own: ChannelFamily, a
     return found
 
 
-def total_of(fitted: FittedModel) -> tuple[float, float]:
+def total_of(fitted: FittedModel[CauseT]) -> tuple[float, float]:
     noise = fitted.noise
     return noise.observed_total + noise.inputs_total, noise.observed + noise.inputs

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
-from truing.inference.model import CausalModel, Cause
+from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
@@ -58,55 +59,55 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Generic[CauseT]):
     """All verdicts, found ones first; the plain and the final model; all rounds; what was left out."""
 
-    verdicts: tuple[Verdict, ...]
-    plain: FittedModel
-    final: FittedModel
-    rounds: tuple[Round, ...] = field(repr=False)
-    search: Search = field(repr=False)  # the last one, in which nothing was left to be found
+    verdicts: tuple[Verdict[CauseT], ...]
+    plain: FittedModel[CauseT]
+    final: FittedModel[CauseT]
+    rounds: tuple[Round[CauseT], ...] = field(repr=False)
+    search: Search[CauseT] = field(repr=False)  # the last one, in which nothing was left to be found
     screened: tuple[ScreenedValue, ...]  # observations taken out as gross errors
     noise: NoiseLevel  # what the final model leaves, over what was declared
     noisy: tuple[tuple[int, NoiseLevel], ...]  # single channels with noise of their own that is larger than declared
     noise_dependences: tuple[NoiseDependence, ...]  # what the noise follows; observations were weighted accordingly
-    held_out: Epochs | None
+    held_out: Epochs[Conditions] | None
 
 
 @dataclass(frozen=True)
-class _Accepted:
+class _Accepted(Generic[CauseT]):
     """A cause that was accepted: what was chosen, the round in which it was, and the model with it."""
 
-    chosen: Choice
-    round: Round
-    cause: Cause  # in the form that was fitted
-    after: FittedModel
+    chosen: Choice[CauseT]
+    round: Round[CauseT]
+    cause: CauseT  # in the form that was fitted
+    after: FittedModel[CauseT]
 
     @property
-    def candidate(self) -> Candidate:
+    def candidate(self) -> Candidate[CauseT]:
         """Return the candidate that was accepted."""
         return self.chosen.candidate
 
 
 @dataclass(frozen=True)
-class _Searched:
+class _Searched(Generic[CauseT]):
     """A search from the plain model to one in which nothing is left to be found."""
 
-    plain: FittedModel
-    kept: list[_Accepted]
-    refused: list[Verdict]  # which predict worse, or which the others can do without
-    rounds: list[Round]
-    final: FittedModel
+    plain: FittedModel[CauseT]
+    kept: list[_Accepted[CauseT]]
+    refused: list[Verdict[CauseT]]  # which predict worse, or which the others can do without
+    rounds: list[Round[CauseT]]
+    final: FittedModel[CauseT]
 
     @property
-    def search(self) -> Search:
+    def search(self) -> Search[CauseT]:
         """Return the last round's search, which alone is still open."""
         found = self.rounds[-1].search
         assert found is not None
         return found
 
 
-class Acceptance:
+class Acceptance(Generic[CauseT]):
     """The search over a catalogue for one campaign; ``run`` returns every verdict and the final model.
 
     ``given`` are causes that are certain before any search (labels that were exchanged): in every model from the start.
@@ -114,17 +115,17 @@ class Acceptance:
 
     def __init__(
         self,
-        model: CausalModel,
-        calibration: Epochs,
-        held_out: Epochs | None,
+        model: CampaignModel[CauseT, ConditionsT],
+        calibration: Epochs[ConditionsT],
+        held_out: Epochs[ConditionsT] | None,
         settings: Settings,
         progress: Callable[[str], None] = lambda what: None,
-        given: Sequence[Cause] = (),
+        given: Sequence[CauseT] = (),
     ) -> None:
         self._fitter = Fitter(model, calibration, held_out, settings.seed, progress)
         self._settings, self._progress, self._given = settings, progress, tuple(given)
 
-    def run(self, kinds: Sequence[Cause]) -> Diagnosis:
+    def run(self, kinds: Sequence[CauseT]) -> Diagnosis[CauseT]:
         """Return what is decided on all kinds of cause of a catalogue."""
         noise_dependences: list[NoiseDependence] = []
         searched = self._searched(kinds)
@@ -145,7 +146,7 @@ class Acceptance:
             fitter.held_out,
         )
 
-    def _noisy_channels(self, final: FittedModel) -> Iterator[tuple[int, NoiseLevel]]:
+    def _noisy_channels(self, final: FittedModel[CauseT]) -> Iterator[tuple[int, NoiseLevel]]:
         """Yield the channels of an instrument whose noise is larger than declared, p-values corrected for their number;
         of single observations there are too few to tell."""
         own = np.flatnonzero(final.measured.seen.any(0)) if final.measured.size == 1 else ()
@@ -155,7 +156,7 @@ class Acceptance:
             if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
                 yield int(channel), replace(level, p_value=p_value)
 
-    def _noise_follows(self, final: FittedModel, most: int) -> list[NoiseDependence]:
+    def _noise_follows(self, final: FittedModel[CauseT], most: int) -> list[NoiseDependence]:
         """Return what the noise follows, one after the other, each time with the same causes fitted to observations
         that are weighted accordingly: only once nothing more is found is it worth a search."""
         found: list[NoiseDependence] = []
@@ -166,14 +167,14 @@ class Acceptance:
                 final = self._fitter.settled(final.causes, final)
         return found
 
-    def _searched(self, kinds: Sequence[Cause]) -> _Searched:
+    def _searched(self, kinds: Sequence[CauseT]) -> _Searched[CauseT]:
         plain = self._fitter.prepared(self._given)
         rounds = [self._round(plain, kinds, 0)]
         found, worse = self._forward(rounds, kinds)
         kept, dropped, final = self._dropped(found, plain)
         return _Searched(plain, kept, [*worse, *dropped], rounds, final)
 
-    def _verdicts(self, searched: _Searched) -> list[Verdict]:
+    def _verdicts(self, searched: _Searched[CauseT]) -> list[Verdict[CauseT]]:
         """Return one verdict per kind of cause, and one per further subject that was found."""
         final, held_out = searched.final, self._fitter.held_out
         verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
@@ -188,22 +189,23 @@ class Acceptance:
                 verdicts.append(verdict)
         return verdicts
 
-    def _round(self, fitted: FittedModel, kinds: Sequence[Cause], number: int) -> Round:
+    def _round(self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], number: int) -> Round[CauseT]:
         self._progress(f"scoring the candidates of {len(kinds)} kinds of cause")
         return score_round(fitted, kinds, self._settings.draws, np.random.default_rng([self._settings.seed, number]))
 
-    def _forward(self, rounds: list[Round], kinds: Sequence[Cause]) -> tuple[list[_Accepted], list[Verdict]]:
+    def _forward(
+        self, rounds: list[Round[CauseT]], kinds: Sequence[CauseT]
+    ) -> tuple[list[_Accepted[CauseT]], list[Verdict[CauseT]]]:
         """Return the causes accepted one after the other, and those that predict worse; adds their rounds."""
-        found: list[_Accepted] = []
-        worse: list[Verdict] = []
+        found: list[_Accepted[CauseT]] = []
+        worse: list[Verdict[CauseT]] = []
         pairs = True
         while len(found) < _MOST_ROUNDS:
             current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
             if (chosen := choose(current, refused, self._settings.level, pairs=pairs)) is None:
                 break
             chosen, cause, after = self._fitted(chosen, current)
-            error_groups = self._together(after)
-            if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after), error_groups):
+            if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after)):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, Reason.HELD_OUT))
                 continue
             next_round = self._round(after, kinds, len(rounds))
@@ -215,7 +217,9 @@ class Acceptance:
             rounds.append(next_round)
         return found, worse
 
-    def _fitted(self, chosen: Choice, current: Round) -> tuple[Choice, Cause, FittedModel]:
+    def _fitted(
+        self, chosen: Choice[CauseT], current: Round[CauseT]
+    ) -> tuple[Choice[CauseT], CauseT, FittedModel[CauseT]]:
         """Return what was chosen in the form that is fitted, and the model with it; without those of its parts that do
         nothing then."""
         while True:
@@ -229,25 +233,19 @@ class Acceptance:
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=())
 
-    def _covered(self, cause: Cause, after: FittedModel) -> NDArray:
+    def _covered(self, cause: CauseT, after: FittedModel[CauseT]) -> NDArray:
         """Return at which held-out epochs (B,) a cause claims to hold."""
         held = self._fitter.held_out
         if held is None:
             return np.ones(len(after.measured.seen), bool)
         return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
 
-    def _together(self, after: FittedModel) -> NDArray | None:
-        """Return which held-out epochs (B,) err together."""
-        held = self._fitter.held_out
-        model = after.model if held is None else after.model.at(held.conditions)
-        return model.error_groups  # type: ignore[no-any-return]
-
     def _dropped(
-        self, found: list[_Accepted], plain: FittedModel
-    ) -> tuple[list[_Accepted], list[Verdict], FittedModel]:
+        self, found: list[_Accepted[CauseT]], plain: FittedModel[CauseT]
+    ) -> tuple[list[_Accepted[CauseT]], list[Verdict[CauseT]], FittedModel[CauseT]]:
         """Return what is kept once every accepted cause had to show that the others cannot do without it."""
         final, kept = found[-1].after if found else plain, list(found)
-        dropped: list[Verdict] = []
+        dropped: list[Verdict[CauseT]] = []
         for step in found[:-1]:
             if len(kept) > 1 and not self._is_needed(step, final, [other.cause for other in kept if other is not step]):
                 kept.remove(step)
@@ -255,7 +253,7 @@ class Acceptance:
                 final = self._fitter.prepared((*self._given, *(other.cause for other in kept)), final)
         return kept, dropped, final
 
-    def _is_needed(self, step: _Accepted, final: FittedModel, others: Sequence[Cause]) -> bool:
+    def _is_needed(self, step: _Accepted[CauseT], final: FittedModel[CauseT], others: Sequence[CauseT]) -> bool:
         """Return whether an accepted cause is still real in the final model, at the search's threshold: by Wald's test,
         or by what a fit of the others without it leaves, since a shape that the data hardly tell widens amplitudes."""
         values, covariance = final.values(step.cause)
@@ -272,7 +270,7 @@ class Acceptance:
         gained = float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2))
         return bool(null.raw(gained / final.noise_ratio**2, group, 1.0) <= limit)
 
-    def _rivals(self, kept: Sequence[_Accepted]) -> list[Verdict]:
+    def _rivals(self, kept: Sequence[_Accepted[CauseT]]) -> list[Verdict[CauseT]]:
         """Return the kinds that explain what was found as well, which the campaign cannot tell from it."""
         found, held_out = [], self._fitter.held_out
         for step in kept:
@@ -284,7 +282,7 @@ class Acceptance:
                     found.append(replace(plain, own=own, log_odds=odds, rival=step.cause))
         return found
 
-    def _rejected(self, rounds: Sequence[Round]) -> list[Verdict]:
+    def _rejected(self, rounds: Sequence[Round[CauseT]]) -> list[Verdict[CauseT]]:
         """Return the verdicts on the best of every kind that the final model does without.
 
         What speaks for them is told of the first round, where they competed with what was found.
@@ -301,31 +299,31 @@ class Acceptance:
         return found
 
 
-def _is_told(rival: Candidate, lead: float) -> bool:
+def _is_told(rival: Candidate[CauseT], lead: float) -> bool:
     """Return whether a rival is worth telling: a form that nobody declared only where it is not the less probable."""
     return rival.cause.catalogued or lead >= 0.0
 
 
 @dataclass(frozen=True)
-class Choice:
+class Choice(Generic[CauseT]):
     """The candidate to accept, and which ones the data cannot tell from it, with their log odds over it.
 
     ``of_two``: it is accepted as one of two that together explain what one would swallow; ``subjects``: what else it
     may concern, with the odds against each.
     """
 
-    candidate: Candidate
-    rivals: tuple[tuple[Candidate, float], ...]
+    candidate: Candidate[CauseT]
+    rivals: tuple[tuple[Candidate[CauseT], float], ...]
     of_two: bool = False
     subjects: tuple[tuple[str, float], ...] = ()
 
-    def light(self) -> Choice:
+    def light(self) -> Choice[CauseT]:
         """Return it without designs, which only a search needs."""
         rivals = tuple((rival.light(), lead) for rival, lead in self.rivals)
         return replace(self, candidate=self.candidate.light(), rivals=rivals)
 
 
-def choose(current: Round, refused: set[str], level: float, *, pairs: bool = True) -> Choice | None:
+def choose(current: Round[CauseT], refused: set[str], level: float, *, pairs: bool = True) -> Choice[CauseT] | None:
     """Return the candidate to accept: of the kinds that explain the data equally well the one with the fewest
     parameters, a named one unless no name is more probable; where two together explain what one would swallow, the
     stronger of them, whose rivals are those that do as well beside the other.
@@ -350,7 +348,9 @@ def choose(current: Round, refused: set[str], level: float, *, pairs: bool = Tru
     return Choice(chosen, also, False, _other_subjects(current, chosen))
 
 
-def confirmed(current: Round, choice: Choice, next_round: Round, level: float, refused: set[str]) -> bool:
+def confirmed(
+    current: Round[CauseT], choice: Choice[CauseT], next_round: Round[CauseT], level: float, refused: set[str]
+) -> bool:
     """Return whether what was chosen as one of two, and the best beside it once everything was fitted anew, are still
     more probable than any single one that was not refused: before, the evidence of two is an estimate.
 
@@ -364,7 +364,7 @@ def confirmed(current: Round, choice: Choice, next_round: Round, level: float, r
     return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
 
 
-def is_real(current: Round, candidate: Candidate, level: float) -> bool:
+def is_real(current: Round[CauseT], candidate: Candidate[CauseT], level: float) -> bool:
     """Return whether chance is ruled out, and the data speak for the cause rather than for none.
 
     The second is no matter of course: many parameters may be far from zero together, and of no plausible size in any
@@ -374,14 +374,14 @@ def is_real(current: Round, candidate: Candidate, level: float) -> bool:
     return speaks and current.p_value(candidate) <= level
 
 
-def _equals(current: Round, level: float, refused: set[str]) -> list[Candidate]:
+def _equals(current: Round[CauseT], level: float, refused: set[str]) -> list[Candidate[CauseT]]:
     """Return the best candidates of those kinds that stand and are within a factor 20 of the best in evidence."""
     real = [c for c in current.best.values() if c.kind not in refused and _holds_up(current, c, level)]
     best = max((current.posterior(c) for c in real), default=0.0)
     return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
 
-def _holds_up(current: Round, candidate: Candidate, level: float) -> bool:
+def _holds_up(current: Round[CauseT], candidate: Candidate[CauseT], level: float) -> bool:
     """Return whether a candidate is real, and a name no remainder of a form that nobody declared.
 
     Such forms are rough, so that something is left of them: beside one, a name has to be told from its further terms,
@@ -400,14 +400,14 @@ def _holds_up(current: Round, candidate: Candidate, level: float) -> bool:
     return current.posterior(candidate) >= least and not current.is_remainder(candidate)
 
 
-def _leads(current: Round, first: Candidate, level: float) -> bool:
+def _leads(current: Round[CauseT], first: Candidate[CauseT], level: float) -> bool:
     """Return whether the first of a pair is accepted: beside forms of a subject as if it came alone."""
     if any(is_form_of_a_subject(cause) for cause in current.fitted.causes):
         return _holds_up(current, first, level)
     return is_real(current, first, level)
 
 
-def _other_subjects(current: Round, chosen: Candidate) -> tuple[tuple[str, float], ...]:
+def _other_subjects(current: Round[CauseT], chosen: Candidate[CauseT]) -> tuple[tuple[str, float], ...]:
     """Return what else a named cause may concern, the most probable first, with the odds against each."""
     if not chosen.cause.catalogued:
         return ()
@@ -421,7 +421,7 @@ def _other_subjects(current: Round, chosen: Candidate) -> tuple[tuple[str, float
     return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])
 
 
-def both_sides(fitter: Fitter, final: FittedModel, cause: Cause, size: int) -> NDArray:
+def both_sides(fitter: Fitter[CauseT], final: FittedModel[CauseT], cause: CauseT, size: int) -> NDArray:
     """Return factors (P, P) on the covariance of a cause in the final model, all of whose parameters but the first
     ``size`` are its shape: those that make sigmas of shapes what the wider side's rise of the sum of squares says."""
     values, covariance = final.values(cause)
@@ -435,7 +435,7 @@ def both_sides(fitter: Fitter, final: FittedModel, cause: Cause, size: int) -> N
     return np.outer(wider, wider)
 
 
-def _rise(fitter: Fitter, final: FittedModel, cause: Cause, held: Cause) -> float:
+def _rise(fitter: Fitter[CauseT], final: FittedModel[CauseT], cause: CauseT, held: CauseT) -> float:
     """Return by how much the sum of squares rises, in those of the noise, where a cause's shape is held."""
     causes = tuple(held if other is cause else other for other in final.causes)
     without = fitter.fitted(causes, final)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.fitted_model import FittedModel
-from truing.inference.model import OBSERVED, Cause
+from truing.inference.model import OBSERVED, CauseT, Conditions
 from truing.inference.observations import Epochs, Observations, whitened_columns
 from truing.inference.prediction import NoiseFloor, PredictionError, prediction_error
 from truing.inference.rounds import Round
@@ -32,28 +32,28 @@ class Reason(StrEnum):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Generic[CauseT]):
     """One candidate cause: what was decided, on what grounds, and what predictions miss without and with it."""
 
-    cause: Any
+    cause: CauseT
     verdict: str  # found, indistinguishable, rejected
     p_value: float
     probability: float
     log_odds: float  # over the model without it: where it was found, or where it first competed
     signal_to_noise: float
     scale_holds: bool | None
-    before: PredictionError  # all found causes of smaller rank accepted
-    after: PredictionError
-    held_out: tuple[PredictionError | None, PredictionError | None]
+    before: PredictionError[CauseT]  # all found causes of smaller rank accepted
+    after: PredictionError[CauseT]
+    held_out: tuple[PredictionError[CauseT] | None, PredictionError[CauseT] | None]
     floor: NoiseFloor
     values: NDArray  # (P,) SI
     covariance: NDArray  # (P, P)
     candidates: int  # how many were tried together
-    own: FittedModel | None = (
+    own: FittedModel[CauseT] | None = (
         None  # the model with it: of a found cause when it was found, of a rival in place of that one
     )
     reason: Reason | None = None
-    rival: Any = None  # the cause from which it is indistinguishable
+    rival: CauseT | None = None  # the cause from which it is indistinguishable
     subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
 
     @property
@@ -64,8 +64,12 @@ class Verdict:
 
 
 def first_order(
-    current: Round, candidate: Candidate, verdict: str, held_out: Epochs | None, reason: Reason | None = None
-) -> Verdict:
+    current: Round[CauseT],
+    candidate: Candidate[CauseT],
+    verdict: str,
+    held_out: Epochs[Conditions] | None,
+    reason: Reason | None = None,
+) -> Verdict[CauseT]:
     """Return a verdict on a candidate with what it would do to a round's model, to first order."""
     fitted, score, own = current.fitted, current.scores[candidate.key], candidate.signature
     values = own.fitted(score.along)
@@ -92,14 +96,20 @@ def first_order(
 
 
 def _held_out(
-    fitted: FittedModel, candidate: Candidate, values: NDArray, held_out: Epochs | None
-) -> tuple[PredictionError | None, PredictionError | None]:
+    fitted: FittedModel[CauseT], candidate: Candidate[CauseT], values: NDArray, held_out: Epochs[Conditions] | None
+) -> tuple[PredictionError[CauseT] | None, PredictionError[CauseT] | None]:
     """Return what is predicted wrongly of held-out epochs, without and with a candidate; of blocks only fits tell."""
     after = held_out_after_first_step(fitted, candidate.cause, candidate.signature, values, held_out)
     return (None if after is None else fitted.held_out), after
 
 
-def fitted(verdict: Verdict, cause: Cause, before: FittedModel, after: FittedModel, final: FittedModel) -> Verdict:
+def fitted(
+    verdict: Verdict[CauseT],
+    cause: CauseT,
+    before: FittedModel[CauseT],
+    after: FittedModel[CauseT],
+    final: FittedModel[CauseT],
+) -> Verdict[CauseT]:
     """Return the verdict on a cause that was accepted: as fitted where it was, with its values in the final model."""
     values, covariance = final.values(cause)
     return replace(
@@ -114,16 +124,16 @@ def fitted(verdict: Verdict, cause: Cause, before: FittedModel, after: FittedMod
     )
 
 
-def certain(cause: Cause, plain: FittedModel, held_out: Epochs | None) -> Verdict:
+def certain(cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[Conditions] | None) -> Verdict[CauseT]:
     """Return the verdict on a cause that was certain before any search, and is in the plain model."""
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
     shared = plain.model.embedded(plain.fit.shared, model)
-    before = prediction_error(model, plain.measured, plain.fit.frames, shared, model.unpredicted, by_shared=False)
+    before = prediction_error(model, plain.measured, plain.fit.frames, shared, by_shared=False)
     held = None
-    if held_out is not None:
-        there = model.at(held_out.conditions)
-        held = prediction_error(there, held_out.measured, held_out.frames, shared, model.unpredicted, by_shared=False)
+    if held_out is not None and plain.held_out is not None:
+        there = plain.held_out.model.with_causes(others)
+        held = prediction_error(there, held_out.measured, held_out.frames, shared, by_shared=False)
     gain = float(np.sum(before.squares) - np.sum(plain.error.squares))
     values, covariance = plain.values(cause)
     return Verdict(
@@ -145,35 +155,37 @@ def certain(cause: Cause, plain: FittedModel, held_out: Epochs | None) -> Verdic
     )
 
 
-def after_first_step(fitted: FittedModel, cause: Cause, own: Signature, values: NDArray) -> PredictionError:
+def after_first_step(
+    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: NDArray
+) -> PredictionError[CauseT]:
     """Return the error on calibration epochs once a candidate's parameters (P,), in plausible scales, are taken in."""
     step = _shared_step(fitted, own, values)
     return _moved(fitted.error, fitted.measured, cause, values, step)
 
 
 def held_out_after_first_step(
-    fitted: FittedModel, cause: Cause, own: Signature, values: NDArray, held_out: Epochs | None
-) -> PredictionError | None:
+    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: NDArray, held_out: Epochs[Conditions] | None
+) -> PredictionError[CauseT] | None:
     """Return the same on held-out epochs, None where there are none."""
     if held_out is None or fitted.held_out is None:
         return None
     return _moved(fitted.held_out, held_out.measured, cause, values, _shared_step(fitted, own, values))
 
 
-def _shared_step(fitted: FittedModel, own: Signature, values: NDArray) -> NDArray:
+def _shared_step(fitted: FittedModel[CauseT], own: Signature, values: NDArray) -> NDArray:
     """Return by how much the shared unknowns (G,) give way to a candidate, in prior sigmas."""
     return -fitted.fit.whitened.from_basis(own.explained @ values)
 
 
 def _moved(
-    error: PredictionError, measured: Observations, cause: Cause, values: NDArray, step: NDArray
-) -> PredictionError:
+    error: PredictionError[CauseT], measured: Observations, cause: CauseT, values: NDArray, step: NDArray
+) -> PredictionError[CauseT]:
     motion = _motion(error, cause) @ values
     columns = whitened_columns(measured, error.frames, motion[..., None])[..., 0]
     return error.less(columns + error.by_shared @ step)
 
 
-def _motion(error: PredictionError, cause: Cause) -> NDArray:
+def _motion(error: PredictionError[CauseT], cause: CauseT) -> NDArray:
     """Return how the observations (B, K, d, P) follow a candidate's parameters, per plausible scale."""
     designs, epochs, size = error.design_matrix(cause), len(error.local), error.measured.size
     parts = [error.pathways[name] @ design[:, None] for name, design in designs.items() if name != OBSERVED]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
-from truing.simulation.axis.causes import AXES, LostMotion, ScaleError, ZeroShift
+from truing.simulation.axis.causes import AxisCause, LostMotion, ScaleError, ZeroShift
 from truing.simulation.axis.nonparametric import NonparametricAxisEffect
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
@@ -12,6 +13,7 @@ from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
 from truing.simulation.bench.causes.load_history import Creep
 from truing.simulation.bench.causes.load_path import LoadEccentricity, LoadImbalance
 from truing.simulation.bench.causes.nonparametric import NonparametricReadingEffect
+from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
@@ -22,7 +24,7 @@ from truing.simulation.bench.causes.stiffness import (
 )
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
-from truing.simulation.cause import POINTS, RAYS, READINGS, Cause
+from truing.simulation.cause import Cause, CauseT
 from truing.simulation.installed import with_installed
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
@@ -37,12 +39,14 @@ from truing.simulation.mechanisms.causes.measurement_scale import MeasurementSca
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
+from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
+from truing.simulation.photographs.causes.ray_causes import RayCause
 from truing.simulation.photographs.causes.refraction import EvenAir, Refraction
 from truing.simulation.photographs.causes.scale_bar_temperature import AllBars, OneBar
 
-OWN_CAUSES: tuple[Cause, ...] = (
+OWN_CAUSES: tuple[PointCause, ...] = (
     LinearPlatformDeformation(),
     MatrixPlatformDeformation(),
     NonlinearPlatformDeformation(),
@@ -62,7 +66,7 @@ OWN_CAUSES: tuple[Cause, ...] = (
     NonparametricMechanismEffect(),
 )
 # What is known of a sensor on its bench.
-OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
+OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     LoadEccentricity(),
     LoadImbalance(),
     StiffnessScale(),
@@ -82,10 +86,10 @@ OWN_CAUSES_OF_READINGS: tuple[Cause, ...] = (
     NonparametricReadingEffect(),
 )
 # What is known of a single axis.
-OWN_CAUSES_OF_AXES: tuple[Cause, ...] = (ScaleError(), LostMotion(), ZeroShift(), NonparametricAxisEffect())
+OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (ScaleError(), LostMotion(), ZeroShift(), NonparametricAxisEffect())
 # What rays of photographs tell by themselves, and what points do that were computed from them.
-OWN_CAUSES_OF_RAYS: tuple[Cause, ...] = (CameraInstability(), OneBar(), Refraction(), NonparametricRayEffect())
-OWN_CAUSES_OF_PHOTOGRAPHED_POINTS: tuple[Cause, ...] = (AllBars(), EvenAir())
+OWN_CAUSES_OF_RAYS: tuple[RayCause, ...] = (CameraInstability(), OneBar(), Refraction(), NonparametricRayEffect())
+OWN_CAUSES_OF_PHOTOGRAPHED_POINTS: tuple[PointCause, ...] = (AllBars(), EvenAir())
 # Of those of mechanisms, what a body without a mechanism knows.
 _OF_BODIES = (
     "thermal-expansion",
@@ -100,52 +104,60 @@ _OF_BODIES = (
 ENTRY_POINTS = "truing.causes"
 
 
-def catalogue() -> dict[str, Cause]:
+def catalogue() -> dict[str, PointCause]:
     """Return all causes of points by id: the project's own, then those of installed packages.
 
     Raises ValueError where two causes have the same id.
     """
-    return _with_installed(OWN_CAUSES, POINTS)
+    return _with_installed(OWN_CAUSES, PointCause)
 
 
-def catalogue_of_bodies() -> dict[str, Cause]:
+def catalogue_of_bodies() -> dict[str, PointCause]:
     """Return all causes that bodies without a mechanism know, by id; those of installed packages are among them."""
     of_legs = {cause.id for cause in OWN_CAUSES} - set(_OF_BODIES)
     return {name: cause for name, cause in catalogue().items() if name not in of_legs}
 
 
-def catalogue_of_readings() -> dict[str, Cause]:
+def catalogue_of_readings() -> dict[str, ReadingCause]:
     """Return all causes that a sensor on its bench knows, by id; those of installed packages are among them.
 
     Raises ValueError where two causes have the same id.
     """
-    return _with_installed(OWN_CAUSES_OF_READINGS, READINGS)
+    return _with_installed(OWN_CAUSES_OF_READINGS, ReadingCause)
 
 
-def catalogue_of_axes() -> dict[str, Cause]:
+def catalogue_of_axes() -> dict[str, AxisCause]:
     """Return all causes that a single axis knows, by id; those of installed packages are among them.
 
     Raises ValueError where two causes have the same id.
     """
-    return _with_installed(OWN_CAUSES_OF_AXES, AXES)
+    return _with_installed(OWN_CAUSES_OF_AXES, AxisCause)
 
 
-def catalogue_of_rays() -> dict[str, Cause]:
+def catalogue_of_rays() -> dict[str, RayCause]:
     """Return all causes that rays of photographs may tell of by themselves, by id.
 
     Raises ValueError where two causes have the same id.
     """
-    return _with_installed(OWN_CAUSES_OF_RAYS, RAYS)
+    return _with_installed(OWN_CAUSES_OF_RAYS, RayCause)
 
 
-def of_photographed_points() -> dict[str, Cause]:
+def of_photographed_points() -> dict[str, PointCause]:
     """Return the causes, by id, that points know beside all others where they come from photographs."""
     return {cause.id: cause for cause in OWN_CAUSES_OF_PHOTOGRAPHED_POINTS}
 
 
-OF_TYPES: dict[str, Callable[[], dict[str, Cause]]] = {"axis": catalogue_of_axes}
+OF_TYPES: dict[str, Callable[[], Mapping[str, Cause[Any]]]] = {"axis": catalogue_of_axes}
 """The catalogues of mechanisms that are neither of legs nor a sensor on its bench, by type."""
 
 
-def _with_installed(own: tuple[Cause, ...], acts_on: str) -> dict[str, Cause]:
-    return with_installed(own, ENTRY_POINTS, "cause", lambda cause: cause.id, lambda cause: cause.acts_on == acts_on)
+def _with_installed(own: tuple[CauseT, ...], sort: type[CauseT]) -> dict[str, CauseT]:
+    """Our own causes of a sort and those of installed packages; raises ValueError where one of these is of no sort."""
+
+    def joins(cause: Cause[Any]) -> bool:
+        if not isinstance(cause, PointCause | ReadingCause | RayCause | AxisCause):
+            sorts = "PointCause, ReadingCause, RayCause or AxisCause"
+            raise ValueError(f"cause {cause.id}: found a class of no sort, expected a {sorts}")
+        return isinstance(cause, sort)
+
+    return with_installed(own, ENTRY_POINTS, "cause", lambda cause: cause.id, joins)

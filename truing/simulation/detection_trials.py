@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.dose_response import Interval, rate_bounds, size_found
 from truing.inference.detectable import POWER, Sight
-from truing.simulation.cause import Cause, Effect, Scene
+from truing.simulation.cause import Cause, CauseT, Effect, Scene
 
 _WHOLE = "the whole"
 # What is named by a word and its own name: ``target P07``, ``load fz``, ``run 4 channel dz``, ``camera left``.
@@ -107,20 +107,20 @@ def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, 
     return {(alone[key], key[1]): float(np.sqrt(np.mean(np.square(own)))) for key, own in found.items()}
 
 
-def sorts(kinds: Iterable[Cause], scene: Scene) -> list[Sort]:
+def sorts(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> list[Sort]:
     """Return the sorts of effect that kinds of cause could bring into a campaign, those on the whole first."""
-    found: dict[tuple[str, ...], list[Cause]] = {}
+    found: dict[tuple[str, ...], list[CauseT]] = {}
     for kind in kinds:
-        for cause in (*kind.candidates(scene), *_members(kind, scene)):
+        for cause in (*scene.candidates(kind), *_members(kind, scene)):
             concerns = concerned(cause.subject)
-            if concerns is not None and cause.parameters(scene.legs):
-                found.setdefault((kind.id, concerns, *_kind_of_parameters(cause, scene.legs)), []).append(cause)
+            if concerns is not None and cause.parameters(parts):
+                found.setdefault((kind.id, concerns, *_kind_of_parameters(cause, parts)), []).append(cause)
     ordered = sorted(found.items(), key=lambda item: item[0][1] != _WHOLE)
     return [Sort(key[0], key[1], tuple(causes), _weights(causes, scene)) for key, causes in ordered]
 
 
-def _members(kind: Cause, scene: Scene) -> Iterable[Cause]:
-    for profiles in kind.channel_candidates(scene):
+def _members(kind: CauseT, scene: Scene[CauseT]) -> Iterable[CauseT]:
+    for profiles in scene.channel_candidates(kind):
         for shape, target in np.argwhere(profiles.usable):
             yield profiles.member(int(target), int(shape))
 
@@ -140,8 +140,8 @@ def _kind_of_parameters(cause: Cause, legs: int) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _weights(causes: Iterable[Cause], scene: Scene) -> NDArray:
-    weights = np.array([cause.prior(scene) for cause in causes])
+def _weights(causes: Iterable[CauseT], scene: Scene[CauseT]) -> NDArray:
+    weights = np.array([scene.prior(cause) for cause in causes])
     return weights / weights.sum()
 
 
@@ -235,7 +235,7 @@ def questions(plan: Plan, seen: Sequence[Sight], wanted: Sequence[str], known: I
     kinds: list[Cause] = [kind for kind in known if kind.catalogued]
     kinds = [kind for kind in kinds if not wanted or kind.id in wanted]
     legs = plan.part_count
-    asked = [_question(sort, seen, legs) for sort in sorts(kinds, plan.scene)]
+    asked = [_question(sort, seen, legs) for sort in sorts(kinds, plan.scene, legs)]
     return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.sort.kind))
 
 

@@ -6,26 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, ClassVar, Generic, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import OBSERVED, Cause, Effect
-from truing.simulation.targets import Targets
+from truing.simulation.cause import OBSERVED, CauseT, Effect, Scene
 
 if TYPE_CHECKING:
+    from truing.inference.model import Split
     from truing.simulation.prior_campaign import CampaignPrior
-
-
-@dataclass(frozen=True)
-class Split:
-    """Which shared unknowns (P,) split a variance, by their place; which of them (P,) all legs have in common; and the
-    share of the variance that is in common."""
-
-    places: NDArray
-    common: NDArray
-    share: float
 
 
 @dataclass(frozen=True)
@@ -46,11 +36,34 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class EffectsModel(ABC):
+class EffectsModel(ABC, Generic[CauseT]):
     """Observations as a function of unknowns that all epochs share (G,) and of each one's own (B, H), with effects."""
 
-    causes: tuple[Cause, ...] = field(default=(), kw_only=True)
-    prior_campaign: CampaignPrior | None = field(default=None, kw_only=True)
+    causes: tuple[CauseT, ...] = field(default=(), kw_only=True)
+    prior_campaign: CampaignPrior[CauseT] | None = field(default=None, kw_only=True)
+
+    # What one channel is called: a target, an encoder.
+    channel_word: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def channel_names(self) -> tuple[str, ...]:
+        """The names (K,) of what is measured, as tables have them."""
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """What tells (K,) channels of one name apart: the body of each, or what sort of channel it is."""
+        return (self.channel_word,) * len(self.channel_names)
+
+    @property
+    @abstractmethod
+    def scene(self) -> Scene[CauseT]:
+        """What the campaign offers to causes when they propose candidates."""
+
+    @property
+    def survey(self) -> slice:
+        """Where the unknowns of the channels' survey stand: nowhere."""
+        return slice(0)
 
     @property
     @abstractmethod
@@ -101,7 +114,7 @@ class EffectsModel(ABC):
         """Return the model with another share in common, of parameters that split."""
         return self
 
-    def with_causes(self, causes: Sequence[Cause]) -> Self:
+    def with_causes(self, causes: Sequence[CauseT]) -> Self:
         """Return the model with these effects among its unknowns, and those that a prior campaign found."""
         given = () if self.prior_campaign is None else self.prior_campaign.causes
         keys = {cause.key for cause in given}
@@ -136,20 +149,20 @@ class EffectsModel(ABC):
                 wide[model.layout[name]] = shared[self.layout[name]]
         return wide
 
-    def effects(self, shared: NDArray) -> tuple[Effect, ...]:
+    def effects(self, shared: NDArray) -> tuple[Effect[CauseT], ...]:
         """Return the effects with the values that shared unknowns (G,) stand for."""
         return tuple(Effect(cause, shared[self.layout[cause.key]] * self.effect_sigma(cause)) for cause in self.causes)
 
-    def set_effects(self, shared: NDArray, effects: Iterable[Effect]) -> None:
+    def set_effects(self, shared: NDArray, effects: Iterable[Effect[CauseT]]) -> None:
         """Put the values of effects among shared unknowns (G,)."""
         for effect in effects:
             shared[self.layout[effect.cause.key]] = effect.values / self.effect_sigma(effect.cause)
 
-    def effect_scale(self, cause: Cause) -> NDArray:
+    def effect_scale(self, cause: CauseT) -> NDArray:
         """Return the plausible scale (P,) of a cause's parameters, SI."""
         return np.array([parameter.scale for parameter in cause.parameters(self.part_count)])
 
-    def effect_sigma(self, cause: Cause) -> NDArray:
+    def effect_sigma(self, cause: CauseT) -> NDArray:
         """Return the prior sigma (P,) that a cause's parameters are fitted with, SI."""
         return cause.reach * self.effect_scale(cause)
 
@@ -160,16 +173,11 @@ def laid_out(sizes: Mapping[str, int]) -> dict[str, slice]:
     return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
-class ChannelModel(EffectsModel):
+class ChannelModel(EffectsModel[CauseT]):
     """Channels of one dimension each, seen from no place: readings, or what rays tell.
 
     Causes act on what is observed itself, whatever it depends on.
     """
-
-    @property
-    @abstractmethod
-    def targets(self) -> Targets:
-        """Return the channels as what is measured."""
 
     @property
     def local_size(self) -> int:
@@ -185,35 +193,35 @@ class ChannelModel(EffectsModel):
     def channel_groups(self) -> NDArray:
         """Return the number of each channel's noise (K,): one for all, since a single channel has too few readings to
         tell its noise from an effect on most of them."""
-        return np.zeros(len(self.targets.names), int)
+        return np.zeros(len(self.channel_names), int)
 
     @abstractmethod
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted channels (B, K, 1) at shared (G,) and local (B, H) unknowns."""
 
     @abstractmethod
-    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[Cause, NDArray], NDArray]:
+    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[CauseT, NDArray], NDArray]:
         """Return what tells how channels (B, K, P) follow a cause's parameters at values (P,), SI."""
 
     def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return how channels follow shifts of them, (B, K, 1, 1): by one."""
-        return np.ones((len(local), len(self.targets.names), 1, 1))
+        return np.ones((len(local), len(self.channel_names), 1, 1))
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return no pathway beside what is observed."""
         return {}
 
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[CauseT], dict[str, NDArray]]:
         """Return what tells a cause's change of the pathway ``observed``, (B, K, P), per plausible scale."""
         slopes = self._slopes_at(shared, local)
 
-        def found(cause: Cause) -> dict[str, NDArray]:
+        def found(cause: CauseT) -> dict[str, NDArray]:
             scale = self.effect_scale(cause)
             return {OBSERVED: slopes(cause, np.zeros(len(scale))) * scale}
 
         return found
 
-    def _fill_effects(self, by_shared: NDArray, shared: NDArray, slopes: Callable[[Cause, NDArray], NDArray]) -> None:
+    def _fill_effects(self, by_shared: NDArray, shared: NDArray, slopes: Callable[[CauseT, NDArray], NDArray]) -> None:
         """Fill in the derivatives (B, K, G) by the parameters of effects, of which ``slopes`` tells."""
         for effect in self.effects(shared):
             own = slopes(effect.cause, effect.values) * self.effect_sigma(effect.cause)

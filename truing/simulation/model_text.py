@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.schemas.settings_text import parsed_toml
-from truing.simulation.cause import Cause, Effect
+from truing.simulation.cause import CauseT, Effect
 
 FORMAT = 2
 Read = TypeVar("Read")
 
 
-class IdentifiedModel(Protocol):
+class IdentifiedModel(Protocol[CauseT]):
     """What every identified model brings: effects, and the covariance of all unknowns."""
 
     @property
@@ -34,15 +34,15 @@ class IdentifiedModel(Protocol):
         """Return the covariance (G, G) of all unknowns; effects come last."""
 
     @property
-    def effects(self) -> tuple[Effect, ...]:
+    def effects(self) -> tuple[Effect[CauseT], ...]:
         """Return the effects that were found."""
 
-    def covariance_of(self, cause: Cause) -> NDArray:
+    def covariance_of(self, cause: CauseT) -> NDArray:
         """Return the covariance (P, P) of an effect's parameters, SI."""
 
 
 def model_text(
-    found: IdentifiedModel,
+    found: IdentifiedModel[CauseT],
     numbers: Mapping[str, Any],
     tables: Sequence[str],
     after: Sequence[str],
@@ -74,7 +74,7 @@ def read_document(text: str, made: Callable[[dict[str, Any]], Read]) -> Read:
         raise ValueError(f"model: found no usable {error}, expected what `truing run` writes as model.toml") from error
 
 
-def effects_of(document: dict[str, Any], known: Mapping[str, Cause]) -> tuple[Effect, ...]:
+def effects_of(document: dict[str, Any], known: Mapping[str, CauseT]) -> tuple[Effect[CauseT], ...]:
     """Return the effects that a text describes; raises ValueError where no installed package brings a cause."""
     told = document.get("effects", [])
     return tuple(Effect(_cause_of(effect, known), np.array(effect["values"], float)) for effect in told)
@@ -85,7 +85,7 @@ def context_of(document: dict[str, Any], numbers: Collection[str]) -> dict[str, 
     return {key: str(value) for key, value in document["model"].items() if key not in numbers}
 
 
-def _effect_lines(effect: Effect, covariance: NDArray, legs: int) -> list[str]:
+def _effect_lines(effect: Effect[CauseT], covariance: NDArray, legs: int) -> list[str]:
     """Return an accepted effect: what people read of its parameters, and what tells it to the model."""
     cause = effect.cause
     settings = {name: value for name, value in cause.settings().items() if value is not None}
@@ -102,7 +102,7 @@ def _effect_lines(effect: Effect, covariance: NDArray, legs: int) -> list[str]:
     return lines
 
 
-def _cause_of(effect: dict[str, Any], known: Mapping[str, Cause]) -> Cause:
+def _cause_of(effect: dict[str, Any], known: Mapping[str, CauseT]) -> CauseT:
     """Return the cause that a text describes; raises ValueError where no installed package brings it."""
     if effect["cause"] not in known:
         raise ValueError(f"model: found cause {effect['cause']!r}, expected one of {', '.join(known)}")

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Parameter, Scene
+from truing.simulation.cause import Cause, Parameter, SceneT_contra
 from truing.simulation.inputs import ORDER, TIME
 
 POLYNOMIAL, WAVES = "polynomial", "waves"
@@ -31,7 +31,7 @@ Dependence = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class NonparametricEffect(Cause):
+class NonparametricEffect(Cause[SceneT_contra]):
     """Basis functions of ``columns`` (several: their product), each brought to -1 .. 1 by its centre and half range.
 
     They are Chebyshev polynomials of degree ``first`` .. ``degree``, or so many slow waves: cosines of half a period,
@@ -80,14 +80,14 @@ class NonparametricEffect(Cause):
                 inside &= np.abs(values - centre) <= half * (1.0 + _EDGE)
         return inside
 
-    def higher_order_terms(self, scene: Scene) -> Sequence[Cause]:
+    def higher_order_terms(self, scene: SceneT_contra) -> Sequence[Self]:
         """Return its next terms; none of a form that is no series."""
         if self.form not in self.series:
             return ()
         degrees = range(self.degree + 1, self.degree + _MORE_TERMS + 1)
         return [replace(self, first=self.degree + 1, degree=degree) for degree in degrees]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: SceneT_contra) -> float:
         """Return the weight: what is in proportion to one input is likelier than other forms."""
         return _IN_PROPORTION if self.form == POLYNOMIAL and len(self.columns) == self.degree == 1 else 1.0
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, Self
+from typing import Any, Generic, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause
+from truing.simulation.cause import CauseT
 
 _TOLD = 1e-9  # information below this share of the largest, or of what was known before, says nothing
 
@@ -39,7 +39,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class CampaignPrior:
+class CampaignPrior(Generic[CauseT]):
     """What a prior campaign found of n numbers that the next one has too, counted from the latter's nominal, SI.
 
     ``causes`` are its persistent effects. mean (n,) and covariance (n, n): where it left the numbers; frames (n, n):
@@ -49,7 +49,7 @@ class CampaignPrior:
     again with the next campaign. In units of the parts' scales.
     """
 
-    causes: tuple[Cause, ...]
+    causes: tuple[CauseT, ...]
     parts: tuple[Part, ...]
     mean: NDArray
     covariance: NDArray
@@ -61,7 +61,7 @@ class CampaignPrior:
     @classmethod
     def of(
         cls,
-        causes: tuple[Cause, ...],
+        causes: tuple[CauseT, ...],
         parts: tuple[Part, ...],
         estimate: tuple[NDArray, NDArray],
         information: NDArray,
@@ -116,8 +116,8 @@ class CampaignPrior:
 
 
 def persistent_causes(
-    causes: Sequence[Cause], legs: int, covariates: Mapping[str, NDArray], given: Collection[str]
-) -> tuple[Cause, ...]:
+    causes: Sequence[CauseT], legs: int, covariates: Mapping[str, NDArray], given: Collection[str]
+) -> tuple[CauseT, ...]:
     """Return the effects that stay with the machine and that the next campaign can predict.
 
     It has the columns that they depend on: covariates, with a number at every epoch, or ``given`` beside these.

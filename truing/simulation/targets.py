@@ -7,9 +7,7 @@ carried by whatever else was surveyed in the same frame, the attachments.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +15,6 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import rigid_motions
 
 BASE, PLATFORM, LEG = 0, 1, 2
-_CHANNEL, _NO_LEG = -1, -1  # a reading sits on no body
 
 
 @dataclass(frozen=True)
@@ -32,11 +29,6 @@ class Targets:
     leg: NDArray  # (K,) int
     names: tuple[str, ...] = ()
     bodies: tuple[str, ...] = ()
-
-    @classmethod
-    def of_channels(cls, names: Sequence[str], kinds: Sequence[str]) -> Self:
-        """Return channels, by name and kind, in place of targets."""
-        return cls(np.full(len(names), _CHANNEL), np.full(len(names), _NO_LEG), tuple(names), tuple(kinds))
 
     @property
     def at_attachment(self) -> NDArray:

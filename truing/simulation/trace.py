@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Self, TypeVar
 
-from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.cause import CauseT, Effect, Step
 
 S = TypeVar("S")
 
 
 @dataclass(frozen=True)
-class Trace(Generic[S]):
+class Trace(Generic[CauseT, S]):
     """A state as far as it has passed the chain, and how it came about.
 
     ``met`` is every effect so far, in the order in which they acted, with the state that it met; ``after`` the state
@@ -21,10 +21,10 @@ class Trace(Generic[S]):
     """
 
     state: S
-    met: tuple[tuple[Effect, S], ...]
+    met: tuple[tuple[Effect[CauseT], S], ...]
     after: dict[Step, S]
 
-    def through(self, step: Step, effects: Sequence[Effect], applied: Callable[[Effect, S], S]) -> Self:
+    def through(self, step: Step, effects: Sequence[Effect[CauseT]], applied: Callable[[Effect[CauseT], S], S]) -> Self:
         """Return the trace after the effects of a step, each of which acts on what those before it left."""
         state, met = self.state, list(self.met)
         for effect in effects:
@@ -37,11 +37,11 @@ class Trace(Generic[S]):
         """Return the trace with the state that the next step meets."""
         return replace(self, state=state)
 
-    def at(self, cause: Cause) -> S:
+    def at(self, cause: CauseT) -> S:
         """Return the state that a cause meets, the last of its step where it is not in force."""
         return self._met_by_key[cause.key] if cause.key in self._met_by_key else self.after.get(cause.step, self.state)
 
-    def downstream(self, cause: Cause | None, *steps: Step) -> tuple[tuple[Effect, S], ...]:
+    def downstream(self, cause: CauseT | None, *steps: Step) -> tuple[tuple[Effect[CauseT], S], ...]:
         """Return the effects of some steps: all, or those after a cause, the last of its step where not in force."""
         later = self.met
         if cause is not None:

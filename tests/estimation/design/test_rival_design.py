@@ -79,7 +79,7 @@ def _measured(model: Bending, truth: np.ndarray, rng: np.random.Generator) -> tu
 
 
 def _fit(model: Bending, measured: Observations, frames: Frames) -> Fit:
-    return fit_model(model, measured, frames, np.zeros(4), np.empty((len(frames.t), 0)))
+    return fit_model(model.predict, measured, frames, np.zeros(4), np.empty((len(frames.t), 0)))
 
 
 def _log_evidence(fit: Fit) -> float:

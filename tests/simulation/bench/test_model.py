@@ -228,7 +228,7 @@ def test_an_angle_is_told_by_what_is_lost_where_nothing_else_tells_it() -> None:
     own = bench(lone=True)
     scene = own.model().scene
     fz, dz = LOADS.index("fz_n"), CHANNELS.index("dz")
-    along = scene.loads is not None and (scene.loads.load[:, fz] != 0.0)
+    along = scene.steps.load[:, fz] != 0.0
     only = np.zeros_like(own.seen)
     only[along, dz] = own.seen[along, dz]
     alone = CosineError().candidates(replace(scene, seen=only))

@@ -8,12 +8,12 @@ import numpy as np
 
 from tests.simulation.mechanisms.telescope import MATRIX, readings, sample_model
 from truing.simulation.catalogue import catalogue
-from truing.simulation.cause import Cause, Scene
 from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.extended_model import ExtendedModel, extended
 from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import LEG
 
@@ -33,7 +33,7 @@ def some_conditions(rng: np.random.Generator, poses: int = POSES) -> Conditions:
     return Conditions(readings(rng, poses), covariates, tuple(range(1, poses + 1)), (0.0, 3600.0))
 
 
-def named_model(rng: np.random.Generator, causes: tuple[Cause, ...]) -> PointModel:
+def named_model(rng: np.random.Generator, causes: tuple[PointCause, ...]) -> PointModel:
     model = sample_model(rng, POSES, causes)
     kinds = [("base", "platform")[body] if body < LEG else f"leg{leg + 1}" for body, leg in _places(model)]
     named = replace(model.targets, names=tuple(f"P{k:02d}" for k in range(len(kinds))), bodies=tuple(kinds))
@@ -44,14 +44,14 @@ def _places(model: PointModel) -> list[tuple[int, int]]:
     return list(zip(model.targets.body.tolist(), model.targets.leg.tolist(), strict=True))
 
 
-def made_model(rng: np.random.Generator, causes: tuple[Cause, ...] = EFFECTS) -> ExtendedModel:
+def made_model(rng: np.random.Generator, causes: tuple[PointCause, ...] = EFFECTS) -> ExtendedModel:
     model = named_model(rng, causes)
     shared = rng.normal(size=model.shared_size) * 0.1
     factor = rng.normal(size=(model.shared_size, model.shared_size)) / model.shared_size
     return extended(model, shared, factor @ factor.T, {"campaign": 'a "quoted" name'})
 
 
-def _some(cause: Cause, scene: Scene) -> list[Cause]:
+def _some(cause: PointCause, scene: PointScene) -> list[PointCause]:
     """The first and the last of what a cause offers, also as it is fitted in the end."""
     offered = list(cause.candidates(scene))
     for family in cause.channel_candidates(scene):
@@ -61,7 +61,7 @@ def _some(cause: Cause, scene: Scene) -> list[Cause]:
     return list({one.key: one for found in chosen for one in (found, found.refined())}.values())
 
 
-def _offered() -> list[Cause]:
+def _offered() -> list[PointCause]:
     scene = named_model(np.random.default_rng(0), ()).scene
     found = [one for cause in catalogue().values() for one in _some(cause, scene)]
     return [*found, TargetsSwapped("base", ("P00", "P01"), (3, 4), (2.0, 3.0))]

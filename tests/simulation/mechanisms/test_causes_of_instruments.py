@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tests.simulation.mechanisms.telescope import sample_model
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.cause import Cause, Scene
+from truing.simulation.cause import Cause
 from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER, OWN_DRIVE
 from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError, distinct_pitches
 from truing.simulation.mechanisms.causes.measurement_scale import BOTH, MeasurementScale
@@ -20,6 +20,7 @@ from truing.simulation.mechanisms.causes.nonparametric import NonparametricMecha
 from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.nonparametric import WAVES
 
 STEP = 1e-30
@@ -258,7 +259,7 @@ def test_choices_of_legs_share_their_probability() -> None:
 
 def test_a_body_without_legs_has_targets_that_follow_columns() -> None:
     model = _model([])
-    scene: Scene = replace(model.scene, readings=np.zeros((POSES, 0)), rho0=np.zeros(0))
+    scene: PointScene = replace(model.scene, readings=np.zeros((POSES, 0)), rho0=np.zeros(0))
     quantities = {cause.settings()["quantity"] for cause in Nonparametric().candidates(scene)}
     assert quantities == {Quantity.SCALE}
     single, waves = Nonparametric().channel_candidates(scene)

@@ -10,7 +10,7 @@ import pytest
 
 from tests.simulation.mechanisms.telescope import LINEAR, MATRIX, sample_model
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.cause import Cause, Parameter, Step
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
@@ -23,6 +23,7 @@ from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.warmth import APART, LegThermal, ThermalExpansion
 from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.mechanisms.state import State
 
 STEP = 1e-30
@@ -30,7 +31,7 @@ STEP = 1e-30
 ROUNDING, OF_COSINES = 1e-12, 1e-9
 DRIFT = LegDrift(start_s=0.0, duration_s=3600.0)
 SETTLING = LegDrift(legs=(2, 5), start_s=0.0, duration_s=3600.0, tau_s=900.0)
-CAUSES: tuple[Cause, ...] = (
+CAUSES: tuple[PointCause, ...] = (
     LinearPlatformDeformation((3,)),
     NonlinearPlatformDeformation((1, 4), (2,)),
     NonlinearPlatformDeformation((), (2, 3)),
@@ -55,7 +56,7 @@ STACKED = (
 )
 
 
-class LowerJointsFollowHeight(Cause):
+class LowerJointsFollowHeight(PointCause):
     """A cause of nobody's catalogue that says nothing of what it reads, but of course reads everything."""
 
     id = "lower-joints-follow-everything"
@@ -70,7 +71,7 @@ class LowerJointsFollowHeight(Cause):
         return Change({"a": (pull[..., None] * np.array([0.0, 1.0, 0.0]))[..., None]}, 1)
 
 
-def _model(causes: Sequence[Cause], kind: str = "6-pus", poses: int = 3) -> PointModel:
+def _model(causes: Sequence[PointCause], kind: str = "6-pus", poses: int = 3) -> PointModel:
     model = sample_model(np.random.default_rng(3), poses, tuple(causes), kind)
     warm = {"temperature_c": np.linspace(20.0, 26.0, poses), "time_s": np.linspace(0.0, 3600.0, poses)}
     return model.at(replace(model.conditions, covariates=warm))
@@ -101,7 +102,7 @@ def _worst(model: PointModel, names: Sequence[str]) -> float:
 
 @pytest.mark.parametrize("kind", ["6-pus", "ups"])
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda cause: cause.key)
-def test_derivatives_by_parameters_and_readings_are_those_of_a_complex_step(cause: Cause, kind: str) -> None:
+def test_derivatives_by_parameters_and_readings_are_those_of_a_complex_step(cause: PointCause, kind: str) -> None:
     limit = OF_COSINES if isinstance(cause, FlexureShift) else ROUNDING
     assert _worst(_model([cause], kind), [cause.key]) < limit
 
@@ -185,7 +186,7 @@ def test_candidates_are_those_that_could_show() -> None:
     [LinearPlatformDeformation(), NonlinearPlatformDeformation(), ThermalExpansion(), BaseDeformation(), LegDrift()],
     ids=lambda cause: cause.id,
 )
-def test_candidates_share_a_probability_of_one_and_keep_their_settings(cause: Cause) -> None:
+def test_candidates_share_a_probability_of_one_and_keep_their_settings(cause: PointCause) -> None:
     scene = replace(_model([], poses=9).scene, span_s=(0.0, 7200.0))
     found = cause.candidates(scene)
     assert len({candidate.key for candidate in found}) == len(found) > 1

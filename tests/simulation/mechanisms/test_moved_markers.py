@@ -11,6 +11,7 @@ from tests.simulation.bodies.body_campaign import body_model
 from tests.tolerance import assert_close
 from truing.simulation.bodies.model import BodyModel
 from truing.simulation.mechanisms.causes.targets import TargetMoved, markers_of, rigid_patterns
+from truing.simulation.mechanisms.point_causes import Photographed
 
 NAMES = ("M.0", "M.1", "M.2", "M.3", "N.1", "N.2", "N.3", "17", "P.0", "P.1", "N.4")
 
@@ -43,7 +44,7 @@ def model() -> BodyModel:
 def test_markers_are_tried_in_place_of_their_corners_where_photographs_name_them(model: BodyModel) -> None:
     (alone,) = TargetMoved().channel_candidates(model.scene)
     assert len(alone.channels) == 7
-    single, markers = TargetMoved().channel_candidates(replace(model.scene, photographed=True))
+    single, markers = TargetMoved().channel_candidates(replace(model.scene, photographed=Photographed()))
     assert single.channels.tolist() == [3, 4, 5, 6]
     assert single.member(0, 0).subject == "target T4"
     found = markers.member(0, 2)
@@ -53,7 +54,7 @@ def test_markers_are_tried_in_place_of_their_corners_where_photographs_name_them
 
 
 def test_its_pattern_is_how_it_moves_at_first_and_it_turns_by_any_angle(model: BodyModel) -> None:
-    _, markers = TargetMoved().channel_candidates(replace(model.scene, photographed=True))
+    _, markers = TargetMoved().channel_candidates(replace(model.scene, photographed=Photographed()))
     found, shape = markers.member(0, 2), model.scene.shape
     state = model._recording(np.zeros(model.shared_size), np.zeros((9, model.local_size))).passage.state
     scale = np.array([p.scale for p in found.parameters(0)])

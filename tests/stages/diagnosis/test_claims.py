@@ -14,11 +14,13 @@ from truing.simulation import catalogue as causes
 from truing.simulation.axis.nonparametric import LOOP, STRETCH, NonparametricAxisEffect
 from truing.simulation.axis.rows import DIRECTION, SINCE_TURN
 from truing.simulation.bench.causes.counts import FringeSlip
+from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, SignalsExchanged
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
+from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
 from truing.simulation.photographs.causes.refraction import Refraction
@@ -32,7 +34,7 @@ OWN = (
     *causes.OWN_CAUSES_OF_PHOTOGRAPHED_POINTS,
     *causes.OWN_CAUSES_OF_AXES,
 )
-SCENES = {"points": sample_scene(), "readings": bench().model().scene}
+SCENES = ((PointCause, sample_scene()), (ReadingCause, bench().model().scene))
 FORMS = ("jump", "drift", "settles", "temperature", "scatter")
 DRIFTS = ({}, {"tau": 60.0}, {"waves": 3}, {"late": True, "start": 60.0}, {"from_pose": 12, "from_order": 11.0})
 ROWS = ((2, 12), (2, 17))
@@ -66,7 +68,8 @@ MADE = (
 
 def candidates(kind: Cause) -> list[Cause]:
     """Candidates of a telescope or a bench, and some that were made by hand."""
-    scene, made = SCENES.get(kind.acts_on), [cause for cause in MADE if isinstance(cause, type(kind))]
+    scene = next((offered for sort, offered in SCENES if isinstance(kind, sort)), None)
+    made = [cause for cause in MADE if isinstance(cause, type(kind))]
     if scene is None or made:
         return made or [kind]
     members = [own.member(0, shape) for own in kind.channel_candidates(scene) for shape in range(len(own.values))]

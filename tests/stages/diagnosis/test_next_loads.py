@@ -168,7 +168,7 @@ def _fit(model: ReadingModel, conditions: ReadingConditions, measured: Observati
     zeros = zeros_of(conditions.run, measured.seen, model.known.sigma)
     whole = replace(model, known=replace(model.known, zeros=zeros), conditions=conditions)
     local = np.zeros((len(conditions.load), whole.local_size))
-    return fit_model(whole, measured, Frames.of_numbers(len(local)), np.zeros(whole.shared_size), local)
+    return fit_model(whole.predict, measured, Frames.of_numbers(len(local)), np.zeros(whole.shared_size), local)
 
 
 def _log_odds(first: Fit, second: Fit) -> float:

@@ -92,7 +92,7 @@ def _measure(model: PointModel, truth: np.ndarray, rng: np.random.Generator) -> 
 
 def _fit(model: PointModel, measured: Observations, frames: Frames, shared: np.ndarray | None = None) -> Fit:
     start = np.zeros(model.shared_size) if shared is None else shared
-    return fit_model(model, measured, frames, start, np.zeros((len(frames.t), model.local_size)))
+    return fit_model(model.predict, measured, frames, start, np.zeros((len(frames.t), model.local_size)))
 
 
 def _log_odds(first: Fit, second: Fit) -> float:

@@ -153,7 +153,7 @@ def candidates(fitted: Fitted, conditions: Any, instrument: Instrument) -> Candi
         np.ones((count, targets), bool),
     )
     frames = Frames(np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3)), instrument.free)
-    found = linearise(model, origin, frames, fitted.shared, np.zeros((count, model.local_size)))
+    found = linearise(model.predict, origin, frames, fitted.shared, np.zeros((count, model.local_size)))
     own = found.by_local.shape[2]
     priors = np.broadcast_to(np.eye(own), (count, own, own))
     basis = np.linalg.qr(np.concatenate([found.by_local, priors], 1))[0]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from truing.runs.comparison.mechanisms import effect_rows
 from truing.runs.comparison.step import NAMES, Step, beyond_chance, held_at_zero, not_judged
+from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.extended_model import ExtendedSensor
-from truing.simulation.cause import Cause
 from truing.simulation.reported_numbers import TOLD
 
 if TYPE_CHECKING:
@@ -121,9 +121,9 @@ def _scales(found: ExtendedSensor, keys: set[str]) -> NDArray:
     return np.concatenate([np.ones(_ENTRIES), np.array(si, float)])
 
 
-def _kept(found: ExtendedSensor, keys: set[str]) -> list[Cause]:
+def _kept(found: ExtendedSensor, keys: set[str]) -> list[ReadingCause]:
     return sorted((cause for cause in found.causes if cause.key in keys), key=_key)
 
 
-def _key(cause: Cause) -> str:
+def _key(cause: ReadingCause) -> str:
     return cause.key

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.inference.model import ChannelCandidates
 from truing.simulation.axis.rows import (
     LINEAR,
     LOAD,
@@ -18,11 +18,9 @@ from truing.simulation.axis.rows import (
     TRANSMISSION,
     Axis,
     AxisRows,
-    AxisScene,
 )
-from truing.simulation.cause import Cause, ChannelCandidates, Kind, Parameter, ReportedParameter, Step
+from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
 
-AXES = "axes"  # what these causes act on
 # The most ordinary element first: where readings cannot tell two apart, it is named, and the other beside it.
 ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
 SUBJECTS = {TRANSMISSION: "axis", MEASURED: "instrument", LOAD: "encoder load", MOTOR: "encoder motor"}
@@ -37,14 +35,36 @@ _MOST_ONSETS = 200
 
 
 @dataclass(frozen=True)
-class AxisCause(Cause):
+class AxisScene(Scene["AxisCause"]):
+    """What the campaign of an axis offers to causes: its encoders and its rows."""
+
+    axis: Axis
+    rows: AxisRows
+
+    @property
+    def covariates(self) -> Mapping[str, NDArray]:
+        """The columns (B,) that noise may follow."""
+        return self.rows.covariates
+
+    @property
+    def shape(self) -> NDArray:
+        """The places of the encoders: they have none."""
+        return np.zeros((len(self.axis.encoders), 0))
+
+    @property
+    def recorded(self) -> NDArray:
+        """Which readings (B, K) were recorded: all, where that is not told."""
+        shape = len(self.rows.poses), len(self.axis.encoders)
+        return np.ones(shape, bool) if self.seen is None else self.seen
+
+
+@dataclass(frozen=True)
+class AxisCause(Cause[AxisScene]):
     """A cause that adds to what encoders of an axis read, to first order: effects do not multiply one another."""
 
     kind_of_axis: str = ROTARY
     plausible: float = 0.0  # in SI, where readings lie so far off that the ordinary size is too small
 
-    acts_on: ClassVar[str] = AXES
-    reads = frozenset()
     reach = 1e3  # a factor that is wrong, or a zero, may be so by far
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
@@ -75,14 +95,13 @@ class ScaleError(AxisCause):
         """Return the encoder, the instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
 
-    def candidates(self, scene: Any) -> Sequence[Cause]:
+    def candidates(self, scene: AxisScene) -> Sequence[ScaleError]:
         """Return every element whose factor readings would show, where commands differ."""
-        own: AxisScene = scene
-        if not np.ptp(own.rows.command) > 0.0:
+        if not np.ptp(scene.rows.command) > 0.0:
             return ()
-        size = own.axis.spread / float(np.ptp(own.rows.command))
-        own_kind = replace(self, kind_of_axis=own.axis.kind, plausible=size)
-        return [replace(own_kind, element=name) for name in shown_elements(own.axis)]
+        size = scene.axis.spread / float(np.ptp(scene.rows.command))
+        own = replace(self, kind_of_axis=scene.axis.kind, plausible=size)
+        return [replace(own, element=name) for name in shown_elements(scene.axis)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the factor less one."""
@@ -100,11 +119,10 @@ class LostMotion(AxisCause):
     id = "lost-motion"
     step = Step.STRUCTURE
 
-    def candidates(self, scene: Any) -> Sequence[Cause]:
+    def candidates(self, scene: AxisScene) -> Sequence[LostMotion]:
         """Return the cause where an encoder would show it and rows were approached from both sides."""
-        own: AxisScene = scene
-        both = np.ptp(own.rows.direction) > 0.0 and bool(shown_elements(own.axis, (TRANSMISSION,)))
-        return (replace(self, kind_of_axis=own.axis.kind, plausible=own.axis.spread),) if both else ()
+        both = np.ptp(scene.rows.direction) > 0.0 and bool(shown_elements(scene.axis, (TRANSMISSION,)))
+        return (replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread),) if both else ()
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the gap, which is never less than zero."""
@@ -138,33 +156,31 @@ class ZeroShift(AxisCause):
         """Return the encoder, the instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
 
-    def candidates(self, scene: Any) -> Sequence[Cause]:
+    def candidates(self, scene: AxisScene) -> Sequence[ZeroShift]:
         """Return every element whose zero readings would show, after each event; other onsets are told by profiles."""
-        own: AxisScene = scene
-        found: list[Cause] = []
-        for event, start in own.rows.events:
-            late: NDArray[np.bool_] = np.greater_equal(own.rows.time_s, start)
-            first = int(np.argmin(np.where(late, own.rows.time_s, np.inf)))
-            if late.any() and _both_sides(own, late[None])[0].any():
-                found += [self._of(own, name, first, start, event) for name in shown_elements(own.axis)]
+        found: list[ZeroShift] = []
+        for event, start in scene.rows.events:
+            late: NDArray[np.bool_] = np.greater_equal(scene.rows.time_s, start)
+            first = int(np.argmin(np.where(late, scene.rows.time_s, np.inf)))
+            if late.any() and _both_sides(scene, late[None])[0].any():
+                found += [self._of(scene, name, first, start, event) for name in shown_elements(scene.axis)]
         return found
 
-    def channel_candidates(self, scene: Any) -> Sequence[ChannelCandidates]:
+    def channel_candidates(self, scene: AxisScene) -> Sequence[ChannelCandidates[ZeroShift]]:
         """Return every element from every row on that has some rows on either side."""
-        own: AxisScene = scene
-        elements, onsets = shown_elements(own.axis), onset_rows(own.rows, _FEWEST)
+        elements, onsets = shown_elements(scene.axis), onset_rows(scene.rows, _FEWEST)
         if not len(onsets) or not elements:
             return ()
-        late: NDArray[np.bool_] = np.greater_equal(own.rows.order, own.rows.order[onsets][:, None])
-        usable = np.repeat(np.asarray(_both_sides(own, late).any(1))[:, None], len(elements), 1)
-        each = np.tile(np.arange(len(own.axis.encoders)), (len(elements), 1))
-        patterns = np.stack([own.axis.response(name) for name in elements])[..., None, None]
+        late: NDArray[np.bool_] = np.greater_equal(scene.rows.order, scene.rows.order[onsets][:, None])
+        usable = np.repeat(np.asarray(_both_sides(scene, late).any(1))[:, None], len(elements), 1)
+        each = np.tile(np.arange(len(scene.axis.encoders)), (len(elements), 1))
+        patterns = np.stack([scene.axis.response(name) for name in elements])[..., None, None]
 
-        def member(element: int, onset: int) -> Cause:
+        def member(element: int, onset: int) -> ZeroShift:
             row = int(onsets[onset])
-            return self._of(own, elements[element], row, float(own.rows.time_s[row]), "")
+            return self._of(scene, elements[element], row, float(scene.rows.time_s[row]), "")
 
-        scale = max(_PLAUSIBLE[own.axis.kind], own.axis.spread)
+        scale = max(_PLAUSIBLE[scene.axis.kind], scene.axis.spread)
         return [ChannelCandidates(late[..., None].astype(float), each, usable, scale, member, patterns)]
 
     def _of(self, scene: AxisScene, element: str, row: int, start: float, event: str) -> ZeroShift:

@@ -12,7 +12,7 @@ from truing.simulation.axis.causes import AxisCause
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import Axis, AxisRows
 from truing.simulation.catalogue import catalogue_of_axes
-from truing.simulation.cause import Cause, Effect
+from truing.simulation.cause import Effect
 from truing.simulation.model_text import (
     context_of,
     covariance_from,
@@ -33,11 +33,11 @@ class ExtendedAxis:
 
     axis: Axis
     zeros: NDArray
-    effects: tuple[Effect, ...]
+    effects: tuple[Effect[AxisCause], ...]
     covariance: NDArray
     context: dict[str, str]
 
-    def covariance_of(self, cause: Cause) -> NDArray:
+    def covariance_of(self, cause: AxisCause) -> NDArray:
         """Return the covariance (P, P) of an effect's parameters, SI."""
         first = len(self.zeros)
         for effect in self.effects:
@@ -67,7 +67,6 @@ def predict_axis(extended: ExtendedAxis, rows: AxisRows) -> tuple[NDArray, NDArr
     slopes = [np.broadcast_to(np.eye(encoders), (count, encoders, encoders))]
     values = [extended.zeros]
     for effect in extended.effects:
-        assert isinstance(effect.cause, AxisCause)  # the catalogue of axes holds no other
         own = effect.cause.slopes(rows, extended.axis)
         slopes.append(own if effect.cause.is_persistent else np.zeros_like(own))
         values.append(effect.values)

@@ -9,19 +9,17 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.axis.causes import AxisCause
-from truing.simulation.axis.rows import Axis, AxisRows, AxisScene
-from truing.simulation.cause import Cause
+from truing.simulation.axis.causes import AxisCause, AxisScene
+from truing.simulation.axis.rows import Axis, AxisRows
 from truing.simulation.effects_model import ChannelModel, Prediction
 from truing.simulation.inputs import ranks
-from truing.simulation.targets import Targets
 
 # Rows this far apart are left out of a fit together.
 _EVERY = 5
 
 
 @dataclass(frozen=True)
-class AxisModel(ChannelModel):
+class AxisModel(ChannelModel[AxisCause]):
     """An axis with K encoders; predicts readings minus commands (B, K, 1), rad or m.
 
     ``zero_sigma`` is the wide prior of each encoder's zero, ``command_sigma`` one sigma of how far the axis stands from
@@ -33,9 +31,11 @@ class AxisModel(ChannelModel):
     zero_sigma: float
     command_sigma: float = 0.0
 
+    channel_word = "encoder"
+
     @property
     def _sizes(self) -> dict[str, int]:
-        return {"zero": len(self.axis.encoders), "shape": 0}
+        return {"zero": len(self.axis.encoders)}
 
     @property
     def local_size(self) -> int:
@@ -43,9 +43,9 @@ class AxisModel(ChannelModel):
         return int(self.command_sigma > 0.0)
 
     @property
-    def targets(self) -> Targets:
-        """Return the encoders as what is measured."""
-        return Targets.of_channels(self.axis.encoders, ["encoder"] * len(self.axis.encoders))
+    def channel_names(self) -> tuple[str, ...]:
+        """The encoders (K,)."""
+        return self.axis.encoders
 
     @property
     def blocks(self) -> NDArray:
@@ -72,7 +72,7 @@ class AxisModel(ChannelModel):
         found = np.tile(shared[self.layout["zero"]] * self.zero_sigma, (len(self.rows.command), 1))
         found = found + self.command_sigma * local.sum(1, keepdims=True)
         for effect in self.effects(shared):
-            found = found + self._slopes(effect.cause) @ effect.values
+            found = found + effect.cause.slopes(self.rows, self.axis) @ effect.values
         return found[..., None]
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
@@ -90,9 +90,5 @@ class AxisModel(ChannelModel):
     def _shared_known(self) -> NDArray:
         return np.zeros(self.shared_size, bool)
 
-    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[Cause, NDArray], NDArray]:
-        return lambda cause, values: self._slopes(cause)
-
-    def _slopes(self, cause: Cause) -> NDArray:
-        assert isinstance(cause, AxisCause)  # the catalogue of axes holds no other
-        return cause.slopes(self.rows, self.axis)
+    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[AxisCause, NDArray], NDArray]:
+        return lambda cause, values: cause.slopes(self.rows, self.axis)

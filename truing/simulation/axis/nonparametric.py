@@ -14,7 +14,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.axis.causes import ELEMENTS, SUBJECTS, AxisCause, onset_rows, shown_elements
+from truing.inference.model import ChannelCandidates
+from truing.simulation.axis.causes import ELEMENTS, SUBJECTS, AxisCause, AxisScene, onset_rows, shown_elements
 from truing.simulation.axis.rows import (
     COMMAND,
     DIRECTION,
@@ -22,9 +23,8 @@ from truing.simulation.axis.rows import (
     TRANSMISSION,
     Axis,
     AxisRows,
-    AxisScene,
 )
-from truing.simulation.cause import Cause, ChannelCandidates, Parameter, Scene, Step
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, chebyshev, dependence
 
@@ -44,7 +44,7 @@ _EDGE = 1e-6
 
 
 @dataclass(frozen=True)
-class NonparametricAxisEffect(NonparametricEffect, AxisCause):
+class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
     """An encoder or the transmission adds a dependence on columns of the rows, on how the axis came, or the product of
     two.
 
@@ -74,35 +74,33 @@ class NonparametricAxisEffect(NonparametricEffect, AxisCause):
         known = {TIME, ORDER, COMMAND, DIRECTION, SINCE_TURN}
         return tuple(column for column in self.columns if column not in known)
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: AxisScene) -> Sequence[NonparametricAxisEffect]:
         """Return everything that what can be told apart may depend on, as far as its readings allow."""
-        own: AxisScene = scene  # type: ignore[assignment]
-        found: list[Cause] = []
-        for bare, count in self._told_apart(own):
-            for columns, form, degree in _dependences(own.rows):
+        found: list[NonparametricAxisEffect] = []
+        for bare, count in self._told_apart(scene):
+            for columns, form, degree in _dependences(scene.rows):
                 if count >= PER_FUNCTION * degree:
-                    settings = dependence(columns, partial(_range_of, own.rows), form, degree)
+                    settings = dependence(columns, partial(_range_of, scene.rows), form, degree)
                     found.append(replace(bare, **settings))
         return found
 
-    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
+    def channel_candidates(self, scene: AxisScene) -> Sequence[ChannelCandidates[NonparametricAxisEffect]]:
         """Return every stretch of time in which something that can be told apart may stand off."""
-        own: AxisScene = scene  # type: ignore[assignment]
-        elements = [bare for bare, _ in self._told_apart(own)]
-        first, last = _stretches(own.rows)
+        elements = [bare for bare, _ in self._told_apart(scene)]
+        first, last = _stretches(scene.rows)
         if not len(first) or not elements:
             return ()
-        order, time = own.rows.order, own.rows.time_s
+        order, time = scene.rows.order, scene.rows.time_s
         within = (order >= order[first][:, None]) & (order <= order[last][:, None])
-        usable = within @ own.recorded.astype(int) >= _FEWEST
+        usable = within @ scene.recorded.astype(int) >= _FEWEST
 
-        def member(element: int, stretch: int) -> Cause:
+        def member(element: int, stretch: int) -> NonparametricAxisEffect:
             start, end = float(time[first[stretch]]), float(time[last[stretch]])
             limits = {"centres": ((start + end) / 2.0,), "half_ranges": ((end - start) / 2.0,)}
             return replace(elements[element], columns=(TIME,), form=STRETCH, degree=1, **limits)  # type: ignore[arg-type]
 
-        each = np.tile(np.arange(len(own.axis.encoders)), (len(elements), 1))
-        patterns = np.stack([own.axis.response(bare.element) for bare in elements])[..., None, None]
+        each = np.tile(np.arange(len(scene.axis.encoders)), (len(elements), 1))
+        patterns = np.stack([scene.axis.response(bare.element) for bare in elements])[..., None, None]
         read = np.stack([usable[:, patterns[e, :, 0, 0] != 0.0].any(1) for e in range(len(elements))], 1)
         return [ChannelCandidates(within[..., None].astype(float), each, read, elements[0].plausible, member, patterns)]
 

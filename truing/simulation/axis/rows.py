@@ -104,34 +104,6 @@ class AxisRows:
         )
 
 
-@dataclass(frozen=True)
-class AxisScene:
-    """What the campaign of an axis offers to causes: its rows, encoders, and which readings (B, K) were recorded."""
-
-    axis: Axis
-    rows: AxisRows
-    seen: NDArray | None = None
-    word_of_target: str = "encoder"
-    photographed: bool = False
-    rays: None = None
-
-    @property
-    def covariates(self) -> Mapping[str, NDArray]:
-        """Return the columns (B,) that noise may follow."""
-        return self.rows.covariates
-
-    @property
-    def shape(self) -> NDArray:
-        """Return the places of the encoders: they have none."""
-        return np.zeros((len(self.axis.encoders), 0))
-
-    @property
-    def recorded(self) -> NDArray:
-        """Return which readings (B, K) were recorded: all, where that is not told."""
-        shape = len(self.rows.poses), len(self.axis.encoders)
-        return np.ones(shape, bool) if self.seen is None else self.seen
-
-
 def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray, NDArray]:
     """Return of rows (N,) the direction of approach, -1 or 1, and how far the axis came since it last turned round.
 

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
 from truing.simulation.bench.load_steps import CHANNELS, LOADS
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.catalogue import catalogue_of_readings
-from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.cause import Effect, Step
 from truing.simulation.effects_model import laid_out
 from truing.simulation.model_text import (
     context_of,
@@ -47,7 +48,7 @@ class ExtendedSensor:
 
     compliance: NDArray
     nominal: NDArray
-    causes: tuple[Cause, ...]
+    causes: tuple[ReadingCause, ...]
     values: tuple[NDArray, ...]
     covariance: NDArray
     largest: NDArray
@@ -63,22 +64,22 @@ class ExtendedSensor:
         sizes = {cause.key: len(own) for cause, own in zip(self.causes, self.values, strict=True)}
         return laid_out({"compliance": _AXES * _AXES, **sizes})
 
-    def places(self, causes: Sequence[Cause]) -> NDArray:
+    def places(self, causes: Sequence[ReadingCause]) -> NDArray:
         """Return where the compliance and the parameters of some effects stand in the covariance."""
         parts = ("compliance", *(cause.key for cause in causes))
         return np.concatenate([np.r_[self.layout[name]] for name in parts])
 
     @property
-    def effects(self) -> tuple[Effect, ...]:
+    def effects(self) -> tuple[Effect[ReadingCause], ...]:
         """Return the effects that were found."""
         return tuple(map(Effect, self.causes, self.values))
 
-    def covariance_of(self, cause: Cause) -> NDArray:
+    def covariance_of(self, cause: ReadingCause) -> NDArray:
         """Return the covariance (P, P) of an effect's parameters, SI."""
         part = self.layout[cause.key]
         return self.covariance[part, part]
 
-    def value_of(self, cause: Cause) -> NDArray:
+    def value_of(self, cause: ReadingCause) -> NDArray:
         """Return the values (P,) of an effect's parameters, SI."""
         return self.values[self.causes.index(cause)]
 
@@ -130,7 +131,7 @@ def extended_sensor(
     )
 
 
-def concerns_signals(cause: Cause) -> bool:
+def concerns_signals(cause: ReadingCause) -> bool:
     """Return whether a cause concerns signals alone, and no reading of a displacement."""
     return cause.subject.startswith("signal ")
 
@@ -147,7 +148,7 @@ def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) ->
     return PredictedReadings(value, np.sqrt(np.maximum(variance, 0.0)))
 
 
-def drives(extended: ExtendedSensor) -> tuple[Cause, ...]:
+def drives(extended: ExtendedSensor) -> tuple[ReadingCause, ...]:
     """Return the persistent effects that make of a load another wrench than was written down."""
     return tuple(cause for cause in extended.causes if cause.step is Step.DRIVE and cause.is_persistent)
 
@@ -159,7 +160,7 @@ def acting_wrenches(extended: ExtendedSensor, conditions: ReadingConditions) -> 
 
 
 def _at(
-    extended: ExtendedSensor, causes: Sequence[Cause], conditions: ReadingConditions
+    extended: ExtendedSensor, causes: Sequence[ReadingCause], conditions: ReadingConditions
 ) -> tuple[ReadingModel, NDArray]:
     """Return the model with some of the effects at load steps, and its shared unknowns (G,)."""
     model = _model(extended, extended.compliance, conditions).with_causes(causes)
@@ -170,7 +171,7 @@ def _at(
 
 
 def _by_compliance(
-    extended: ExtendedSensor, conditions: ReadingConditions, causes: Sequence[Cause], shared: NDArray
+    extended: ExtendedSensor, conditions: ReadingConditions, causes: Sequence[ReadingCause], shared: NDArray
 ) -> NDArray:
     """Return how readings (B, 6, 36) follow the compliance, which they are linear in: exact differences."""
     local = np.zeros((len(conditions.load), 0))

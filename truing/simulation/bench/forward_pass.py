@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.reading_causes import FIELDS, ReadingCause
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
-from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.cause import Effect, Step
 from truing.simulation.trace import Trace
 
 
 @dataclass(frozen=True)
-class ReadingPassage(Trace[ReadingState]):
+class ReadingPassage(Trace[ReadingCause, ReadingState]):
     """How loads pass the chain: compliance (6, 6), rows (S, 6) of signals by wrench, and the view (6, 6) that channels
     have of the platform's motion."""
 
@@ -27,19 +27,21 @@ class ReadingPassage(Trace[ReadingState]):
     rows: NDArray
     view: NDArray
 
-    def from_wrench(self, slopes: NDArray, cause: Cause | None = None) -> NDArray:
+    def from_wrench(self, slopes: NDArray, cause: ReadingCause | None = None) -> NDArray:
         """Return how readings (B, K, P) follow changes of the wrench (B, 6, P), upstream of all or after a cause."""
         for effect, state in self.downstream(cause, Step.DRIVE):
-            slopes = _of_readings(effect.cause).passed_on(slopes, state, effect.values)
+            slopes = effect.cause.passed_on(slopes, state, effect.values)
         signals = self.rows @ slopes
         if not self.downstream(None, Step.STRUCTURE):
             return self.from_motion(self.compliance @ slopes, signals)
         return self.from_deflection(self.compliance[..., None] * slopes[:, None], signals)
 
-    def from_deflection(self, slopes: NDArray, signals: NDArray | None = None, cause: Cause | None = None) -> NDArray:
+    def from_deflection(
+        self, slopes: NDArray, signals: NDArray | None = None, cause: ReadingCause | None = None
+    ) -> NDArray:
         """Return how readings (B, K, P) follow changes of the deflection (B, 6, 6, P), and of the signals (B, S, P)."""
         for effect, state in self.downstream(cause, Step.STRUCTURE):
-            slopes = _of_readings(effect.cause).passed_on(slopes, state, effect.values)
+            slopes = effect.cause.passed_on(slopes, state, effect.values)
         motion = slopes.sum(2)
         if signals is None:
             signals = np.zeros((len(motion), len(self.rows), motion.shape[-1]))
@@ -49,25 +51,20 @@ class ReadingPassage(Trace[ReadingState]):
         """Return how readings (B, K, P) follow changes of the motion (B, 6, P), and of the signals (B, S, P)."""
         return self.from_readings(np.concatenate([self.view @ slopes, signals], 1))
 
-    def from_readings(self, slopes: NDArray, cause: Cause | None = None) -> NDArray:
+    def from_readings(self, slopes: NDArray, cause: ReadingCause | None = None) -> NDArray:
         """Return what becomes of changes of the readings (B, K, P)."""
         for effect, state in self.downstream(cause, Step.INSTRUMENT):
-            slopes = _of_readings(effect.cause).passed_on(slopes, state, effect.values)
+            slopes = effect.cause.passed_on(slopes, state, effect.values)
         return slopes
 
-    def of_cause(self, cause: Cause, values: NDArray) -> NDArray:
+    def of_cause(self, cause: ReadingCause, values: NDArray) -> NDArray:
         """Return how readings (B, K, P) follow a cause's parameters; its own field is all that it changes."""
-        slopes = _of_readings(cause).slopes(self.at(cause), values)
+        slopes = cause.slopes(self.at(cause), values)
         if cause.step is Step.DRIVE:
             return self.from_wrench(slopes, cause)
         if cause.step is Step.STRUCTURE:
             return self.from_deflection(slopes, None, cause)
         return self.from_readings(slopes, cause)
-
-
-def _of_readings(cause: Cause) -> ReadingCause:
-    assert isinstance(cause, ReadingCause)  # the catalogue of readings holds no other
-    return cause
 
 
 def passed(
@@ -76,7 +73,7 @@ def passed(
     compliance: NDArray,
     rows: NDArray,
     seen: tuple[NDArray, NDArray],
-    effects: Sequence[Effect],
+    effects: Sequence[Effect[ReadingCause]],
 ) -> ReadingPassage:
     """Return how wrenches (B, 6) pass the chain with a compliance (6, 6), rows of signals by wrench (S, 6), effects.
 
@@ -93,6 +90,6 @@ def passed(
     return built.entering(read).through(Step.INSTRUMENT, effects, _applied)
 
 
-def _applied(effect: Effect, state: ReadingState) -> ReadingState:
+def _applied(effect: Effect[ReadingCause], state: ReadingState) -> ReadingState:
     name = FIELDS[effect.cause.step]
-    return replace(state, **{name: getattr(state, name) + _of_readings(effect.cause).moved(state, effect.values)})
+    return replace(state, **{name: getattr(state, name) + effect.cause.moved(state, effect.values)})

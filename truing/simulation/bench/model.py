@@ -13,14 +13,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.inference.model import Split
+from truing.simulation.bench.causes.reading_causes import BenchScene, ReadingCause
 from truing.simulation.bench.forward_pass import ReadingPassage, passed
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, LoadSteps
 from truing.simulation.bench.six_upur.uncertain_sensor import Response
-from truing.simulation.cause import Cause, Scene, Step
-from truing.simulation.effects_model import ChannelModel, Prediction, Split
+from truing.simulation.cause import Step
+from truing.simulation.effects_model import ChannelModel, Prediction
 from truing.simulation.inputs import ORDER, TIME, ranks
-from truing.simulation.targets import Targets
 
 _AXES = 6
 # Beforehand either model of what a leg carries may hold, and anything between them: at the middle, give or take one.
@@ -28,7 +29,7 @@ _BETWEEN = 0.5
 
 
 @dataclass(frozen=True)
-class ReadingModel(ChannelModel):
+class ReadingModel(ChannelModel[ReadingCause]):
     """A sensor on its bench with K channels; a function of the unknowns for a set of effects."""
 
     known: KnownReadings
@@ -42,7 +43,7 @@ class ReadingModel(ChannelModel):
     @property
     def _sizes(self) -> dict[str, int]:
         sensor = self.known.sensor
-        sizes = {"zero": len(self.known.zeros.run), "shape": 0}
+        sizes = {"zero": len(self.known.zeros.run)}
         sizes |= {"geometry": sensor.geometry_size, "stiffness": sensor.stiffness_size}
         sizes |= {"gain": self.known.gains.start.size, "legforce": int(self._has_two_models)}
         return sizes | {"optics": self.known.optics.size}
@@ -65,11 +66,17 @@ class ReadingModel(ChannelModel):
         """
         return np.minimum(np.arange(len(self.known.channels)) // LINEAR, len(CHANNELS) // LINEAR)
 
+    channel_word = "channel"
+
     @property
-    def targets(self) -> Targets:
-        """Return the channels as what is measured."""
-        names = self.known.channels
-        return Targets.of_channels(names, ["signal" if n >= len(CHANNELS) else "channel" for n in range(len(names))])
+    def channel_names(self) -> tuple[str, ...]:
+        """The names (K,) of the channels."""
+        return self.known.channels
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """Which of them (K,) are signals."""
+        return tuple("signal" if n >= len(CHANNELS) else "channel" for n in range(len(self.known.channels)))
 
     @cached_property
     def zero_groups(self) -> NDArray:
@@ -115,21 +122,9 @@ class ReadingModel(ChannelModel):
         return replace(self, known=replace(self.known, sensor=replace(self.known.sensor, share=share)))
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> BenchScene:
         """Return what the campaign offers to causes when they propose candidates."""
-        own, steps = self.conditions, self.steps
-        return Scene(
-            self.targets,
-            np.zeros((len(self.known.channels), 0)),
-            own.load,
-            np.empty(0),
-            own.poses,
-            steps.covariates,
-            own.span_s,
-            self.known.reference_temperature_c,
-            loads=steps,
-            word_of_target="channel",
-        )
+        return BenchScene(self.steps)
 
     def at(self, conditions: ReadingConditions) -> Self:
         """Return the model at other load steps; runs that it does not know have no zero."""
@@ -154,7 +149,7 @@ class ReadingModel(ChannelModel):
         slopes = self._by_shared(shared, passage)[:, :, None] if by_shared else None
         return self._prediction(shared, points, slopes, passage.from_wrench(self._load_errors)[:, :, None])
 
-    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[Cause, NDArray], NDArray]:
+    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[ReadingCause, NDArray], NDArray]:
         return self._passage(shared, local).of_cause
 
     @property

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.bench.known_readings import KnownReadings
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
-from truing.simulation.cause import Cause
 from truing.simulation.prior_campaign import CampaignPrior, LaidOut, Part, block_diagonal, clipped, persistent_causes
 
 _ENTRIES = 36
@@ -26,7 +26,7 @@ _ROUNDS = 6
 
 
 @dataclass(frozen=True)
-class SensorPrior(CampaignPrior):
+class SensorPrior(CampaignPrior[ReadingCause]):
     """What a prior campaign found of a sensor: what it told of the compliance is held against the compliance itself,
     which follows stiffnesses in a curve.
 
@@ -126,7 +126,7 @@ def _parted(model: LaidOut, shared: NDArray) -> tuple[UncertainSensor, NDArray, 
     return known.sensor, shared[model.layout["geometry"]], shared[model.layout["stiffness"]]
 
 
-def _parts(sensor: UncertainSensor, causes: tuple[Cause, ...], effects: list[NDArray]) -> tuple[Part, ...]:
+def _parts(sensor: UncertainSensor, causes: tuple[ReadingCause, ...], effects: list[NDArray]) -> tuple[Part, ...]:
     geometry, stiffness = np.split(sensor.scales, [sensor.geometry_size])
     own = [Part("geometry", geometry), Part("stiffness", stiffness)]
     return (*own, *(Part(cause.key, sigma) for cause, sigma in zip(causes, effects, strict=True)))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.cause import Effect
 
@@ -15,7 +16,7 @@ _GROSS = 100.0
 
 
 def draw_readings(
-    model: ReadingModel, effects: Sequence[Effect], rng: np.random.Generator, gross: float = 0.0
+    model: ReadingModel, effects: Sequence[Effect[ReadingCause]], rng: np.random.Generator, gross: float = 0.0
 ) -> NDArray:
     """Return readings (B, K), SI, of a campaign of the plain model's layout, with effects hidden in it.
 

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.simulation.cause import OBSERVED, Cause, Effect, Scene, Step
+from truing.simulation.cause import OBSERVED, Step
 from truing.simulation.effects_model import Prediction
 from truing.simulation.mechanisms.forward_pass import Passage, moved_by_shape
 from truing.simulation.mechanisms.legs.closures import Closure, Legs
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene, applied
 from truing.simulation.mechanisms.recording import (
     COMMON,
     FREE_ANGLE_RAD,
@@ -126,10 +127,10 @@ class BodyModel(RecordedModel):
         return None
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> PointScene:
         """Return what the campaign offers to causes when they propose candidates."""
         conditions = self.conditions
-        return Scene(
+        return PointScene(
             self.targets,
             self.known.shape,
             conditions.readings,
@@ -141,9 +142,7 @@ class BodyModel(RecordedModel):
             drives=self.known.drives,
             placed=self.known.placed,
             still=tuple(self._name(int(body)) for body in np.flatnonzero(self.known.still)),
-            photographed=self.photographed is not None,
-            scale_bars=self.photographed.scale_bars if self.photographed else (),
-            scale_height_m=self.photographed.scale_height_m if self.photographed else 0.0,
+            photographed=self.photographed,
         )
 
     def rescaled(self, readings: float, survey: float) -> Self:
@@ -184,11 +183,11 @@ class BodyModel(RecordedModel):
         """Return no channel: what acts on bodies moves their points."""
         return {}
 
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[PointCause], dict[str, NDArray]]:
         """Return what tells a cause's change of the pathway ``observed``, (B or 1, 3 K, P), per plausible scale."""
         recording = self._recording(shared, local)
 
-        def found(cause: Cause) -> dict[str, NDArray]:
+        def found(cause: PointCause) -> dict[str, NDArray]:
             told = designs(recording, cause, self.effect_scale(cause))
             return {name: design for name, design in told.items() if name == OBSERVED}
 
@@ -259,7 +258,7 @@ class BodyModel(RecordedModel):
             moved=np.zeros((1, *shape.shape)),
             reference_temperature_c=self.known.reference_temperature_c,
         )
-        return Passage(state, (), {}).through(Step.STRUCTURE, self.effects(shared), Effect.apply)
+        return Passage(state, (), {}).through(Step.STRUCTURE, self.effects(shared), applied)
 
     def _places(self, passage: Passage) -> NDArray:
         """Return where the targets sit (B, K, 3) in the frames of their bodies."""

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import rigid_motions, skew
 from truing.simulation.catalogue import catalogue, of_photographed_points
-from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.cause import Effect, Step
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.mechanisms.recording import COMMON, Conditions
 from truing.simulation.model_text import (
     context_of,
@@ -49,11 +50,11 @@ class ExtendedModel:
     context: dict[str, str]
 
     @property
-    def effects(self) -> tuple[Effect, ...]:
+    def effects(self) -> tuple[Effect[PointCause], ...]:
         """Return the effects that were found."""
         return self.model.effects(self.shared)
 
-    def covariance_of(self, cause: Cause) -> NDArray:
+    def covariance_of(self, cause: PointCause) -> NDArray:
         """Return the covariance (P, P) of an effect's parameters, SI."""
         part, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
         return self.covariance[part, part] * np.outer(sigma, sigma)
@@ -113,13 +114,13 @@ def survey_noise(model: PointModel) -> NDArray:
     return sigma
 
 
-def concerns_targets(cause: Cause) -> bool:
+def concerns_targets(cause: PointCause) -> bool:
     """Return whether a cause concerns single targets alone, and so not where the bodies are."""
     settings = cause.settings()
     return bool(settings.get("target") or settings.get("targets"))
 
 
-def acts_on_poses(cause: Cause) -> bool:
+def acts_on_poses(cause: PointCause) -> bool:
     """Return whether a cause changes where the platform is, and not only what is recorded of it."""
     return cause.step is not Step.INSTRUMENT and not concerns_targets(cause)
 
@@ -296,7 +297,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     return ExtendedModel(model, shared, covariance, sigma, context_of(document, _OWN))
 
 
-def _model(document: dict[str, Any], nominal: Legs, causes: tuple[Cause, ...]) -> PointModel:
+def _model(document: dict[str, Any], nominal: Legs, causes: tuple[PointCause, ...]) -> PointModel:
     about, listed = document["model"], document["survey"]["targets"]
     targets = Targets(
         np.array([_BODIES[one["body"]] for one in listed], int),

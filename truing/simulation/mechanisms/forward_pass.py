@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
-from truing.simulation.cause import Cause, Effect, Step
+from truing.simulation.cause import Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import forward, home_pose, pose_change
+from truing.simulation.mechanisms.point_causes import PointCause, applied
 from truing.simulation.mechanisms.state import State
 from truing.simulation.trace import Trace
 
-Met = tuple[Effect, State]
+Met = tuple[Effect[PointCause], State]
 POSE = "pose"
 _OF_LEGS = ("a", "b", "u", "l")
 REFERENCE = ("straight", "home")
@@ -32,10 +33,10 @@ _TINY = 1e-30
 
 
 @dataclass(frozen=True)
-class Passage(Trace[State]):
+class Passage(Trace[PointCause, State]):
     """How the state of a mechanism, or of bodies, passes the chain."""
 
-    def before_recording(self, cause: Cause | None = None) -> tuple[Met, ...]:
+    def before_recording(self, cause: PointCause | None = None) -> tuple[Met, ...]:
         """Return the effects of drive and structure, or those of them that act after a cause."""
         return self.downstream(cause, Step.DRIVE, Step.STRUCTURE)
 
@@ -53,7 +54,10 @@ class Passage(Trace[State]):
 
 
 def simulate(
-    legs: Legs, rho: NDArray, effects: Sequence[Effect] = (), covariates: Mapping[str, NDArray] | None = None
+    legs: Legs,
+    rho: NDArray,
+    effects: Sequence[Effect[PointCause]] = (),
+    covariates: Mapping[str, NDArray] | None = None,
 ) -> State:
     """Return the state at indicated positions rho (B, L), m, with the effects in force and the platform's poses."""
     home = home_pose(legs)
@@ -61,19 +65,19 @@ def simulate(
     return passed(replace(start, upright=home.z[0], straight=home.z[0], home=home.R[0]), effects).state
 
 
-def passed(start: State, effects: Sequence[Effect]) -> Passage:
+def passed(start: State, effects: Sequence[Effect[PointCause]]) -> Passage:
     """Return how a state passes drive and structure.
 
     Effects that depend on the pose are found by rounds: the pose that the others lead to, then again with theirs.
     """
-    driven = Passage(start, (), {}).through(Step.DRIVE, effects, Effect.apply)
+    driven = Passage(start, (), {}).through(Step.DRIVE, effects, applied)
     reads = (effect.cause.reads for effect in effects if effect.cause.step is Step.STRUCTURE)
     rounds = _ROUNDS if any(POSE in fields for fields in reads) else 0
     entry = _posed(driven.state, driven.state) if rounds else driven.state
     for _ in range(rounds):
-        entry = _posed(driven.entering(entry).through(Step.STRUCTURE, effects, Effect.apply).state, driven.state)
-    built = driven.entering(entry).through(Step.STRUCTURE, effects, Effect.apply)
-    return built.entering(_posed(built.state, built.state)).through(Step.STRUCTURE, (), Effect.apply)
+        entry = _posed(driven.entering(entry).through(Step.STRUCTURE, effects, applied).state, driven.state)
+    built = driven.entering(entry).through(Step.STRUCTURE, effects, applied)
+    return built.entering(_posed(built.state, built.state)).through(Step.STRUCTURE, (), applied)
 
 
 def _posed(state: State, target: State) -> State:
@@ -122,7 +126,7 @@ def moved_by_shape(met: Sequence[Met], shape: tuple[int, ...]) -> NDArray:
     return total
 
 
-def _answer(effect: Effect, state: State, fields: Mapping[str, NDArray], size: int) -> dict[str, NDArray]:
+def _answer(effect: Effect[PointCause], state: State, fields: Mapping[str, NDArray], size: int) -> dict[str, NDArray]:
     """Return by how much an effect's shift changes (B, ..., P) when the fields that it reads do: a complex step."""
     reads = effect.cause.reads | ({"p", "R"} if POSE in effect.cause.reads else set())
     driven = {name: slope for name, slope in fields.items() if name in reads}

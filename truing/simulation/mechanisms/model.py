@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.simulation.cause import Cause, Scene, Step
+from truing.simulation.cause import Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import Prediction
 from truing.simulation.inputs import ranks
@@ -26,6 +26,7 @@ from truing.simulation.mechanisms.forward_pass import (
 )
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import Forward, forward, home_change, home_pose, leg_vectors, unit
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.recording import (
     FREE_ANGLE_RAD,
     FREE_LENGTH_M,
@@ -252,10 +253,10 @@ class PointModel(RecordedModel):
         return ranks(order)
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> PointScene:
         """Return what the campaign offers to causes when they propose candidates."""
         known, conditions = self.known, self.conditions
-        return Scene(
+        return PointScene(
             self.targets,
             known.shape,
             conditions.readings,
@@ -267,9 +268,7 @@ class PointModel(RecordedModel):
             known.pitch_m,
             known.flexure_length_m,
             lengths_apart="u" in self.nominal.closure.geometry,
-            photographed=self.photographed is not None,
-            scale_bars=self.photographed.scale_bars if self.photographed else (),
-            scale_height_m=self.photographed.scale_height_m if self.photographed else 0.0,
+            photographed=self.photographed,
         )
 
     def state(self, shared: NDArray, local: NDArray) -> State:
@@ -321,7 +320,7 @@ class PointModel(RecordedModel):
             found[name] = recording.recorded(recording.motion(change, structure if name == "rho" else ()))
         return found
 
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[Cause], dict[str, NDArray]]:
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[PointCause], dict[str, NDArray]]:
         """Return what tells a cause's change of each channel, (B or 1, n, P), per plausible scale of its parameters.
 
         Targets that it moves are told on the pathway ``observed``, n = 3 K, whose motions are the identity.
@@ -372,7 +371,7 @@ class PointModel(RecordedModel):
         points, turn = positions(state, self.targets, frames), turns(state, self.targets, frames)
         return record(passage, self.targets, frames, self.effects(shared), points, turn)
 
-    def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice, Change, Cause | None]]:
+    def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice, Change, PointCause | None]]:
         """Yield every change upstream of instruments by shared unknowns: its place among these, its cause."""
         for name, change in self.geometry_changes(shared):
             yield self.layout[name], self._with_reference(shared, change), None

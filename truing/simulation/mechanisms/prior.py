@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import rigid_motions, skew
-from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
 from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.mechanisms.recording import FREE_LENGTH_M
 from truing.simulation.prior_campaign import (
     CampaignPrior,
@@ -33,7 +33,9 @@ _SAME_M = 1e-9
 _GEOMETRY = ("a", "b", "u", "l")
 
 
-def mechanism_prior(found: ExtendedModel, model: PointModel, common: tuple[Cause, ...] | None = None) -> CampaignPrior:
+def mechanism_prior(
+    found: ExtendedModel, model: PointModel, common: tuple[PointCause, ...] | None = None
+) -> CampaignPrior[PointCause]:
     """Return what a prior model tells of the unknowns of a model of the next campaign.
 
     Effects that the next one cannot predict, for want of a column, are left out; ``common``: those that both have.
@@ -89,7 +91,7 @@ def _offset(old: PointModel, new: PointModel, names: Sequence[str]) -> NDArray:
     return away[own]
 
 
-def _by_survey(prior: CampaignPrior, found: ExtendedModel, model: PointModel) -> CampaignPrior:
+def _by_survey(prior: CampaignPrior[PointCause], found: ExtendedModel, model: PointModel) -> CampaignPrior[PointCause]:
     """Return the knowledge without what a common survey tells twice, or widened by what two surveys differ in."""
     if _same_survey(found, model):
         away, slopes = model.survey_rows(np.zeros(model.shared_size))
@@ -123,7 +125,7 @@ def _places(model: PointModel) -> dict[tuple[int, str], NDArray]:
     return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in own}
 
 
-def _frames(prior: CampaignPrior, found: ExtendedModel, model: PointModel) -> tuple[NDArray, NDArray]:
+def _frames(prior: CampaignPrior[PointCause], found: ExtendedModel, model: PointModel) -> tuple[NDArray, NDArray]:
     """Return how the numbers follow motions of the frames (n, 12), and the covariance (12, 12) of these, m and rad.
 
     Empty where a frame rests on the attachments themselves.
@@ -149,7 +151,7 @@ def _rigid_information(places: NDArray) -> NDArray:
     return np.asarray(np.einsum("nij,nik->jk", rows, rows))
 
 
-def _moved_by_frames(prior: CampaignPrior, model: PointModel) -> NDArray:
+def _moved_by_frames(prior: CampaignPrior[PointCause], model: PointModel) -> NDArray:
     """Return how joints and directions follow a motion (t, theta) of the base's frame, then of the platform's."""
     legs, across = model.nominal, model.across
     turned = -skew(legs.u)

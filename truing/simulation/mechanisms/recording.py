@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
-from truing.simulation.cause import OBSERVED, Cause, Effect, Step
+from truing.simulation.cause import OBSERVED, Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.mechanisms.forward_pass import Met, Passage, carried, settled
@@ -28,6 +28,7 @@ from truing.simulation.mechanisms.legs.kinematics import (
     shortest_turn,
     unit,
 )
+from truing.simulation.mechanisms.point_causes import Photographed, PointCause, applied
 from truing.simulation.mechanisms.state import State
 from truing.simulation.targets import LEG, PLATFORM, Targets
 
@@ -189,7 +190,7 @@ class Recording:
         bodies = motion(self.passage, self.state.upright, carried(change, met))
         return target_motion(self.state, self.targets, self.frames, bodies)
 
-    def recorded(self, motions: NDArray, cause: Cause | None = None) -> NDArray:
+    def recorded(self, motions: NDArray, cause: PointCause | None = None) -> NDArray:
         """Return motions of the points (B, K, 3, P) as recorded: by all instruments, or those after a cause."""
         for effect, state in self.passage.downstream(cause, Step.INSTRUMENT):
             motions = effect.cause.recorded(motions, state, effect.values)
@@ -202,14 +203,19 @@ class Recording:
 
 
 def record(
-    passage: Passage, targets: Targets, frames: LegFrames, effects: Sequence[Effect], points: NDArray, turn: NDArray
+    passage: Passage,
+    targets: Targets,
+    frames: LegFrames,
+    effects: Sequence[Effect[PointCause]],
+    points: NDArray,
+    turn: NDArray,
 ) -> Recording:
     """Return what instruments record of points (B, K, 3), m, and of turns (B, K, 3, 3) of their axes."""
     seen = passage.entering(replace(passage.state, points=points, turn=turn))
-    return Recording(seen.through(Step.INSTRUMENT, effects, Effect.apply), targets, frames)
+    return Recording(seen.through(Step.INSTRUMENT, effects, applied), targets, frames)
 
 
-def designs(recording: Recording, cause: Cause, scale: NDArray) -> dict[str, NDArray]:
+def designs(recording: Recording, cause: PointCause, scale: NDArray) -> dict[str, NDArray]:
     """Return a cause's change per scale (P,) of its parameters by pathway, (B or 1, n, P).
 
     The index within a pathway is leg, or 3 leg + axis; of what is observed, 3 target + axis.
@@ -225,29 +231,34 @@ def designs(recording: Recording, cause: Cause, scale: NDArray) -> dict[str, NDA
     return found
 
 
-@dataclass(frozen=True)
-class Photographed:
-    """That points come from photographs: with so many ``errors`` common to all poses (of cameras, of scale bars) and so
-    many that the points of each pose share (its scale, ..), each of one standard deviation; and the bars that gave them
-    their scale, and at which height in the model's frame, m."""
-
-    errors: int = 0
-    pose_errors: int = 0
-    scale_bars: tuple[str, ...] = ()
-    scale_height_m: float = 0.0
-
-
 # What photographs of all poses have in common, among the shared unknowns.
 COMMON = "photographs"
 
 
 @dataclass(frozen=True)
-class RecordedModel(EffectsModel):
+class RecordedModel(EffectsModel[PointCause]):
     """Points of bodies in space, which instruments record; ``photographed`` where they were computed from images."""
 
     targets: Targets
     conditions: Conditions
     photographed: Photographed | None = field(default=None, kw_only=True)
+
+    channel_word = "target"
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """The names (K,) of the targets."""
+        return self.targets.names
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """The body (K,) of each target."""
+        return self.targets.bodies
+
+    @property
+    def survey(self) -> slice:
+        """Where the unknown shapes of the bodies stand."""
+        return self.layout["shape"]
 
     def at(self, conditions: Conditions) -> Self:
         """Return the model at other poses."""

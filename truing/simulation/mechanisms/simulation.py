@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.point_causes import PointCause
 
 # Gross errors are some tenths of a millimetre: far beyond noise, not always beyond what an effect may do.
 _GROSS_M = 5e-4
@@ -42,7 +43,7 @@ class Drawn:
     survey: NDArray
 
 
-def draw_campaign(layout: Layout, effects: Sequence[Effect], rng: np.random.Generator) -> Drawn:
+def draw_campaign(layout: Layout, effects: Sequence[Effect[PointCause]], rng: np.random.Generator) -> Drawn:
     """Return a campaign of the layout, with effects hidden in it.
 
     Raises ValueError where the mechanism cannot reach what the readings ask for.
@@ -56,7 +57,9 @@ def draw_campaign(layout: Layout, effects: Sequence[Effect], rng: np.random.Gene
     return Drawn(points, _survey(model, shared, rng))
 
 
-def _truth(model: PointModel, effects: Sequence[Effect], rng: np.random.Generator) -> tuple[NDArray, NDArray]:
+def _truth(
+    model: PointModel, effects: Sequence[Effect[PointCause]], rng: np.random.Generator
+) -> tuple[NDArray, NDArray]:
     """Return the unknowns as they truly are: drawn where something is known of them, at the nominal value elsewhere.
 
     All but the effects is drawn alike whatever is hidden.

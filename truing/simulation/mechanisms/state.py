@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.targets import Targets
 
+# The fields that an effect may depend on leg by leg.
+LEG_FIELDS = frozenset({"indicated", "rho", "a", "b", "u", "l", "delta_bz"})
 _OF_STATE = ("indicated", "rho", "delta_bz", "moved", "points")
 
 

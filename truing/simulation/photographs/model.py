@@ -13,18 +13,16 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Scene
 from truing.simulation.effects_model import ChannelModel, Prediction
-from truing.simulation.photographs.causes.ray_causes import RayCause
+from truing.simulation.photographs.causes.ray_causes import RayCause, RayScene
 from truing.simulation.photographs.ray_poses import RayPoses
-from truing.simulation.targets import Targets
 
 # What nothing is known of beforehand: so many times its scale, for the adjustment has brought it near.
 _WIDE = 30.0
 
 
 @dataclass(frozen=True)
-class RayModel(ChannelModel):
+class RayModel(ChannelModel[RayCause]):
     """Cameras, scale bars and air that are the same in all poses, but for a set of effects.
 
     ``common`` are the numbers that an adjustment does not know exactly, though they are common to all poses.
@@ -32,6 +30,8 @@ class RayModel(ChannelModel):
 
     conditions: RayPoses
     common: tuple[int, ...]
+
+    channel_word = "rays of"
 
     @classmethod
     def of(cls, rays: RayPoses) -> Self:
@@ -50,12 +50,17 @@ class RayModel(ChannelModel):
 
     @property
     def _sizes(self) -> dict[str, int]:
-        return {"common": len(self._common), "shape": 0}
+        return {"common": len(self._common)}
 
     @property
-    def targets(self) -> Targets:
-        """Return the channels as what is measured."""
-        return Targets.of_channels(self.conditions.channels, ["rays"] * len(self.conditions.channels))
+    def channel_names(self) -> tuple[str, ...]:
+        """What each channel (K,) tells of."""
+        return self.conditions.channels
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """That all channels (K,) are of rays."""
+        return ("rays",) * len(self.conditions.channels)
 
     @property
     def blocks(self) -> NDArray:
@@ -63,21 +68,9 @@ class RayModel(ChannelModel):
         return self.conditions.rank
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> RayScene:
         """Return what the campaign offers to causes when they propose candidates."""
-        own = self.conditions
-        return Scene(
-            self.targets,
-            np.zeros((len(own.channels), 0)),
-            own.readings,
-            np.empty(0),
-            own.poses,
-            own.covariates,
-            own.span_s,
-            own.reference_temperature_c,
-            rays=own,
-            word_of_target="rays of",
-        )
+        return RayScene(self.conditions)
 
     def at(self, conditions: RayPoses) -> Self:
         """Return the model at other poses."""
@@ -94,7 +87,6 @@ class RayModel(ChannelModel):
         mean = np.array([rays.parameters[n].mean for n in self._common])
         found[:, self._common] = mean + shared[self.layout["common"]] * self._common_sigma * self._scale[self._common]
         for effect in self.effects(shared):
-            assert isinstance(effect.cause, RayCause)  # the catalogue of rays holds no other
             found = found + effect.cause.moved(rays, effect.values)
         return found
 
@@ -118,7 +110,7 @@ class RayModel(ChannelModel):
         """Return the predicted channels (B, K, 1), in units of their noise."""
         return self.predict(shared, local, by_shared=False).values
 
-    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[Cause, NDArray], NDArray]:
+    def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[RayCause, NDArray], NDArray]:
         return lambda cause, values: np.asarray(self.conditions.root @ self._number_slopes(cause, values))
 
     @property
@@ -131,7 +123,6 @@ class RayModel(ChannelModel):
         known[self.layout["common"]] = [self.conditions.parameters[n].sigma is not None for n in self._common]
         return known
 
-    def _number_slopes(self, cause: Cause, values: NDArray) -> NDArray:
+    def _number_slopes(self, cause: RayCause, values: NDArray) -> NDArray:
         """Return how the numbers (B, T, P), in units of their scale, follow a cause's parameters at values (P,), SI."""
-        assert isinstance(cause, RayCause)  # the catalogue of rays holds no other
         return cause.slopes(self.conditions, values) / self._scale[:, None]

@@ -10,9 +10,14 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
 from truing.simulation.bench.causes.channels import OfChannel, linear_or_all
-from truing.simulation.bench.causes.reading_causes import FEWEST, MM, seen_channels, seen_of, steps_of
+from truing.simulation.bench.causes.reading_causes import (
+    FEWEST,
+    MM,
+    BenchScene,
+    seen_channels,
+)
 from truing.simulation.bench.load_steps import CHANNELS, LINEAR, ReadingState
-from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene
+from truing.simulation.cause import Parameter, ReportedParameter
 
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 0.03, 0.01
 _XYZ = "xyz"
@@ -35,7 +40,7 @@ class CosineError(OfChannel):
 
     id = "cosine-error"
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[CosineError]:
         """Return every channel of the platform: by its tilts where something moves across it, by what is lost where
         nothing does other than in proportion to the motion along it.
         """
@@ -110,10 +115,10 @@ class CosineError(OfChannel):
         along = values / max(angle, 1e-12)
         return (ReportedParameter("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad"),)
 
-    def _shows(self, scene: Scene, channel: str) -> tuple[bool, bool]:
+    def _shows(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
         """Return whether motion across a channel shows in it, and whether it does beside the motion along it."""
-        steps, own = steps_of(scene), CHANNELS.index(channel)
-        seen = seen_of(scene)[:, own]
+        steps, own = scene.steps, CHANNELS.index(channel)
+        seen = scene.recorded[:, own]
         if seen.sum() < FEWEST:
             return False, False
         along, across = steps.motion[seen, own], steps.motion[seen][:, _others(own)]
@@ -131,7 +136,7 @@ class AbbeOffset(OfChannel):
     id = "abbe-offset"
     reach = 30.0
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[AbbeOffset]:
         """Return every linear channel, and all of them with one arm."""
         return [AbbeOffset(channel) for channel in linear_or_all(scene)]
 

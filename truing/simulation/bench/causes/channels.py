@@ -12,18 +12,17 @@ from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
     HOUR,
     MM,
+    BenchScene,
     ReadingCause,
     at_channels,
     is_linear,
     is_signal,
     seen_channels,
-    seen_of,
-    steps_of,
     unit_of,
     whose,
 )
 from truing.simulation.bench.load_steps import AIR, MATERIAL, PRESSURE, LoadSteps, ReadingState
-from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import TIME
 
 # Plausible in an hour, in a channel's own unit; per kelvin of displacements (a frame of 0.3 m of steel), rotations and
@@ -54,14 +53,14 @@ class OfChannel(ReadingCause):
         """Return the kind and its channel."""
         return f"{self.id} {self.channel}".strip()
 
-    def excludes(self, other: Cause) -> bool:
+    def excludes(self, other: ReadingCause) -> bool:
         """Return whether another is of the same kind and concerns a channel that this one does."""
         if not isinstance(other, OfChannel) or self.id != other.id:
             return False
         mine, theirs = self.channel, other.channel
         return mine == theirs or (not mine and is_linear(theirs)) or (not theirs and is_linear(mine))
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: BenchScene) -> float:
         """Return the weight of a channel, and of all linear ones alike."""
         return 1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))
 
@@ -87,7 +86,7 @@ class OfRun(OfChannel):
         """Return the kind, its channel and its run."""
         return f"{self.id} {self.channel} {self.run}".strip()
 
-    def excludes(self, other: Cause) -> bool:
+    def excludes(self, other: ReadingCause) -> bool:
         """Return whether another is the same: a run may drift beside its channel, and lose fringes twice."""
         return self.key == other.key
 
@@ -119,12 +118,14 @@ class ZeroDrift(OfRun):
         """Return the name that tells this candidate from all others."""
         return f"{self.family} {'run' if self.of_run else 'all'}"
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[ZeroDrift]:
         """Return every channel and signal, and every channel of every run, with three readings at least."""
-        steps, seen = steps_of(scene), seen_of(scene)
+        steps, seen = scene.steps, scene.recorded
         if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
             return ()
-        found: list[Cause] = [ZeroDrift(channel, scale_per_s=_rate(channel, steps)) for channel in seen_channels(scene)]
+        found: list[ZeroDrift] = [
+            ZeroDrift(channel, scale_per_s=_rate(channel, steps)) for channel in seen_channels(scene)
+        ]
         runs = np.flatnonzero(steps.rank == 0)
         for code, first in enumerate(runs if len(runs) > 1 else ()):
             within = dict(zip(steps.channels, seen[steps.code == code].sum(0).tolist(), strict=True))
@@ -134,11 +135,11 @@ class ZeroDrift(OfRun):
             found += [ZeroDrift(c, label, True, read == [c], _rate(c, steps)) for c in known]
         return found
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: BenchScene) -> float:
         """Return the weight: all runs of a channel together are as likely as its single ones together."""
         if not self.of_run:
             return 1.0
-        runs = len(np.unique(steps_of(scene).code))
+        runs = len(np.unique(scene.steps.code))
         return _RUN_SHARE / max(runs, 1)
 
     def needs(self, legs: int) -> tuple[str, ...]:
@@ -167,16 +168,16 @@ class ThermalDrift(OfChannel):
     id = "thermal-drift"
     reach = 30.0
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[ThermalDrift]:
         """Return every channel, and all linear ones alike, with each temperature that varies, and with both."""
-        steps = steps_of(scene)
+        steps = scene.steps
         known = [column for column in _BOTH if steps.varies(column)]
         forms = [(column,) for column in known] + ([_BOTH] if len(known) == len(_BOTH) else [])
         channels = seen_channels(scene)
         several = sum(is_linear(channel) for channel in channels) > 1
         return [ThermalDrift(c, form) for c in ([""] if several else []) + channels for form in forms]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: BenchScene) -> float:
         """Return the weight of a channel and of one temperature."""
         return super().prior(scene) * (_TWO_SHARE if len(self.columns) > 1 else 1.0)
 
@@ -204,9 +205,9 @@ class DeadPath(OfChannel):
     id = "dead-path"
     reach = 30.0  # a forgotten path may be metres long
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[DeadPath]:
         """Return every linear channel, and all of them alike, where the index of the air is known to vary."""
-        if not steps_of(scene).air_varies:
+        if not scene.steps.air_varies:
             return ()
         return [DeadPath(channel) for channel in linear_or_all(scene)]
 
@@ -223,7 +224,7 @@ class DeadPath(OfChannel):
         return self.at_own(state, state.steps.index_since_first[:, None])
 
 
-def linear_or_all(scene: Scene) -> list[str]:
+def linear_or_all(scene: BenchScene) -> list[str]:
     """Return every linear channel that was read; before them the empty name of all, where there are several."""
     linear = [channel for channel in seen_channels(scene) if is_linear(channel)]
     return ([""] if len(linear) > 1 else []) + linear

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from truing.simulation.bench.causes.channels import OfRun
 from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
+    BenchScene,
     ReadingCause,
     is_linear,
     is_signal,
     seen_channels,
-    seen_of,
-    steps_of,
 )
 from truing.simulation.bench.load_steps import ReadingState
-from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
 
 _PLAUSIBLE_COUNT = 3.0
 _PLAUSIBLE_SHARE = 0.02
@@ -56,9 +55,9 @@ class FringeSlip(OfRun):
         """Return the name that tells this candidate from all others."""
         return f"{self.family} {self.from_rank}"
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[FringeSlip]:
         """Return every run, linear channel and step that has three readings on either side."""
-        steps, seen = steps_of(scene), seen_of(scene)
+        steps, seen = scene.steps, scene.recorded
         half, found = steps.wavelength_m / 2.0, []
         for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
             own = np.flatnonzero(steps.code == code)
@@ -107,7 +106,7 @@ class Crosstalk(ReadingCause):
         """Return the signal that carries another."""
         return f"signal {self.signal}"
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[Crosstalk]:
         """Return every pair of signals."""
         signals = [channel for channel in seen_channels(scene) if is_signal(channel)]
         return [Crosstalk(own, other) for own in signals for other in signals if own != other]

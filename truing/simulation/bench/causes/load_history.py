@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.load_path import OfLoad
-from truing.simulation.bench.causes.reading_causes import seen_axes, steps_of
+from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
 from truing.simulation.inputs import TIME
 
 _PLAUSIBLE = 0.02
@@ -43,9 +43,9 @@ class Creep(OfLoad):
     step = Step.STRUCTURE
     kind = Kind.SHAPED
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[Creep]:
         """Return time constants from ten seconds to the longest run's length, for all axes and each."""
-        steps = steps_of(scene)
+        steps = scene.steps
         if not np.isfinite(steps.time_s).all():
             return ()
         held, longest = steps.held_s[steps.held_s > 0.0], steps.longest_s
@@ -57,15 +57,15 @@ class Creep(OfLoad):
         chosen = ["", *axes] if len(axes) > 1 else axes
         return [Creep(axis, float(tau)) for tau in np.geomspace(shortest, longest, count) for axis in chosen]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: BenchScene) -> float:
         """Return the weight of an axis, and of all together."""
         return 1.0 if self.axis else _ALL_SHARE * len(seen_axes(scene))
 
-    def refined(self) -> Cause:
+    def refined(self) -> Self:
         """Return the form whose time constant is fitted too."""
         return replace(self, free=True)
 
-    def with_fixed_shape(self, shape: NDArray) -> Cause | None:
+    def with_fixed_shape(self, shape: NDArray) -> Self | None:
         """Return the form with the time constant that its logarithm over tau_s says."""
         return replace(self, tau_s=self.tau_s * float(np.exp(shape[0])), free=False)
 

@@ -9,10 +9,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.reading_causes import MM, ReadingCause, is_force, seen_axes, steps_of
+from truing.simulation.bench.causes.reading_causes import MM, BenchScene, ReadingCause, is_force, seen_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.cause import Parameter, Step
 
 _PLAUSIBLE_M, _PLAUSIBLE_PER_M = 5e-3, 0.05
 _XYZ = "xyz"
@@ -39,7 +39,7 @@ class OfLoad(ReadingCause):
         """Return the kind and its axis: a model takes up one of its forms."""
         return f"{self.id} {self.axis}".strip()
 
-    def excludes(self, other: Cause) -> bool:
+    def excludes(self, other: ReadingCause) -> bool:
         """Return whether another is of the same kind and concerns an axis that this one does."""
         if not isinstance(other, OfLoad) or self.id != other.id:
             return False
@@ -60,13 +60,13 @@ class LoadEccentricity(OfLoad):
     step = Step.DRIVE
     reach = 30.0
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[LoadEccentricity]:
         """Return every axis that was loaded, and all forces together where there are two of them."""
         axes = seen_axes(scene)
         common = [LoadEccentricity("")] if sum(is_force(axis) for axis in axes) > 1 else []
         return [*common, *(LoadEccentricity(axis) for axis in axes)]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: BenchScene) -> float:
         """Return the weight of an axis, and of all forces together."""
         return 1.0 if self.axis else _COMMON_SHARE * len(seen_axes(scene))
 
@@ -108,10 +108,10 @@ class LoadImbalance(OfLoad):
     step = Step.DRIVE
     reach = 30.0
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[LoadImbalance]:
         """Return, for every axis that was loaded both ways, components with what differs; for any what grows."""
-        load = steps_of(scene).load
-        found: list[Cause] = []
+        load = scene.steps.load
+        found: list[LoadImbalance] = []
         for axis in seen_axes(scene):
             own = load[:, AXES.index(axis)]
             sets = [tuple(chosen) for size in (1, 2, 3) for chosen in combinations(_XYZ, size)]

@@ -16,13 +16,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.inference.model import ChannelCandidates
 from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
+    BenchScene,
     ReadingCause,
     is_signal,
     seen_channels,
-    seen_of,
-    steps_of,
     unit_of,
     whose,
 )
@@ -35,7 +35,7 @@ from truing.simulation.bench.load_steps import (
     LoadSteps,
     ReadingState,
 )
-from truing.simulation.cause import Cause, ChannelCandidates, Scene, Step
+from truing.simulation.cause import Step
 from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
 
@@ -70,7 +70,7 @@ _ONE_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
-class NonparametricReadingEffect(NonparametricEffect, ReadingCause):
+class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
     """A channel depends on inputs: columns of the steps, loads, and what was before.
 
     Further forms are a load at so many steps before, sine and cosine of a period of time or a load, which is the half
@@ -106,10 +106,10 @@ class NonparametricReadingEffect(NonparametricEffect, ReadingCause):
         plain = tuple(column.removeprefix(UNLOADING).removeprefix(SO_FAR).removeprefix(WAY) for column in self.columns)
         return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in plain))
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[NonparametricReadingEffect]:
         """Return everything that each channel may depend on, as far as its readings allow."""
-        steps, seen = steps_of(scene), seen_of(scene)
-        found: list[Cause] = []
+        steps, seen = scene.steps, scene.recorded
+        found: list[NonparametricReadingEffect] = []
         for channel in seen_channels(scene):
             own = seen[:, place := steps.channels.index(channel)]
             bare = NonparametricReadingEffect(channel=channel, scale=_PLAUSIBLE_SIGMAS * float(steps.sigma[place]))
@@ -122,13 +122,13 @@ class NonparametricReadingEffect(NonparametricEffect, ReadingCause):
             found += [replace(rest, half_ranges=(float(tau),)) for tau in fades]
         return found
 
-    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
+    def channel_candidates(self, scene: BenchScene) -> Sequence[ChannelCandidates[NonparametricReadingEffect]]:
         """Return what each channel may depend on to and fro: every period of time, and of a load, that the campaign
         tells apart."""
-        steps, seen = steps_of(scene), seen_of(scene)
+        steps, seen = scene.steps, scene.recorded
         return [own for column in (TIME, *_applied(steps)) for own in _to_and_fro(steps, seen, column)]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: BenchScene) -> float:
         """Return the weight: what is in proportion to one input is likelier than other forms."""
         return super().prior(scene) * self.weight
 
@@ -184,10 +184,10 @@ def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCan
     forms = [NonparametricReadingEffect(half_ranges=(float(period),), **inputs) for period in periods]  # type: ignore[arg-type]
     shapes = np.stack([form.functions(steps) for form in forms])
 
-    def alike(places: NDArray) -> ChannelCandidates:
+    def alike(places: NDArray) -> ChannelCandidates[NonparametricReadingEffect]:
         scale = _PLAUSIBLE_SIGMAS * float(steps.sigma[places[0]])
 
-        def member(target: int, shape: int) -> Cause:
+        def member(target: int, shape: int) -> NonparametricReadingEffect:
             return replace(forms[shape], channel=steps.channels[places[target]], scale=scale)
 
         return ChannelCandidates(shapes, places, np.ones((len(periods), len(places)), bool), scale, member)
@@ -195,9 +195,9 @@ def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCan
     return [alike(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
 
 
-def _jumping(bare: NonparametricReadingEffect, steps: LoadSteps, seen: NDArray) -> list[Cause]:
+def _jumping(bare: NonparametricReadingEffect, steps: LoadSteps, seen: NDArray) -> list[NonparametricReadingEffect]:
     """Return jumps of a channel, seen at steps (B,), beyond sizes of each load, where there are readings enough."""
-    found: list[Cause] = []
+    found: list[NonparametricReadingEffect] = []
     for load in _applied(steps):
         values, sizes = _values_of(steps, load)[seen], _sizes_between(steps, load, seen)
         for size in sizes:

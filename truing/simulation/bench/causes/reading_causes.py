@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.load_steps import CHANNELS, LINEAR, LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import READINGS, Cause, Scene, Step
-from truing.simulation.change import Change
+from truing.simulation.cause import Cause, Scene, Step
 
 FIELDS = {Step.DRIVE: "wrench", Step.STRUCTURE: "deflection", Step.INSTRUMENT: "readings"}
 ARCSEC = np.pi / 180.0 / 3600.0
@@ -19,14 +19,34 @@ UM, MV, MM, HOUR = 1e-6, 1e-3, 1e-3, 3600.0
 FEWEST = 3
 
 
-class ReadingCause(Cause):
+@dataclass(frozen=True)
+class BenchScene(Scene["ReadingCause"]):
+    """What a campaign that loads a sensor offers to causes: B load steps and which readings of K channels there are."""
+
+    steps: LoadSteps
+
+    @property
+    def covariates(self) -> Mapping[str, NDArray]:
+        """The columns that are known of each step, (B,)."""
+        return self.steps.covariates
+
+    @property
+    def shape(self) -> NDArray:
+        """The places of the channels: they have none."""
+        return np.zeros((len(self.steps.channels), 0))
+
+    @property
+    def recorded(self) -> NDArray:
+        """Which readings (B, K) there are: all, where it is not told."""
+        steps = self.steps
+        return np.ones((len(steps.run), len(steps.channels)), bool) if self.seen is None else self.seen
+
+
+class ReadingCause(Cause[BenchScene]):
     """A cause that changes one field of a `ReadingState`: the wrench, the deflection, or the readings, by its step.
 
     The change may depend on that field, in proportion, and on nothing else that is not known of the steps.
     """
-
-    acts_on: ClassVar[str] = READINGS
-    reads = frozenset()
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the derivative (B, ..., P) of its field by the parameters at values (P,), SI."""
@@ -39,28 +59,6 @@ class ReadingCause(Cause):
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
         """Return what becomes of changes (B, ..., Q) of its field that meet the effect: the same, if it only adds."""
         return slopes
-
-    def change(self, state: Any, values: NDArray) -> Change:
-        """Return the derivative of its field by the parameters at values (P,)."""
-        found = self.slopes(state, values)
-        return Change({FIELDS[self.step]: found}, found.shape[-1])
-
-    def shift(self, state: Any, values: NDArray) -> dict[str, NDArray]:
-        """Return by how much its field changes at values (P,)."""
-        return {FIELDS[self.step]: self.moved(state, values)}
-
-
-def steps_of(scene: Scene) -> LoadSteps:
-    """Return the load steps of a scene; raises ValueError where it has none."""
-    if scene.loads is None:
-        raise ValueError("scene: found no load steps, expected those of a bench")
-    return scene.loads
-
-
-def seen_of(scene: Scene) -> NDArray:
-    """Return which readings (B, K) there are: all, where it is not told."""
-    steps = steps_of(scene)
-    return np.ones((len(steps.run), len(steps.channels)), bool) if scene.seen is None else scene.seen
 
 
 def unit_of(channel: str) -> tuple[str, float]:
@@ -97,12 +95,12 @@ def is_force(axis: str) -> bool:
     return axis in AXES[:LINEAR]
 
 
-def seen_axes(scene: Scene) -> list[str]:
+def seen_axes(scene: BenchScene) -> list[str]:
     """Return the axes that were loaded."""
-    return [axis for axis, loaded in zip(AXES, steps_of(scene).loaded, strict=True) if loaded]
+    return [axis for axis, loaded in zip(AXES, scene.steps.loaded, strict=True) if loaded]
 
 
-def seen_channels(scene: Scene) -> list[str]:
+def seen_channels(scene: BenchScene) -> list[str]:
     """Return the channels that were read."""
-    names = steps_of(scene).channels
-    return [names[place] for place in np.flatnonzero(seen_of(scene).sum(0))]
+    names = scene.steps.channels
+    return [names[place] for place in np.flatnonzero(scene.recorded.sum(0))]

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.reading_causes import ReadingCause, is_signal
+from truing.simulation.bench.causes.reading_causes import BenchScene, ReadingCause, is_signal
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
 
 Row = tuple[int | str, int | str]
 
@@ -34,7 +34,7 @@ class RowsExchanged(ReadingCause):
         runs = dict.fromkeys(str(run) for run, _ in self.rows)
         return f"run {' '.join(runs)}" if runs else ""
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[RowsExchanged]:
         """Return none: exchanged rows are found in the table, before anything is fitted."""
         return ()
 

@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.load_path import OfLoad
-from truing.simulation.bench.causes.reading_causes import is_linear, seen_axes, seen_of, steps_of, unit_of
+from truing.simulation.bench.causes.reading_causes import (
+    BenchScene,
+    is_linear,
+    seen_axes,
+    unit_of,
+)
 from truing.simulation.bench.load_steps import CHANNELS, LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.cause import Parameter, Step
 
 # The whole response under a load changes, or that along its own axis alone; all axes together are less likely.
 _OWN_SHARE, _ALL_SHARE = 0.4, 0.3
@@ -36,10 +41,10 @@ class Deflection(OfLoad):
     plausible: ClassVar[float] = 0.03
     parameter: ClassVar[str]
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[Deflection]:
         """Return all axes together, each that shows it, and its own component alone where others were seen."""
-        axes = [axis for axis in seen_axes(scene) if self.shows(steps_of(scene), AXES.index(axis))]
-        found: list[Cause] = [replace(self, axis="")] if len(axes) > 1 else []
+        axes = [axis for axis in seen_axes(scene) if self.shows(scene.steps, AXES.index(axis))]
+        found: list[Deflection] = [replace(self, axis="")] if len(axes) > 1 else []
         for axis in axes:
             found.append(replace(self, axis=axis))
             if _is_seen(scene, AXES.index(axis), own=False) and _is_seen(scene, AXES.index(axis), own=True):
@@ -50,7 +55,7 @@ class Deflection(OfLoad):
         """Return whether loads of an axis could show it."""
         return True
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: BenchScene) -> float:
         """Return the weight of an axis, its own component alone, or all axes together."""
         if not self.axis:
             return _ALL_SHARE * len(seen_axes(scene))
@@ -173,9 +178,9 @@ class JointClearance(OfLoad):
     step = Step.STRUCTURE
     reach = 30.0
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: BenchScene) -> Sequence[JointClearance]:
         """Return every axis that was loaded, with its own component seen, both ways or by several amounts."""
-        steps = steps_of(scene)
+        steps = scene.steps
         return [JointClearance(axis) for axis in seen_axes(scene) if _is_seen(scene, AXES.index(axis), own=True)
                 and len(np.unique(steps.load[:, AXES.index(axis)])) > _LEVELS]  # fmt: skip
 
@@ -196,7 +201,7 @@ class JointClearance(OfLoad):
         return found
 
 
-def _is_seen(scene: Scene, axis: int, *, own: bool) -> bool:
+def _is_seen(scene: BenchScene, axis: int, *, own: bool) -> bool:
     """Return whether under loads of an axis its own component was read, or any other of the platform's."""
-    under_load = seen_of(scene)[steps_of(scene).load[:, axis] != 0.0][:, : len(CHANNELS)].any(0)
+    under_load = scene.recorded[scene.steps.load[:, axis] != 0.0][:, : len(CHANNELS)].any(0)
     return bool(under_load[axis] if own else np.delete(under_load, axis).any())

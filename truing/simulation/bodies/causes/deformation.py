@@ -23,8 +23,9 @@ from truing.simulation.bodies.causes.terms import (
     runs_with_time,
     told_term,
 )
-from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
 _MM = 1e-3
@@ -37,7 +38,7 @@ _SHARE_OF_OTHERS = 0.25
 
 
 @dataclass(frozen=True)
-class OfBody(Cause):
+class OfBody(PointCause):
     """What happens to the targets of one body; ``places`` are where they sit on it, m, one after the other.
 
     They shift by a pattern, or, with ``whole``, together with the body, which should stand still.
@@ -134,7 +135,7 @@ class BodyDeformation(OfBody):
         """Return the name that tells this candidate from all others."""
         return f"{self.id} {self.body} {'whole ' if self.whole else ''}{' '.join(self.terms)}"
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[BodyDeformation]:
         """Return every body with every drive, the temperature, squares, products and directions of approach."""
         if scene.legs:
             return ()
@@ -148,7 +149,7 @@ class BodyDeformation(OfBody):
             if whole or not is_large(own[1]) or (len(terms) == 1 and TIMES not in terms[0])
         ]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of these terms: what is in proportion to one column is likelier than all else."""
         alone = len(self.terms) == 1 and TIMES not in self.terms[0] and not self.terms[0].startswith(CAME_FROM)
         return 1.0 if alone else _SHARE_OF_OTHERS
@@ -177,7 +178,7 @@ class BodyDeformation(OfBody):
         return np.stack([np.prod([counted[name] for name in term.split(TIMES)], axis=0) for term in self.terms], -1)
 
 
-def bodies_of(scene: Scene) -> Iterator[tuple[str, tuple[str, ...], tuple[float, ...]]]:
+def bodies_of(scene: PointScene) -> Iterator[tuple[str, tuple[str, ...], tuple[float, ...]]]:
     """Yield each body with enough targets: its name, its targets, where they sit."""
     for body in dict.fromkeys(scene.targets.bodies):
         own = [n for n, other in enumerate(scene.targets.bodies) if other == body]
@@ -189,6 +190,6 @@ def is_large(targets: tuple[str, ...]) -> bool:
     return len(targets) > _MANY_TARGETS
 
 
-def wholes(scene: Scene, body: str) -> tuple[bool, ...]:
+def wholes(scene: PointScene, body: str) -> tuple[bool, ...]:
     """Return whether a body may shift as a pattern, or also as a whole."""
     return (False, True) if body in scene.still else (False,)

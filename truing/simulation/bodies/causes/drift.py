@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_large, wholes
 from truing.simulation.bodies.causes.terms import runs_with_time
-from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene
+from truing.simulation.cause import Kind, Parameter, ReportedParameter
 from truing.simulation.change import Change
 from truing.simulation.inputs import ORDER, TIME
 from truing.simulation.mechanisms.causes.targets import FEWEST
+from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.settling import settling
 
@@ -72,7 +73,7 @@ class BodyDrift(OfBody):
         whose = f"{self.id} {self.body} {'whole' if self.whole else 'pattern'} {self.column}"
         return f"{whose} jump at {self.from_order:.6g}" if self.jumps else whose
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[BodyDrift]:
         """Return every body with every form of drift; as a whole only where it should stand still.
 
         None where a drive ran along with time: what it would explain is told of the drive.
@@ -87,7 +88,7 @@ class BodyDrift(OfBody):
             for form in _forms(BodyDrift(*own, whole, column), scene)
         ]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of this form: as likely linear as with any time constant, or as a jump at any pose; less so
         without simple form, or from later on."""
         if self.jumps:
@@ -96,7 +97,7 @@ class BodyDrift(OfBody):
             return _SHARE_OF_STARTS / len(_STARTS)
         return _SHARE_OF_WAVES if self.waves else 1.0 / len(_TAUS) if self.tau else 1.0
 
-    def refined(self) -> Cause:
+    def refined(self) -> Self:
         """Return the drift with its time constant among the parameters."""
         return replace(self, tau_is_fitted=True) if self.tau else self
 
@@ -153,7 +154,7 @@ class BodyDrift(OfBody):
         return settling(x, self.span / self.tau * np.exp(-bounded))
 
 
-def _forms(own: BodyDrift, scene: Scene) -> list[BodyDrift]:
+def _forms(own: BodyDrift, scene: PointScene) -> list[BodyDrift]:
     """Return the forms in which a body may drift; of one with many targets the shape drifts evenly only."""
     start, end = _ends(scene, own.column)
     own, many = replace(own, start=start, span=end - start), is_large(own.targets) and not own.whole
@@ -177,7 +178,7 @@ def _onsets(poses: int, whole: bool) -> range:
     return range(FEWEST, poses - FEWEST + 1, -(-poses // most))
 
 
-def _ends(scene: Scene, column: str) -> tuple[float, float]:
+def _ends(scene: PointScene, column: str) -> tuple[float, float]:
     """Return the first and the last time of the campaign."""
     if column == TIME and scene.span_s is not None:
         return scene.span_s

@@ -8,8 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from truing.schemas.covariates import own_name
-from truing.simulation.cause import Scene
 from truing.simulation.inputs import ORDER, TEMPERATURE, TIME
+from truing.simulation.mechanisms.point_causes import PointScene
 
 CAME_FROM = "approach "  # before a drive's name: the direction of its last movement
 TIMES = "*"
@@ -18,7 +18,7 @@ _MOST_TOGETHER = 6
 _SAME_COURSE = 0.99
 
 
-def proposed_terms(scene: Scene) -> Iterator[tuple[str, ...]]:
+def proposed_terms(scene: PointScene) -> Iterator[tuple[str, ...]]:
     """Yield what a body may deform with."""
     drives = [drive for drive in scene.drives if _known(scene, drive)]
     for column in (*drives, *((TEMPERATURE,) if _known(scene, TEMPERATURE) else ())):
@@ -39,11 +39,11 @@ def place_columns(body: str) -> tuple[str, ...]:
     return tuple(f"{body} {axis}" for axis in "xyz")
 
 
-def _known(scene: Scene, column: str) -> bool:
+def _known(scene: PointScene, column: str) -> bool:
     return scene.varies(column) and bool(np.isfinite(scene.covariates[column]).all())
 
 
-def counted(scene: Scene, terms: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]:
+def counted(scene: PointScene, terms: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]:
     """Return the columns of terms, from where they count (the reference, else what is nearest to zero), their range."""
     columns = tuple(dict.fromkeys(column for term in terms for column in term.split(TIMES)))
     found = [np.asarray(scene.covariates[column]) for column in columns]
@@ -52,7 +52,7 @@ def counted(scene: Scene, terms: tuple[str, ...]) -> tuple[tuple[str, ...], tupl
     return columns, tuple(zeros), tuple(float(np.ptp(values)) for values in found)
 
 
-def runs_with_time(scene: Scene, terms: tuple[str, ...]) -> bool:
+def runs_with_time(scene: PointScene, terms: tuple[str, ...]) -> bool:
     """Return whether terms' columns ran along with time, so that nothing tells them apart."""
     time = scene.covariates.get(TIME if scene.varies(TIME) else ORDER)
     columns = [scene.covariates.get(c) for term in terms for c in term.split(TIMES) if not c.startswith(CAME_FROM)]

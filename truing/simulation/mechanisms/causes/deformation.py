@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.legs.kinematics import leg_vectors, unit
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.mechanisms.structures.beam_model import circle_distance
 
@@ -44,7 +45,7 @@ class LinearPlatformDeformation(PerLeg):
 
 
 @dataclass(frozen=True)
-class MatrixPlatformDeformation(Cause):
+class MatrixPlatformDeformation(PointCause):
     """Attachments shift along z_E by K delta_rho (eq. 2, 3)."""
 
     id = "platform-deformation-matrix"
@@ -77,7 +78,7 @@ class NonlinearPlatformDeformation(PerLeg):
     step = Step.STRUCTURE
     reads = frozenset({"rho"})
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[NonlinearPlatformDeformation]:
         """Return every form for every choice of legs whose displacements tell the terms apart."""
         moved = scene.readings - scene.rho0
         telling = {form: _telling(moved, max(form)) for form in _FORMS}
@@ -89,7 +90,7 @@ class NonlinearPlatformDeformation(PerLeg):
             if told.issuperset(chosen or every)
         ]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of this form and choice of legs."""
         return _FORMS[self.powers] * choice_share(len(self.legs), scene.legs)
 
@@ -131,7 +132,7 @@ _SHAPES = ("saddle_x", "saddle_y", "bowl")
 
 
 @dataclass(frozen=True)
-class BaseDeformation(Cause):
+class BaseDeformation(PointCause):
     """Base targets and joints shift along z by q (saddle_x (x^2 - y^2) + saddle_y 2 x y + bowl (x^2 + y^2)) / R^2.
 
     R is the mean radius of the joints; q is the temperature above the reference, or the displacement of the actuator
@@ -144,14 +145,14 @@ class BaseDeformation(Cause):
     step = Step.STRUCTURE
     reads = frozenset({"rho", "a", "shape"})
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[BaseDeformation]:
         """Return the temperature, where it varies, and every actuator that moves as drivers."""
         moves = np.ptp(scene.readings, axis=0) > 0
         drivers = [f"{_READING}{leg}" for leg in range(1, scene.legs + 1) if moves[leg - 1]]
         warm = scene.varies(_COLUMN) and bool(np.isfinite(scene.covariates[_COLUMN]).all())
         return [BaseDeformation(driver) for driver in ([TEMPERATURE] if warm else []) + drivers]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of this driver: temperature is as likely as all actuators together."""
         return 0.5 if self.driver == TEMPERATURE else 0.5 / scene.legs
 
@@ -202,7 +203,7 @@ _PLAUSIBLE_M = 0.01
 
 
 @dataclass(frozen=True)
-class FlexureShift(Cause):
+class FlexureShift(PointCause):
     """Legs end in flexures of one length whose ends stay on a circle as they bend (telescope report, eq. 13-17).
 
     They are straight at the machine's reference, where it was assembled; bent ones change the distance between the
@@ -213,7 +214,7 @@ class FlexureShift(Cause):
     step = Step.STRUCTURE
     reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz", "straight", "home"})
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[FlexureShift]:
         """Return the cause where there are legs."""
         return (self,) if scene.legs else ()
 

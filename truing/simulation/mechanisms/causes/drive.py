@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
+from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 
 APPROACH = "approach"
@@ -53,7 +55,7 @@ class ActuatorBacklash(PerLeg):
     step = Step.DRIVE
     reads = frozenset()
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[ActuatorBacklash]:
         """Return every choice of legs that were approached from both directions; none without an order in time."""
         if not scene.varies(APPROACH):
             return ()
@@ -95,7 +97,7 @@ class PeriodicError(PerLeg):
     kind = Kind.SHAPED
     reads = frozenset({"indicated"})
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[PeriodicError]:
         """Return the choices of legs at the declared pitch, else at every pitch that the readings can tell apart."""
         moved = scene.readings - scene.rho0
         if scene.pitch_m is not None:
@@ -109,7 +111,7 @@ class PeriodicError(PerLeg):
             for chosen in choices(scene.legs, most)
         ]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of this choice of legs; all pitches are alike."""
         return choice_share(len(self.legs), scene.legs)
 
@@ -117,7 +119,7 @@ class PeriodicError(PerLeg):
         """Return none: waves of like amplitude have S and C of any size."""
         return ()
 
-    def refined(self) -> Cause:
+    def refined(self) -> Self:
         """Return the form whose pitch is fitted too; the same where it was declared, or cannot be told."""
         return replace(self, free=True) if self.frequency_sigma > 0 and not self.aliased else self
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import TIME
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
+from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.settling import settling
 
@@ -42,7 +44,7 @@ class LegDrift(PerLeg):
     is_persistent = False
     reads = frozenset()
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[LegDrift]:
         """Return an even drift and some time constants for every choice of legs; none where no time is known."""
         if scene.span_s is None or not scene.varies(TIME) or not np.isfinite(scene.covariates[TIME]).all():
             return ()
@@ -50,12 +52,12 @@ class LegDrift(PerLeg):
         constants = (0.0, *(share * duration for share in _SETTLING))
         return [LegDrift(chosen, start, duration, tau) for tau in constants for chosen in choices(scene.legs)]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of this choice of legs and of its course: even ones count for half."""
         course = _EVEN_SHARE if self.tau_s == 0 else (1 - _EVEN_SHARE) / len(_SETTLING)
         return course * choice_share(len(self.legs), scene.legs)
 
-    def refined(self) -> Cause:
+    def refined(self) -> Self:
         """Return the form whose time constant is fitted too; the same where the drift is even."""
         return self if self.tau_s == 0 else replace(self, free=True)
 

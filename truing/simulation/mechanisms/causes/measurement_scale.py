@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
 TEMPERATURE = "temperature_c"
@@ -19,7 +20,7 @@ _SHARE = {CONSTANT: 0.45, PER_KELVIN: 0.45, BOTH: 0.1}
 
 
 @dataclass(frozen=True)
-class MeasurementScale(Cause):
+class MeasurementScale(PointCause):
     """All points of a pose are scaled by 1 + scale + scale_per_k times the temperature above the reference."""
 
     form: str = CONSTANT
@@ -28,12 +29,12 @@ class MeasurementScale(Cause):
     step = Step.INSTRUMENT
     reads = frozenset()
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[MeasurementScale]:
         """Return the constant factor and, where the temperature varies, one that follows it, and both."""
         forms = (CONSTANT, PER_KELVIN, BOTH) if scene.varies(TEMPERATURE) else (CONSTANT,)
         return [MeasurementScale(form) for form in forms]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of this form: one parameter is likelier than two."""
         return _SHARE[self.form]
 

@@ -15,7 +15,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, ChannelCandidates, Scene, Step
+from truing.inference.model import ChannelCandidates
+from truing.simulation.cause import Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import (
     LAST_STEP,
@@ -31,6 +32,7 @@ from truing.simulation.inputs import (
     varying,
 )
 from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.nonparametric import (
     PER_FUNCTION,
@@ -71,7 +73,7 @@ _AXES = {Quantity.ATTACHMENTS_SIDEWAYS: ("_x", "_y"), Quantity.TARGETS: ("_x", "
 
 
 @dataclass(frozen=True)
-class NonparametricMechanismEffect(NonparametricEffect):
+class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     """A quantity of all legs, or of ``legs``, or of ``targets`` of a body, depends on inputs.
 
     An input is a column of the configurations, ``rho3_mm`` (the displacement of that actuator, m), ``own drive`` (of
@@ -113,18 +115,18 @@ class NonparametricMechanismEffect(NonparametricEffect):
         """Return whether it stays with the machine: not what depends on the time, or concerns targets."""
         return super().is_persistent and self.quantity != Quantity.TARGETS
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
         """Return everything that legs, bodies and the scale may depend on in a campaign."""
         return [NonparametricMechanismEffect(**found) for found in _dependences(scene)]
 
-    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
+    def channel_candidates(self, scene: PointScene) -> Sequence[ChannelCandidates[NonparametricMechanismEffect]]:
         """Return what single targets may depend on: by one function each drive and column, squares and products; by
         several slow waves of time."""
         inputs = _Inputs(scene)
         shapes = [list(inputs.of_single_targets()), list(inputs.waves())]
         return [_profiles(scene, inputs, found) for found in shapes if found and len(scene.shape)]
 
-    def higher_order_terms(self, scene: Scene) -> Sequence[Cause]:
+    def higher_order_terms(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
         """Return its next terms, of all that it concerns or of single legs among it, as far as poses tell them."""
         several = self._concerned(scene.legs) if self._is_of_legs and not self._is_one else ()
         chosen = (self.legs, *((leg,) for leg in several))
@@ -136,7 +138,7 @@ class NonparametricMechanismEffect(NonparametricEffect):
             for legs in chosen
         ]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the weight: all legs are likelier than a single one, and that than a pair."""
         return super().prior(scene) * (choice_share(len(self.legs), scene.legs) if scene.legs else 1.0)
 
@@ -253,7 +255,7 @@ def _patterns(places: NDArray) -> NDArray:
     return np.stack([s, t, s * s, s * t, t * t], -1)
 
 
-def _dependences(scene: Scene) -> Iterator[Dependence]:
+def _dependences(scene: PointScene) -> Iterator[Dependence]:
     """Yield the settings of everything that legs, bodies and the scale may depend on."""
     inputs = _Inputs(scene)
     kinds: dict[Quantity, Callable[[tuple[int, ...]], Iterator[Dependence]]] = {
@@ -278,7 +280,7 @@ def _dependences(scene: Scene) -> Iterator[Dependence]:
 class _Inputs:
     """What a campaign offers as inputs, and how each quantity may depend on them."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: PointScene) -> None:
         self._scene = scene
         self.moved = scene.readings - scene.rho0 if scene.legs else np.zeros((len(scene.poses), 0))
         self._columns = {name: v for name, v in varying(scene.covariates).items() if name not in LOOKING_BACK}
@@ -382,8 +384,10 @@ class _Inputs:
         return dependence(columns, self._ranges.__getitem__, form, degree)
 
 
-def _profiles(scene: Scene, inputs: _Inputs, shapes: list[Dependence]) -> ChannelCandidates:
-    def member(target: int, shape: int) -> Cause:
+def _profiles(
+    scene: PointScene, inputs: _Inputs, shapes: list[Dependence]
+) -> ChannelCandidates[NonparametricMechanismEffect]:
+    def member(target: int, shape: int) -> NonparametricMechanismEffect:
         own = scene.targets
         whose = {"quantity": "targets", "body": own.bodies[target], "targets": (own.names[target],)}
         return NonparametricMechanismEffect(**(shapes[shape] | whose))
@@ -397,7 +401,7 @@ def _profiles(scene: Scene, inputs: _Inputs, shapes: list[Dependence]) -> Channe
     return ChannelCandidates(values, np.arange(len(scene.shape)), enough, _PLAUSIBLE[Quantity.TARGETS], member)
 
 
-def _patterned(scene: Scene) -> Iterator[Dependence]:
+def _patterned(scene: PointScene) -> Iterator[Dependence]:
     """Yield the bodies, legs apart, whose targets may move together, with places along their two longest axes."""
     for body in dict.fromkeys(scene.targets.bodies):
         own = [n for n, other in enumerate(scene.targets.bodies) if other == body]

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Scene
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 
 # Probability beforehand that a cause concerns all legs; one, two or three of them; any other number.
 _ALL, _SOME, _OTHER = 0.36, (0.36, 0.21, 0.05), 0.02
@@ -21,7 +22,7 @@ _MOST_LEGS = 8
 
 
 @dataclass(frozen=True)
-class PerLeg(Cause):
+class PerLeg(PointCause):
     """A cause that concerns ``legs``, counted from 1; without any, all legs of the mechanism."""
 
     legs: tuple[int, ...] = ()
@@ -49,13 +50,13 @@ class PerLeg(Cause):
         count = len(self.parameters(legs))
         return tuple(range(count - len(self.concerned(legs)), count))
 
-    def excludes(self, other: Cause) -> bool:
+    def excludes(self, other: PointCause) -> bool:
         """Return whether another is of the same kind and concerns a leg that this one does."""
         if self.id != other.id or not isinstance(other, PerLeg):
             return False
         return not self.legs or not other.legs or bool(set(self.legs) & set(other.legs))
 
-    def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Cause:
+    def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
         """Return the cause without the legs that do nothing beside the others, if that is clearly more probable.
 
         A leg that takes part is expected to do as much as those that are kept.
@@ -76,11 +77,11 @@ class PerLeg(Cause):
         best = max(odds, key=lambda kept: odds[kept], default=())
         return replace(self, legs=best) if best and odds[best] > _CLEARLY else self
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[PerLeg]:
         """Return the cause for all legs and for every choice of some."""
         return [replace(self, legs=chosen) for chosen in choices(scene.legs)]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of this choice of legs: all of them, a single one or a pair are likelier than others."""
         return choice_share(len(self.legs), scene.legs)
 

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.simulation.cause import Cause, ChannelCandidates, Kind, Parameter, ReportedParameter, Scene, Step
+from truing.inference.model import ChannelCandidates
+from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import ORDER
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
 # A target is called moved where it was seen this often before and after.
@@ -25,7 +27,7 @@ _OF_MARKERS = ("corners", "places")
 
 
 @dataclass(frozen=True)
-class TargetMoved(Cause):
+class TargetMoved(PointCause):
     """A target sits elsewhere from the pose ``from_pose`` on, whose rank in time is ``from_order``.
 
     A square marker is moved as a whole, shifted and turned: it has ``corners``, which are targets, and ``places`` where
@@ -55,11 +57,11 @@ class TargetMoved(Cause):
         """Return its fields; a target has no corners."""
         return {name: value for name, value in super().settings().items() if self.corners or name not in _OF_MARKERS}
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[TargetMoved]:
         """Return none: they are told by profiles."""
         return ()
 
-    def channel_candidates(self, scene: Scene) -> Sequence[ChannelCandidates]:
+    def channel_candidates(self, scene: PointScene) -> Sequence[ChannelCandidates[TargetMoved]]:
         """Return every target, and every marker in place of its corners, from every pose on that has three poses with
         it on either side, and since the survey."""
         if ORDER not in scene.covariates or not len(scene.shape) or len(scene.poses) < FEWEST:
@@ -78,10 +80,10 @@ class TargetMoved(Cause):
             pose = int(in_time[onsets[onset]])
             return TargetMoved(body, name, scene.poses[pose], float(order[pose]))
 
-        def member(target: int, onset: int) -> Cause:
+        def member(target: int, onset: int) -> TargetMoved:
             return moved(own.bodies[alone[target]], own.names[alone[target]], onset)
 
-        def marker(number: int, onset: int) -> Cause:
+        def marker(number: int, onset: int) -> TargetMoved:
             which = list(corners[number])
             return moved(*markers[number], onset).of_corners([own.names[k] for k in which], scene.shape[which])
 
@@ -145,7 +147,7 @@ class TargetMoved(Cause):
 
 
 @dataclass(frozen=True)
-class TargetsSwapped(Cause):
+class TargetsSwapped(PointCause):
     """Two labels of a body are exchanged in ``poses``, whose ranks in time are ``orders``."""
 
     body: str = ""
@@ -164,7 +166,7 @@ class TargetsSwapped(Cause):
         """Return the two targets."""
         return f"targets {' '.join(self.targets)}"
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[TargetsSwapped]:
         """Return none: exchanged labels are found among the measured points, before anything is fitted."""
         return ()
 
@@ -202,7 +204,7 @@ def place_of(state: State, body: str, target: str) -> int | None:
     return known.index((body, target)) if (body, target) in known else None
 
 
-def _usable(onsets: Sequence[int], in_time: NDArray, scene: Scene) -> NDArray:
+def _usable(onsets: Sequence[int], in_time: NDArray, scene: PointScene) -> NDArray:
     """Return, for each onset and target (S, K), whether the target was seen three times on either side, and in the
     pose itself; the first onset needs no other side."""
     seen = np.ones((len(in_time), len(scene.shape)), bool) if scene.seen is None else scene.seen

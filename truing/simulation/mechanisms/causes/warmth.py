@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _SHARE_OF_ALL, _SHARE_OF_ONE = 0.5, 0.5
 
 
 @dataclass(frozen=True)
-class ThermalExpansion(Cause):
+class ThermalExpansion(PointCause):
     """Base and platform grow about their origins, legs in length, by alpha times the temperature above the reference.
 
     ``form``: one alpha for all three, or one each (``apart``); of ``bodies`` without a mechanism all of them, or only
@@ -46,7 +47,7 @@ class ThermalExpansion(Cause):
         """Return the body that grows alone."""
         return self.body
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[ThermalExpansion]:
         """Return both forms where it was not always as warm as at the reference; without legs all bodies and each."""
         if not warms(scene):
             return ()
@@ -55,7 +56,7 @@ class ThermalExpansion(Cause):
         names = tuple(dict.fromkeys(scene.targets.bodies))
         return [ThermalExpansion(BODIES, body) for body in ("", *(names if len(names) > 1 else ()))]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: PointScene) -> float:
         """Return the share of this form: one parameter is likelier than three, all bodies than a certain one."""
         if scene.legs:
             return _SHARE[self.form]
@@ -81,14 +82,14 @@ class ThermalExpansion(Cause):
 
 
 @dataclass(frozen=True)
-class LegThermal(Cause):
+class LegThermal(PointCause):
     """Legs and what sits on them grow by alpha times the temperature above the reference; the bodies do not."""
 
     id = "leg-thermal"
     step = Step.STRUCTURE
     reads = frozenset({"l", "shape"})
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[LegThermal]:
         """Return the cause where there are legs, and where it was not always as warm as at the reference."""
         return (self,) if scene.legs and warms(scene) else ()
 
@@ -105,7 +106,7 @@ class LegThermal(Cause):
         return Change(grown(state, ("legs",)), 1)
 
 
-def warms(scene: Scene) -> bool:
+def warms(scene: PointScene) -> bool:
     """Return whether the temperature is known at all poses and departs from the reference at any."""
     found = scene.covariates.get(TEMPERATURE)
     return found is not None and bool(np.isfinite(found).all() and np.any(found != scene.reference_temperature_c))

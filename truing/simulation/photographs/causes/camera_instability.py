@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene
+from truing.simulation.cause import Kind, Parameter, ReportedParameter
 from truing.simulation.inputs import TEMPERATURE, TIME
-from truing.simulation.photographs.causes.ray_causes import FEWEST, RayCause, at_numbers, rays_of
+from truing.simulation.photographs.causes.ray_causes import FEWEST, RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import CAMERA, RayPoses
 from truing.simulation.settling import settling
 
@@ -69,7 +70,7 @@ class CameraInstability(RayCause):
         """Return the camera and what changes of it."""
         return f"{self.id} {self.camera} {' '.join(self.what)}"
 
-    def excludes(self, other: Cause) -> bool:
+    def excludes(self, other: RayCause) -> bool:
         """Return whether another form has the same course in the same camera: a camera may jump and drift."""
         if not isinstance(other, CameraInstability) or self.camera != other.camera:
             return False
@@ -77,9 +78,9 @@ class CameraInstability(RayCause):
         alike = self.form == other.form or {self.form, other.form} == {DRIFT, SETTLES}
         return shared and alike and (self.form != JUMP or self.from_pose == other.from_pose)
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: RayScene) -> Sequence[CameraInstability]:
         """Return every form of every camera that its poses and columns allow."""
-        rays = rays_of(scene)
+        rays = scene.rays
         return [
             form
             for camera in rays.owners(CAMERA)
@@ -87,9 +88,9 @@ class CameraInstability(RayCause):
             for form in _forms(CameraInstability(camera, what), rays)
         ]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: RayScene) -> float:
         """Return the share of this form and of what changes; jumps share theirs."""
-        rays = rays_of(scene)
+        rays = scene.rays
         own = {JUMP: len(_onsets(rays, self.camera)), SETTLES: len(_SETTLING)}
         of_what = _SHARE_OF_WHAT[_WHAT.index(self.what)]
         return of_what * _SHARE_OF_FORM[self.form] / max(own.get(self.form, 1), 1)
@@ -98,7 +99,7 @@ class CameraInstability(RayCause):
         """Return at which poses (B,) it claims to hold: what has no order says nothing of other poses."""
         return np.full(poses, self.form != SCATTER)
 
-    def refined(self) -> Cause:
+    def refined(self) -> Self:
         """Return the form whose time constant is fitted too; the same of all others."""
         return replace(self, free=True) if self.form == SETTLES else self
 

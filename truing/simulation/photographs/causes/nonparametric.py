@@ -9,10 +9,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Scene
 from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
-from truing.simulation.photographs.causes.ray_causes import RayCause, at_numbers, rays_of
+from truing.simulation.photographs.causes.ray_causes import RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import BAR, CAMERA, RayPoses
 
 # What of a camera or a bar may depend on something, each by itself, and how much of it is plausible: an amplitude is
@@ -23,7 +22,7 @@ _MOST_DRIVES = 8
 
 
 @dataclass(frozen=True)
-class NonparametricRayEffect(NonparametricEffect, RayCause):
+class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
     """A number of a camera or a scale bar depends on inputs: columns of the poses, or the product of two."""
 
     owner_kind: str = CAMERA
@@ -42,12 +41,12 @@ class NonparametricRayEffect(NonparametricEffect, RayCause):
         """Return no column: what a camera does moves no machine."""
         return ()
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: RayScene) -> Sequence[NonparametricRayEffect]:
         """Return everything that each number may depend on, as far as its poses allow."""
-        rays = rays_of(scene)
+        rays = scene.rays
         columns = varying(rays.covariates)
         ranges = {column: middle_and_half(values) for column, values in columns.items()}
-        found: list[Cause] = []
+        found: list[NonparametricRayEffect] = []
         for place, number in enumerate(rays.parameters):
             if number.name not in _PLAUSIBLE or number.kind not in (CAMERA, BAR) or not rays.tells[place]:
                 continue

@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import RAYS, Cause, Scene, Step
-from truing.simulation.change import Change
+from truing.simulation.cause import Cause, Scene, Step
 from truing.simulation.photographs.ray_poses import RayPoses
 
 # Poses on either side of what begins at one, and per function of a form that nobody declared.
 FEWEST = 3
 
 
-class RayCause(Cause):
+@dataclass(frozen=True)
+class RayScene(Scene["RayCause"]):
+    """What the photographs of a campaign offer to causes: what their rays tell, pose by pose."""
+
+    rays: RayPoses
+
+    @property
+    def covariates(self) -> Mapping[str, NDArray]:
+        """The columns that are known of each pose, (B,)."""
+        return self.rays.covariates
+
+    @property
+    def shape(self) -> NDArray:
+        """The places of the channels: they have none."""
+        return np.zeros((len(self.rays.channels), 0))
+
+
+class RayCause(Cause[RayScene]):
     """A cause that moves the numbers which rays tell of, pose by pose."""
 
-    acts_on: ClassVar[str] = RAYS
     step = Step.INSTRUMENT
-    reads = frozenset()
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return the derivative (B, T, P) of the numbers by the parameters at values (P,), SI."""
@@ -29,18 +44,6 @@ class RayCause(Cause):
     def moved(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return by how much the numbers (B, T) are off at values (P,); where that is linear, slopes times values."""
         return np.asarray(self.slopes(rays, values) @ values)
-
-    def change(self, state: Any, values: NDArray) -> Change:
-        """Return the derivative of the numbers by the parameters at values (P,)."""
-        found = self.slopes(state, values)
-        return Change({"numbers": found}, found.shape[-1])
-
-
-def rays_of(scene: Scene) -> RayPoses:
-    """Return the rays of a scene; raises ValueError where it has none."""
-    if scene.rays is None:
-        raise ValueError("scene: found no rays, expected those of photographs")
-    return scene.rays
 
 
 def at_numbers(rays: RayPoses, places: list[int], course: NDArray) -> NDArray:

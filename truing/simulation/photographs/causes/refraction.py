@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
-from truing.simulation.photographs.causes.ray_causes import RayCause, at_numbers, rays_of
+from truing.simulation.photographs.causes.ray_causes import RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import AIR, WINDOW, RayPoses
 
 ID = "refraction"
@@ -47,15 +48,15 @@ class Refraction(RayCause):
         """Return the camera that looks through a pane; empty for air."""
         return f"camera {self.camera}" if self.camera else ""
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: RayScene) -> Sequence[Refraction]:
         """Return air and panes, where rays could show them."""
-        rays = rays_of(scene)
+        rays = scene.rays
         air = rays.owners(AIR) if rays.up is not None else ()
         return [Refraction(owner) for owner in (*air, *rays.owners(WINDOW))]
 
-    def prior(self, scene: Scene) -> float:
+    def prior(self, scene: RayScene) -> float:
         """Return the share of air, and of panes, evenly among cameras."""
-        return _SHARE_OF_PANES / max(len(rays_of(scene).owners(WINDOW)), 1) if self.camera else _SHARE_OF_AIR
+        return _SHARE_OF_PANES / max(len(scene.rays.owners(WINDOW)), 1) if self.camera else _SHARE_OF_AIR
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return no column: what bends rays moves no machine."""
@@ -85,7 +86,7 @@ class Refraction(RayCause):
 
 
 @dataclass(frozen=True)
-class EvenAir(Cause):
+class EvenAir(PointCause):
     """The index of air changes evenly with height, by gradient: points are found where no ray contradicts them.
 
     Lengths are right at the height where scale bars lie; what is above or below is scaled.
@@ -98,9 +99,9 @@ class EvenAir(Cause):
     reads = frozenset()
     reach = 30.0
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[EvenAir]:
         """Return the cause where points come from photographs."""
-        return (EvenAir(scene.scale_height_m),) if scene.photographed else ()
+        return (EvenAir(scene.photographed.scale_height_m),) if scene.photographed else ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return no column: what bends rays moves no platform."""

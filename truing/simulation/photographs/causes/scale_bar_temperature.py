@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Parameter, Scene, Step
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import TEMPERATURE
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
-from truing.simulation.photographs.causes.ray_causes import RayCause, at_numbers, rays_of
+from truing.simulation.photographs.causes.ray_causes import RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import BAR, RayPoses
 
 # Steel grows by 12e-6 of its length per kelvin, carbon fibre by next to nothing.
@@ -38,9 +39,9 @@ class OneBar(RayCause):
         """Return the bar."""
         return f"{BAR} {self.bar}"
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: RayScene) -> Sequence[OneBar]:
         """Return every bar that is seen beside another in poses of different temperature."""
-        rays = rays_of(scene)
+        rays = scene.rays
         bars = rays.owners(BAR)
         return [OneBar(bar) for bar in bars] if len(bars) >= _ONE_ALONE and rays.varies(TEMPERATURE) else []
 
@@ -58,16 +59,16 @@ class OneBar(RayCause):
 
 
 @dataclass(frozen=True)
-class AllBars(Cause):
+class AllBars(PointCause):
     """The bars that give points their scale grow alike: all points of a pose shrink by alpha times the heat."""
 
     id = ID
     step = Step.INSTRUMENT
     reads = frozenset()
 
-    def candidates(self, scene: Scene) -> Sequence[Cause]:
+    def candidates(self, scene: PointScene) -> Sequence[AllBars]:
         """Return the cause where bars give the scale, and the temperature varies."""
-        return (self,) if scene.scale_bars and scene.varies(TEMPERATURE) else ()
+        return (self,) if scene.photographed and scene.photographed.scale_bars and scene.varies(TEMPERATURE) else ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return no column: the scale of an instrument moves no platform."""
