@@ -17,10 +17,10 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from benchmarks.timing import interleaved, pin, run_pinned
+from truing.calibration.every_case import screened
 from truing.calibration.fits import Calibration, implicit, maximum_likelihood
 from truing.calibration.measured import Gathered
 from truing.calibration.question import cases
-from truing.calibration.screening import screened
 from truing.pipeline.run_campaign import Wish
 from truing.pipeline.run_campaigns import run_campaigns
 from truing.pipeline.selection import Selection

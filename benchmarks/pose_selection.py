@@ -43,7 +43,7 @@ class Telescope:
 
     def bound(self, x: np.ndarray) -> float:
         """Return what no choice of 40 of the candidates can exceed."""
-        from truing.estimation.design.design_bound import bound_design
+        from truing.estimation.design.pose_selection import bound_design
 
         return bound_design(self.problem.rows_at(x), POSES).upper
 
@@ -53,16 +53,14 @@ class Telescope:
 
     def choose(self, x: np.ndarray) -> float:
         """Return the log determinant of our choice from candidates, the bound found on the way."""
-        from truing.estimation.design.design_bound import bound_design
-        from truing.estimation.design.pose_selection import exchange, rounded_design
+        from truing.estimation.design.pose_selection import bound_design, exchange, rounded_design
 
         rows = self.problem.rows_at(x)
         return exchange(rows, rounded_design(bound_design(rows, POSES), POSES)).log_det
 
     def log_det(self, levels: np.ndarray) -> float:
         """Return the log determinant at actuators moved by levels (240,) of their reach."""
-        from truing.estimation.design.design_bound import sum_log_det
-        from truing.estimation.design.pose_selection import information_of
+        from truing.estimation.design.pose_selection import information_of, sum_log_det
 
         return sum_log_det(information_of(self.problem.rows(self._placed(levels))))
 

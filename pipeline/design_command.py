@@ -17,8 +17,7 @@ from truing.schemas.faults import CampaignFaults, Fault
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.stages.configurations.chosen import DesignWish
-    from truing.stages.design import DesignTables
+    from truing.stages.configurations.chosen import DesignTables, DesignWish
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,8 @@ def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCo
 
 def _plan_loads(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, voice: Voice) -> ExitCode:
     """Choose load steps for a sensor; raises CampaignFaults for what only poses have."""
-    from truing.stages.load_design import plan_loads, words_of_loads
+    from truing.stages.configurations.words import words_of_loads
+    from truing.stages.load_design import plan_loads
 
     _check_of_loads(wish, files)
     found = plan_loads(campaign.validated(), wish, _loads_of(campaign))
@@ -128,7 +128,7 @@ def _hand_over(
 
 
 def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
-    from truing.stages.design import DesignTables
+    from truing.stages.configurations.chosen import DesignTables
 
     extend = None if files.extend is None else read_given(files.extend, "a configurations table")
     avoid = None if files.avoid is None else read_given(files.avoid, "a table of forbidden regions")

@@ -15,54 +15,26 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="uncertainty",
     reads=(
-        "observations?",
-        "survey?",
-        "configurations?",
-        "readings?",
-        "signals?",
-        "reading_corrections?",
-        "positions?",
-        "given_compliance?",
-        "poses?",
-        "residuals?",
-        "displacement?",
-        "reading_residuals?",
-        "run_terms?",
-        "deformation?",
-        "deformation_models?",
-        "compliance?",
-        "positioning?",
-        "diagnosis?",
-        "cause_uncertainty?",
-        "calibration?",
-        "accuracy?",
-        "model_choice?",
-        "sensor_matrix?",
+        *("observations?", "survey?", "configurations?"),
+        *("readings?", "signals?", "reading_corrections?", "positions?", "given_compliance?"),
+        *("poses?", "residuals?", "displacement?", "reading_residuals?", "run_terms?"),
+        *("deformation?", "deformation_models?", "compliance?", "positioning?"),
+        *("diagnosis?", "cause_uncertainty?", "calibration?", "accuracy?", "model_choice?", "sensor_matrix?"),
         *("pose_sensitivities?", "camera_correlations?", "scale_bar_lengths?"),
         *("pose_covariances?", "shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
     ),
     leaves=("uncertainty", "uncertainty_budget"),
-    settings=(
-        "campaign.kind",
-        "mechanism",
-        "loading",
-        "interferometer",
-        "noise",
-        "exclude",
-        "keep",
-    ),
+    settings=("campaign.kind", "mechanism", "loading", "interferometer", "noise", "exclude", "keep"),
     summary="standard and expanded uncertainty of every result, with a budget by source",
 )
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """State what can be stated, and say of the rest why it cannot."""
-    from truing.stages.uncertainty_statement.accuracy import state_accuracy, state_positioning
-    from truing.stages.uncertainty_statement.calibration import state_calibration
+    from truing.stages.uncertainty_statement.bench import state_compliance, state_sensor
     from truing.stages.uncertainty_statement.causes import state_causes
-    from truing.stages.uncertainty_statement.compliance import state_compliance
+    from truing.stages.uncertainty_statement.machine import state_accuracy, state_calibration, state_positioning
     from truing.stages.uncertainty_statement.poses import state_poses
-    from truing.stages.uncertainty_statement.sensor import state_sensor
     from truing.stages.uncertainty_statement.statement import Statement
 
     made = Statement()

@@ -10,13 +10,23 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from truing.estimation.design.absorption import Absorption, absorb
-    from truing.estimation.design.combinations import Inseparable, inseparable
-    from truing.estimation.design.identifiable_set import IdentifiableSet, choose_identifiable
-    from truing.estimation.design.observability import Observability, observe
+    from truing.estimation.design.observability import (
+        IdentifiableSet,
+        Inseparable,
+        Observability,
+        choose_identifiable,
+        inseparable,
+        observe,
+    )
     from truing.estimation.errors_in_variables.descent import Prior
     from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, fit_errors_in_variables
-    from truing.estimation.interferometry.fringes import count_fringes, length_from_phase
-    from truing.estimation.interferometry.quadrature import EllipseFit, corrected_phase, fit_ellipse
+    from truing.estimation.interferometry.quadrature import (
+        EllipseFit,
+        corrected_phase,
+        count_fringes,
+        fit_ellipse,
+        length_from_phase,
+    )
     from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies, label_points
     from truing.estimation.least_squares.solver import Solution, SolverStatus, least_squares
     from truing.estimation.response import ResponseFit, fit_response
@@ -148,13 +158,16 @@ __all__ = [
 
 _ROOMS = {
     "truing.estimation.design.absorption": ("Absorption", "absorb"),
-    "truing.estimation.design.combinations": ("Inseparable", "inseparable"),
-    "truing.estimation.design.identifiable_set": ("IdentifiableSet", "choose_identifiable"),
-    "truing.estimation.design.observability": ("Observability", "observe"),
+    "truing.estimation.design.observability": (
+        *("IdentifiableSet", "Inseparable", "Observability"),
+        *("choose_identifiable", "inseparable", "observe"),
+    ),
     "truing.estimation.errors_in_variables.descent": ("Prior",),
     "truing.estimation.errors_in_variables.fit": ("ErrorsInVariablesFit", "fit_errors_in_variables"),
-    "truing.estimation.interferometry.fringes": ("count_fringes", "length_from_phase"),
-    "truing.estimation.interferometry.quadrature": ("EllipseFit", "corrected_phase", "fit_ellipse"),
+    "truing.estimation.interferometry.quadrature": (
+        *("EllipseFit", "corrected_phase", "count_fringes"),
+        *("fit_ellipse", "length_from_phase"),
+    ),
     "truing.estimation.labels.labelling": ("Labelling", "LabellingStatus", "label_bodies", "label_points"),
     "truing.estimation.least_squares.solver": ("Solution", "SolverStatus", "least_squares"),
     "truing.estimation.response": ("ResponseFit", "fit_response"),

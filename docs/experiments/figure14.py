@@ -19,11 +19,9 @@ from numpy.typing import NDArray
 from docs.experiments.chart import Panel, Series, write_chart
 from docs.experiments.marked_tables import renew
 from docs.experiments.telescope_report_data import published
-from truing.calibration.configuration_search import Bounded, bounded, choose
-from truing.calibration.design_problem import DesignProblem
-from truing.estimation.design.design_bound import efficiency, sum_log_det
+from truing.calibration.configuration_search import Bounded, DesignProblem, bounded, choose
 from truing.estimation.design.pose_order import order_poses
-from truing.estimation.design.pose_selection import exchange, information_of
+from truing.estimation.design.pose_selection import efficiency, exchange, information_of, sum_log_det
 from truing.estimation.rotation import exp_so3
 from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.legs.kinematics import forward

@@ -31,9 +31,7 @@ from docs.experiments.sample_telescope import (
     scales,
 )
 from docs.experiments.telescope_report_data import published
-from truing.estimation.design.combinations import inseparable
-from truing.estimation.design.identifiable_set import choose_identifiable
-from truing.estimation.design.observability import indices
+from truing.estimation.design.observability import choose_identifiable, indices, inseparable
 from truing.simulation.mechanisms.recalibration import recalibrate
 
 DOCS = Path(__file__).resolve().parents[1]

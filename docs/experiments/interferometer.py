@@ -25,8 +25,7 @@ from docs.experiments.interferometer_bench import (
 from docs.experiments.marked_tables import renew, table
 from tests.real.interferometer_logs import AXES, quadrature, quadrature_facts, slit_facts
 from tests.simulation.test_air import NIST
-from truing.estimation.interferometry.fringes import count_fringes, misstep_probability
-from truing.estimation.interferometry.quadrature import corrected_phase, fit_ellipse
+from truing.estimation.interferometry.quadrature import corrected_phase, count_fringes, fit_ellipse, misstep_probability
 from truing.simulation.air import ciddor_index, edlen_index, edlen_slopes, vapour_pressure_pa
 
 PAGE = Path(__file__).resolve().parents[1] / "interferometer.md"

@@ -26,12 +26,11 @@ from docs.experiments.sensor_bench import (
     single_axis,
     six_channels,
 )
-from truing.estimation.sensor.calibrate import fit_calibration
+from truing.estimation.sensor.calibrate import UndeterminedCalibrationError, fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel
 from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
-from truing.estimation.sensor.determined import UndeterminedCalibrationError
+from truing.estimation.sensor.contenders import choose_calibration, covariance_by_case
 from truing.estimation.sensor.exchanged_loads import exchanged_loads
-from truing.estimation.sensor.held_out_loads import choose_calibration, covariance_by_case
 from truing.estimation.sensor.load_cases import (
     LoadLimits,
     bench_loads,

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew, table
+from truing.estimation.sensor.calibration_matrix import Figures, relative_errors
 from truing.estimation.sensor.error_classes import AxisSeries, ErrorClass, creep, error_classes
-from truing.estimation.sensor.figures_of_merit import Figures, relative_errors
 
 PAGE = Path(__file__).resolve().parents[1] / "error-classes.md"
 AXIS, FULL_N, SIGMA_N = 2, 9000.0, 2.0

@@ -22,8 +22,7 @@ from docs.experiments.telescope_report_models import (
     verified,
 )
 from truing.estimation.design.observability import Observability, observe
-from truing.estimation.least_squares.minima import Minima, distinct_minima
-from truing.estimation.least_squares.solver import Method, Solution, least_squares
+from truing.estimation.least_squares.solver import Method, Minima, Solution, distinct_minima, least_squares
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, report_set

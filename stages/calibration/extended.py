@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.extended import MODEL, Extended, errors_at, identifiable
-from truing.calibration.measured import Measured
+from truing.calibration.accuracy import ESTIMATOR, MODEL, Extended, error_figures, errors_at, identifiable
+from truing.calibration.measured import Gathered, Measured
 from truing.inference.pulls import pulls
 from truing.simulation.mechanisms.extended_model import ExtendedModel, read_model, some_of
 from truing.simulation.mechanisms.identified import name_and_leg
+from truing.stages.calibration.model_rows import accuracy_rows, add_correlations, add_figures, requirement_rows
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.common.rows import Rows
@@ -23,6 +24,7 @@ from truing.stages.common.rows import Rows
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from truing.schemas.sections import Requirement
     from truing.simulation.mechanisms.recording import Conditions
 
 
@@ -103,27 +105,29 @@ def extended_figures(extended: Extended) -> list[tuple[str, float, str]]:
     return figures
 
 
-def extended_correlations(extended: Extended, least: float) -> Rows:
+def extended_correlations(extended: Extended) -> Rows:
     """Correlated pairs of the model's numbers; of effects those that are told as they were fitted."""
     model, geometry = extended.found.model, extended.geometry
-    names: list[tuple[str, int | None]] = [(entry.name, entry.leg + 1) for entry in geometry.parameters]
+    names = [(entry.name, entry.leg_number) for entry in geometry.parameters]
     by_shared = [geometry.by_shared]
     for cause in model.causes:
         own = cause.parameters(model.nominal.count)
         names += [name_and_leg(parameter.name) for parameter in own]
         by_shared.append(np.eye(model.shared_size)[model.layout[cause.key]])
     rows, whole = Rows("correlations"), np.concatenate(by_shared)
-    covariance = whole @ extended.found.covariance @ whole.T
-    sigma = np.sqrt(np.diag(covariance))
-    correlation = np.clip(np.nan_to_num(covariance / np.outer(sigma, sigma)), -1.0, 1.0)
-    first, second = np.nonzero(np.triu(np.abs(correlation) >= least, 1))
-    rows.add(
-        model=MODEL,
-        deformation=extended.deformation,
-        leg=[names[i][1] for i in first],
-        parameter=[names[i][0] for i in first],
-        other_leg=[names[j][1] for j in second],
-        other_parameter=[names[j][0] for j in second],
-        correlation=correlation[first, second],
-    )
+    add_correlations(rows, (MODEL, extended.deformation), names, whole @ extended.found.covariance @ whole.T)
     return rows
+
+
+def add_extended(
+    rows: Mapping[str, Rows], extended: Extended, asked: Requirement, gathered: Gathered, fitted: NDArray
+) -> None:
+    """Add the extended model to the tables of the calibrations; it was fitted to other data, and is not chosen from."""
+    key, measured = (MODEL, extended.deformation), gathered.measured
+    rows["calibration"].extend(extended_parameters(extended))
+    rows["correlations"].extend(extended_correlations(extended))
+    rows["accuracy"].extend(accuracy_rows("accuracy", [(key, extended.errors)], measured))
+    figures = [*error_figures(extended.errors, measured.roles), *extended_figures(extended)]
+    add_figures(rows["model_choice"], key, ESTIMATOR, figures)
+    noise = measured.platform.covariance
+    rows["requirements"].extend(requirement_rows(asked, key, extended.errors, noise, ~fitted))

@@ -13,9 +13,18 @@ from numpy.typing import NDArray
 
 from truing.calibration.measured import BodyPoses, Deformation, Gathered, Measured, Shifts, SurveyedAttachments
 from truing.estimation.measured_numbers import NetworkErrors, pose_numbers, shift_number
+from truing.estimation.rigid_poses.points import SurveyPoints
 from truing.estimation.rotation import exp_so3
 from truing.stages.common.nominal_mechanism import facing, nominal_machine
-from truing.stages.common.point_arrays import number_column, pose_ids, positions, survey_points
+from truing.stages.common.point_arrays import (
+    number_column,
+    number_columns,
+    pose_covariances,
+    pose_ids,
+    pose_vectors,
+    positions,
+    survey_points,
+)
 from truing.stages.common.point_errors import common_correlation
 
 if TYPE_CHECKING:
@@ -26,7 +35,6 @@ _EFFECTS = (*(f"effect_{a}_mm" for a in "xyz"), *(f"effect_r{a}_rad" for a in "x
 _TO_SI = np.array([1e-3] * 3 + [1.0] * 3)
 _NOTHING = 1e-9  # share of a variance
 _TABLES = ("pose_sensitivities", "pose_covariances", "shift_covariances", "shift_sensitivities")
-LEAST_FRAME = 3  # targets away from the attachments that make a frame of the platform
 
 
 def network_errors(
@@ -90,7 +98,7 @@ def _effects(
         else:
             first = 6 * len(bodies) + number_column(table, "leg").astype(int) - 1
         kept = (pose >= 0) & (first >= 0)
-        values = np.column_stack([number_column(table, name) for name in columns]) * si
+        values = number_columns(table, columns) * si
         for n in range(len(columns)):
             effects[pose[kept], first[kept] + n, parameter[kept]] = values[kept, n]
     return parameters, effects
@@ -133,14 +141,13 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         _deformations(tables.get("deformation_models"), count),
         surveyed,
         "" if usable.all() else f"{int((~usable).sum())} poses without readings or without a pose of the platform",
-        "survey" in tables and _frame_of_attachments(tables["survey"]),
+        "survey" in tables and _rests_on_attachments(survey_points(tables["survey"], "platform")),
     )
 
 
-def _frame_of_attachments(survey: pa.Table) -> bool:
+def _rests_on_attachments(platform: SurveyPoints) -> bool:
     """Whether the platform's frame rests on the attachments themselves, so that it cannot tell how they move."""
-    platform = survey_points(survey, "platform")
-    return bool((platform.leg > 0).any() and np.sum(platform.leg == 0) < LEAST_FRAME)
+    return bool(np.any(platform.frame & (platform.leg > 0)))
 
 
 def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent: str = "base") -> BodyPoses:
@@ -149,15 +156,10 @@ def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent:
     good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
     rows = table.filter(pc.and_(own, good))
     place = positions(rows.column("pose"), poses)
-    p, vector = np.full((len(poses), 3), np.nan), np.zeros((len(poses), 3))
-    covariance = np.full((len(poses), 6, 6), np.nan)
+    found, covariance = np.full((len(poses), 6), np.nan), np.full((len(poses), 6, 6), np.nan)
     kept = place >= 0
-    p[place[kept]] = np.column_stack([number_column(rows, f"p{a}_mm") for a in "xyz"])[kept] * 1e-3
-    vector[place[kept]] = np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])[kept]
-    for i in range(6):
-        for j in range(i, 6):
-            covariance[place[kept], i, j] = covariance[place[kept], j, i] = number_column(rows, f"cov_{i}_{j}")[kept]
-    return BodyPoses(p, exp_so3(np.nan_to_num(vector)), covariance)
+    found[place[kept]], covariance[place[kept]] = pose_vectors(rows)[kept], pose_covariances(rows)[kept]
+    return BodyPoses(found[:, :3], exp_so3(np.nan_to_num(found[:, 3:])), covariance)
 
 
 def _readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int) -> NDArray:
@@ -216,7 +218,7 @@ def _surveyed_attachments(tables: Mapping[str, pa.Table], settings: Campaign) ->
         return None
     platform = survey_points(tables["survey"], "platform")
     seats = platform.leg > 0
-    if not seats.any() or np.sum(~seats) < LEAST_FRAME:
+    if not seats.any() or _rests_on_attachments(platform):
         return None
     noise = np.eye(3) * (settings.noise.point_mm * 1e-3) ** 2
     known = np.isfinite(platform.cov).all((1, 2)) & (np.trace(platform.cov, axis1=1, axis2=2) > 0)

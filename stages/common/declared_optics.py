@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.interferometry.readings import angular_rows, linear_rows
-from truing.estimation.interferometry.recorded_steps import CHANNELS
+from truing.estimation.interferometry.recorded_steps import CHANNELS, angular_rows, linear_rows
 from truing.simulation.bench.optics import Optics
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.interferometry.loaded import KeptReadings, Loaded, fitted_compliance, geometry_spread
+from truing.estimation.interferometry.compliance import KeptReadings, Loaded, fitted_compliance, geometry_spread
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
-from truing.estimation.response_structure import (
+from truing.estimation.response import (
     FALSE_ALARM,
     holm_significant,
 )

@@ -14,7 +14,7 @@ from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import unit
 from truing.simulation.mechanisms.structures.beams import section
 from truing.simulation.mechanisms.structures.structure import Machine, Section
-from truing.stages.common.point_arrays import number_column
+from truing.stages.common.point_arrays import pose_vectors
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -47,8 +47,8 @@ def facing(legs: Legs, poses: pa.Table) -> Legs:
         return legs
     own = pc.and_(pc.equal(poses.column("body"), "platform"), pc.equal(poses.column("parent"), "base"))
     rows = poses.filter(pc.and_(poses.column("default"), own))
-    p = np.column_stack([number_column(rows, f"p{a}_mm") for a in "xyz"]) * 1e-3
-    R = exp_so3(np.nan_to_num(np.column_stack([number_column(rows, f"r{a}_rad") for a in "xyz"])))
+    found = pose_vectors(rows)
+    p, R = found[:, :3], exp_so3(np.nan_to_num(found[:, 3:]))
     away = (p + R @ legs.b.mean(0) - legs.a.mean(0))[np.isfinite(p).all(1)]
     return legs.replace(u=np.broadcast_to(unit(away.mean(0)), legs.a.shape)) if len(away) else legs
 

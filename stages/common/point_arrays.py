@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
+from truing.estimation.rigid_poses.points import FittedPoints, PosePoints, SurveyPoints
 
 Array = NDArray[np.float64]
 
@@ -30,6 +32,11 @@ def decisions(excluded: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[n
 def number_column(table: pa.Table, name: str) -> Array:
     """A column of numbers as float64, NaN where empty."""
     return np.asarray(table.column(name).to_numpy(zero_copy_only=False), dtype=float)
+
+
+def number_columns(table: pa.Table, names: Iterable[str]) -> Array:
+    """(N, K) columns of numbers side by side, NaN where empty."""
+    return np.column_stack([number_column(table, name) for name in names])
 
 
 def pose_ids(table: pa.Table, name: str = "pose") -> tuple[int | str, ...]:
@@ -77,15 +84,33 @@ def observation_rows(
     return dense
 
 
+def pose_vectors(table: pa.Table) -> Array:
+    """(N, 6) place in m and rotation vector in rad of each row of poses."""
+    names = [*(f"p{a}_mm" for a in _AXES), *(f"r{a}_rad" for a in _AXES)]
+    return number_columns(table, names) * ([1e-3] * 3 + [1.0] * 3)
+
+
+def pose_covariances(table: pa.Table) -> Array:
+    """(N, 6, 6) covariance of each row of poses, m and rad."""
+    upper = [[number_column(table, f"cov_{min(i, j)}_{max(i, j)}") for j in range(6)] for i in range(6)]
+    return np.moveaxis(np.array(upper), -1, 0)
+
+
 def points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
     """(N, 3) points in m and (N, 3, 3) covariances in m^2 from coordinates, sigmas and, where given, correlations."""
-    points = np.column_stack([number_column(rows, f"{a}_mm") for a in _AXES]) * 1e-3
-    sigma = np.column_stack([number_column(rows, f"sigma_{a}_mm") for a in _AXES]) * 1e-3
-    correlation = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
+    points = number_columns(rows, [f"{a}_mm" for a in _AXES]) * 1e-3
+    sigma, correlation = sigmas_and_correlations(rows)
+    return points, correlation * sigma[:, :, None] * sigma[:, None, :]
+
+
+def sigmas_and_correlations(rows: pa.Table) -> tuple[Array, Array]:
+    """(N, 3) standard deviations in m and (N, 3, 3) correlations of each point by itself."""
+    sigma = number_columns(rows, [f"sigma_{a}_mm" for a in _AXES]) * 1e-3
+    correlation = np.broadcast_to(np.eye(3), (len(sigma), 3, 3)).copy()
     for pair, i, j in _PAIRS:
         if f"corr_{pair}" in rows.schema.names:
             correlation[:, i, j] = correlation[:, j, i] = np.nan_to_num(number_column(rows, f"corr_{pair}"))
-    return points, correlation * sigma[:, :, None] * sigma[:, None, :]
+    return sigma, correlation
 
 
 def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> NDArray[np.int64]:
@@ -94,6 +119,16 @@ def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> NDArray[
         return np.full(len(column), -1, np.int64)
     found = pc.index_in(column, value_set=pa.array(order, column.type))
     return np.asarray(pc.fill_null(found, -1).to_numpy(), dtype=np.int64)
+
+
+def fitted_points(
+    tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...], targets: tuple[str, ...] | None = None
+) -> FittedPoints:
+    """A body's observations with what residuals and poses say of them, in the given orders of poses and targets."""
+    points = pose_points(tables["observations"], body, poses, targets)
+    residual = residual_points(tables["residuals"], body, poses, points.targets)
+    used = used_targets(tables["residuals"], body, poses, points.targets)
+    return FittedPoints(points, residual, used, *default_motions(tables["poses"], body, poses))
 
 
 def used_targets(
@@ -125,9 +160,7 @@ def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ..
     rows = poses_table.filter(pc.and_(poses_table.column("default"), pc.equal(poses_table.column("body"), body)))
     place = positions(rows.column("pose"), poses)
     found = np.full((len(poses), 6), np.nan)
-    names = [*(f"p{a}_mm" for a in _AXES), *(f"r{a}_rad" for a in _AXES)]
-    columns = np.column_stack([number_column(rows, name) for name in names])
-    found[place[place >= 0]] = (columns * ([1e-3] * 3 + [1.0] * 3))[place >= 0]
+    found[place[place >= 0]] = pose_vectors(rows)[place >= 0]
     R = np.where(np.isfinite(found).all(1)[:, None, None], exp_so3(np.nan_to_num(found[:, 3:])), np.nan)
     parent = next(iter(rows.column("parent").to_pylist()), "measurement")
     if parent not in poses_table.column("body").unique().to_pylist():  # measurement, or a base that stands for it
@@ -142,6 +175,6 @@ def residual_points(residuals: pa.Table, body: str, poses: tuple[int | str, ...]
     at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
     known = (at_pose >= 0) & (at_target >= 0)
     dense = np.full((len(poses), len(targets), 3), np.nan)
-    values = np.column_stack([number_column(rows, f"d{a}_mm") for a in "xyz"]) * 1e-3
+    values = number_columns(rows, [f"d{a}_mm" for a in "xyz"]) * 1e-3
     dense[at_pose[known], at_target[known]] = values[known]
     return dense

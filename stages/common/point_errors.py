@@ -8,14 +8,19 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.rigid_poses.point_errors import PointErrors
-from truing.stages.common.point_arrays import number_column, pose_ids, positions
+from truing.estimation.rigid_poses.points import PointErrors
+from truing.stages.common.point_arrays import (
+    number_column,
+    number_columns,
+    pose_ids,
+    positions,
+    sigmas_and_correlations,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _PAIRS = tuple(f"corr_{a}_{b}" for a in "xyz" for b in "xyz")
-_OWN = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
 
 
 def point_errors(
@@ -37,21 +42,12 @@ def point_errors(
     known = (first >= 0) & (second >= 0)
     order = np.flatnonzero(known)[np.argsort(pose[first[known]], kind="stable")]
     first, second = first[order], second[order]
-    between = np.column_stack([number_column(correlations, name) for name in _PAIRS])[order].reshape(-1, 3, 3)
+    between = number_columns(correlations, _PAIRS)[order].reshape(-1, 3, 3)
     start = np.searchsorted(pose[first], np.arange(len(poses) + 1))
-    sigma, own = _own(observations if object_points is None else _same_rows(object_points, of_row))
+    rows = observations if object_points is None else _same_rows(object_points, of_row)
+    sigma, own = sigmas_and_correlations(rows)
     parameters, effect = _effects(sensitivities, of_row, len(pose))
     return PointErrors(pose, sigma, own, first, second, between, start, parameters, effect)
-
-
-def _own(points: pa.Table) -> tuple[Array, Array]:
-    """Standard deviations (N, 3) in m and correlations (N, 3, 3) of each point by itself."""
-    sigma = np.column_stack([number_column(points, f"sigma_{a}_mm") for a in "xyz"]) * 1e-3
-    own = np.broadcast_to(np.eye(3), (len(sigma), 3, 3)).copy()
-    for pair, i, j in _OWN:
-        if f"corr_{pair}" in points.column_names:
-            own[:, i, j] = own[:, j, i] = np.nan_to_num(number_column(points, f"corr_{pair}"))
-    return sigma, own
 
 
 def _same_rows(object_points: pa.Table, of_row: _Rows) -> pa.Table:
@@ -85,7 +81,7 @@ def _effects(table: pa.Table | None, of_row: _Rows, count: int) -> tuple[tuple[s
     parameters = tuple(dict.fromkeys(table.column("parameter").to_pylist()))
     row, column = of_row.find(table, "point"), positions(table.column("parameter"), parameters)
     effect = np.zeros((count, 3, len(parameters)))
-    values = np.column_stack([number_column(table, f"effect_{a}_mm") for a in "xyz"]) * 1e-3
+    values = number_columns(table, [f"effect_{a}_mm" for a in "xyz"]) * 1e-3
     effect[row[row >= 0], :, column[row >= 0]] = values[row >= 0]
     return parameters, effect
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from truing.schemas.covariates import stand_in
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, order_in_time, remembered
 from truing.simulation.mechanisms.recording import Conditions
-from truing.stages.common.point_arrays import number_column, positions
+from truing.stages.common.point_arrays import number_column, number_columns, positions
 
 # An actuator's direction of approach is that of its last movement larger than so many reading sigmas.
 _MOVED = 5.0
@@ -29,7 +29,7 @@ def pose_conditions(
         return found
 
     names = [f"rho{leg}_mm" for leg in range(1, legs + 1)]
-    readings = dense(np.column_stack([number_column(configurations, name) for name in names]) * 1e-3)
+    readings = dense(number_columns(configurations, names) * 1e-3)
     covariates = {
         stand_in(field.name): dense(number_column(configurations, field.name))
         for field in configurations.schema

@@ -9,7 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.iso230 import Instrument
-from truing.estimation.interferometry.readings import REFERENCE_C
+from truing.estimation.interferometry.recorded_steps import REFERENCE_C
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:

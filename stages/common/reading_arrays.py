@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.schemas.covariates import stand_in
-from truing.stages.common.point_arrays import number_column
+from truing.stages.common.point_arrays import number_column, number_columns
 
 Array = NDArray[np.float64]
 
 LOAD_COLUMNS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+MOVED_COLUMNS = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
+MOVED_SI = np.array([1e-3] * 3 + [1.0] * 3)
 _OWN = ("run", "step", "time_s", "role", *LOAD_COLUMNS)
 _OF_TABLE = {"readings": (*_OWN, "channel", "reading", "unit", "sigma"), "signals": _OWN}
 _SIGNAL = re.compile(r"v[1-8]_mv")
@@ -113,5 +115,5 @@ def _signals(tables: Mapping[str, pa.Table], at: Mapping[str, NDArray[np.int64]]
     names = [] if table is None else sorted(filter(_SIGNAL.fullmatch, table.schema.names), key=lambda n: int(n[1:-3]))
     signal = np.full((count, len(names)), np.nan)
     if table is not None and names:
-        signal[at["signals"]] = np.column_stack([number_column(table, name) for name in names]) * 1e-3
+        signal[at["signals"]] = number_columns(table, names) * 1e-3
     return signal

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.configuration_search import Bounded
-from truing.calibration.design_problem import DesignProblem
-from truing.estimation.design.design_bound import efficiency, sum_log_det
+from truing.calibration.configuration_search import Bounded, DesignProblem, Judged
 from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder
+from truing.estimation.design.pose_selection import efficiency
+from truing.estimation.interferometry.recorded_steps import LOADS
+from truing.estimation.sensor.load_cases import LoadDesign, LoadLimits
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -38,19 +39,22 @@ class DesignWish:
     at_once: int = 6
     causes: tuple[str, ...] = ()
 
+    @property
+    def may_all_act(self) -> bool:
+        """Whether all components of a load may act together."""
+        return self.at_once >= len(LOADS)
+
 
 @dataclass(frozen=True)
-class Judged:
-    """Configurations (N,) as a calibration sees them: their number, information (L, q, q), how many lie outside."""
+class DesignTables:
+    """What there is beside campaign.toml; each may be absent. ``extend``: poses to keep; ``existing``: to compare."""
 
-    count: int
-    information: NDArray
-    outside: int
-
-    @property
-    def log_det(self) -> float:
-        """Return O1, the log determinant over all legs."""
-        return sum_log_det(self.information)
+    extend: pa.Table | None = None
+    extend_file: str = "--extend"
+    avoid: pa.Table | None = None
+    avoid_file: str = "--avoid"
+    existing: pa.Table | None = None
+    survey: pa.Table | None = None
 
 
 @dataclass(frozen=True)
@@ -83,3 +87,22 @@ class Design:
             return None
         best = self.candidates.upper + self.problem.size * float(np.log(self.existing.count / self.wish.poses))
         return efficiency(self.existing.log_det, best, self.problem.size)
+
+
+@dataclass(frozen=True)
+class LoadPlan:
+    """Chosen loads in the order in which to apply them, how good they are, and beside what.
+
+    sigma (6,): of a signal at the full load of each axis, in sigmas of a signal, for every channel the same; existing:
+    the campaign's own loads by the same measure, and one_of: what one chosen load is worth in them.
+    """
+
+    wish: DesignWish
+    limits: LoadLimits
+    chosen: LoadDesign
+    candidates: int
+    order: PoseOrder
+    sigma: NDArray
+    existing: LoadDesign | None
+    signal_mv: float | None
+    table: pa.Table

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.design_problem import DesignProblem, Limits, identifiable_parameters
+from truing.calibration.configuration_search import DesignProblem, Limits, identifiable_parameters
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truing.estimation.design.design_bound import efficiency
+from truing.estimation.design.pose_selection import efficiency
+from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.report.numbers import count as counted
 from truing.report.numbers import percent
 from truing.simulation.mechanisms.parameters import Parameter
-from truing.stages.configurations.chosen import Design, Judged
+from truing.stages.configurations.chosen import Design, LoadPlan
+from truing.stages.configurations.tables import RUN
 
 _UNITS = {"mm": " mm", "1": ""}
 _WITHIN = {"workspace": "within the limits of pose and readings in [workspace]", "actuators": "within rho_mm alone"}
@@ -76,16 +77,11 @@ def _sigmas(design: Design) -> list[str]:
 
 def _sigma_line(design: Design, k: int, entry: Parameter) -> str:
     tolerance = design.problem.tolerance[k]
-    sigma = predicted_sigma(design.whole)[:, k] * tolerance / entry.si
+    sigma = design.whole.sigma[:, k] * tolerance / entry.si
     best, worst = int(np.argmin(sigma)), int(np.argmax(sigma))
     unit = _UNITS[entry.unit]
     cells = [f"{sigma[leg]:.3g}{unit} (leg {leg + 1})" for leg in (best, worst)]
     return f"  {entry.name:18} {cells[0]:18} {cells[1]:18} {tolerance / entry.si:.3g}{unit}"
-
-
-def predicted_sigma(found: Judged) -> NDArray:
-    """Return the standard deviations (L, q), in tolerances, that data alone will leave."""
-    return np.sqrt(np.diagonal(np.linalg.inv(found.information), axis1=1, axis2=2))
 
 
 def _order(design: Design) -> list[str]:
@@ -111,3 +107,42 @@ def _existing(design: Design) -> list[str]:
     alike = design.whole.log_det + design.problem.size * np.log(found.count / design.whole.count)
     ratio = efficiency(alike, found.log_det, design.problem.size)
     return [line, f"one chosen pose tells as much as {ratio:.2f} of the campaign's own"]
+
+
+def words_of_loads(plan: LoadPlan) -> list[str]:
+    """The lines that a plan of loads is told in."""
+    wish = plan.wish
+    held = f" and {wish.verification} for verification" if wish.verification else ""
+    at_once = "all components at once" if wish.may_all_act else f"at most {wish.at_once} at once"
+    spread = [100.0 * one for one in plan.sigma]
+    lines = [
+        f"{counted(wish.poses, 'load')}{held} within [loading], {at_once}, in runs of {RUN} that begin "
+        "and end without load",
+        f"log det of the information about a channel's six sensitivities and its zero: {plan.chosen.log_det:.3f}",
+        f"D-efficiency {100.0 * plan.chosen.efficiency:.2f} % of the best possible (equivalence theorem over "
+        f"{counted(plan.candidates, 'load')})",
+        f"predicted sigma of a signal at full load, in hundredths of its noise{_microvolts(plan)}: "
+        + ", ".join(f"{load} {one:.1f}" for load, one in zip(LOADS, spread, strict=True)),
+        f"drift: of a line in time, loads can imitate {100.0 * plan.order.drift:.2f} % "
+        f"({100.0 * plan.order.random_drift:.2f} % in a random order)",
+    ]
+    return lines + _existing_loads(plan)
+
+
+def _microvolts(plan: LoadPlan) -> str:
+    return "" if plan.signal_mv is None else f" of {plan.signal_mv:g} mV"
+
+
+def _existing_loads(plan: LoadPlan) -> list[str]:
+    own = plan.existing
+    if own is None:
+        return []
+    if own.efficiency == 0.0:
+        return [f"the campaign's own {len(own.loads)} loads do not determine a calibration"]
+    size = len(LOADS) + 1
+    worth = np.exp((plan.chosen.log_det - own.log_det) / size) * len(own.loads) / plan.wish.poses
+    return [
+        f"the campaign's own {counted(len(own.loads), 'load')}: {_percent(own.efficiency)} of the best of as many, all "
+        "components at once",
+        f"one chosen load tells as much as {worth:.2f} of the campaign's own",
+    ]

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.design.rival_design import Candidates, Fitted
-from truing.estimation.design.run_candidates import Readout, Runs, run_candidates
+from truing.estimation.design.rival_design import Candidates, Fitted, Readout, Runs, run_candidates
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.load_cases import LoadLimits, bench_loads
 from truing.simulation.bench.known_readings import ReadingConditions, Zeros

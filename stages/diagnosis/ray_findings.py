@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.shared_errors import shared_errors
-from truing.estimation.rigid_poses.point_errors import PointErrors
+from truing.estimation.rigid_poses.points import PointErrors
 from truing.simulation.catalogue import catalogue_of_rays
 from truing.simulation.mechanisms.point_causes import Photographed
 from truing.simulation.photographs.model import RayModel

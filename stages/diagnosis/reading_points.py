@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.interferometry.load_run import zeros_of_runs
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
-from truing.estimation.interferometry.run_starts import zeros_of_runs
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 from truing.simulation.bench.exchanged_rows import exchanged_rows

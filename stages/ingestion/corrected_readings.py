@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.interferometry.readings import (
+from truing.estimation.interferometry.recorded_steps import (
     Corrected,
     at_reference_temperature,
     displacement_in_air,

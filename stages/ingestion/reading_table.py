@@ -9,12 +9,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.interferometry.fringes import count_fringes, length_from_phase
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.quadrature import (
     EllipseFit,
     corrected_phase,
+    count_fringes,
     fit_ellipse,
+    length_from_phase,
     phase_sigma,
     residual_radius,
     uncorrected_error,

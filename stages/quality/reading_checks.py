@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from truing.estimation.interferometry.load_run import zeros_of_runs
 from truing.estimation.interferometry.log_quality import units_mistaken
 from truing.estimation.interferometry.recorded_steps import CHANNELS
-from truing.estimation.interferometry.run_starts import zeros_of_runs
-from truing.estimation.pure_error import equal_scatter
 from truing.estimation.quality import Scatter
+from truing.estimation.repeatability import equal_scatter
 from truing.quality.answers import FEWEST, Answers, beyond_simulation, same_sign, slope_of, turned_round, typical_size
 from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
 from truing.report.numbers import count as counted

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.pure_error import at_one_reading, equal_scatter
 from truing.estimation.quality import Scatter
+from truing.estimation.repeatability import at_one_reading, equal_scatter
 from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count as counted
 from truing.stages.common.repeats import DECLARED

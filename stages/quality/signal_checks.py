@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.design.combinations import inseparable
-from truing.estimation.design.observability import Observability, observe
+from truing.estimation.design.observability import Observability, inseparable, observe
 from truing.estimation.interferometry.flexible_response import fit_channel, response_columns
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS

@@ -18,8 +18,8 @@ from truing.estimation.interferometry.log_quality import (
     temperatures_out_of_reach,
     worth_of_air,
 )
-from truing.estimation.interferometry.pressure_units import likely_pressure_unit
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
+from truing.estimation.suspect_units import likely_pressure_unit
 from truing.quality.loading import TEMPERATURES, LoadingView
 from truing.report.numbers import count as counted
 from truing.simulation.air import ciddor_index, vapour_pressure_pa

@@ -17,7 +17,7 @@ from truing.estimation.quality import (
     successive_sigma,
     unexplained_scatter,
 )
-from truing.estimation.rigid_poses.frame import redundancy
+from truing.estimation.rigid_poses.body_frames import redundancy
 from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count
 from truing.report.numbers import count as counted

@@ -7,10 +7,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.mixed_temperature_units import MistakenRows, mistaken_rows
 from truing.estimation.quality import find_drift
-from truing.estimation.temperature_units import MistakenUnit, mistaken_unit
-from truing.estimation.time_units import FEWEST, SECONDS, MistakenTimes, mistaken_times
+from truing.estimation.suspect_units import (
+    FEWEST,
+    SECONDS,
+    MistakenRows,
+    MistakenTimes,
+    MistakenUnit,
+    mistaken_rows,
+    mistaken_times,
+    mistaken_unit,
+)
 from truing.quality.bodies import BodyView, Surroundings
 from truing.report.numbers import count, duration
 from truing.stages.common.words import listed

@@ -9,8 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps, repeated_runs
-from truing.estimation.pure_error import Squares, known_mean, lack_of_fit, within_groups, within_runs
+from truing.estimation.interferometry.recorded_steps import (
+    CHANNELS,
+    READING_SI,
+    READING_UNITS,
+    RecordedSteps,
+    repeated_runs,
+)
+from truing.estimation.repeatability import Squares, known_mean, lack_of_fit, within_groups, within_runs
 from truing.stages.common.overruled import without_excluded
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import load_steps
@@ -25,10 +31,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_UNITS = ("um",) * 3 + ("arcsec",) * 3
 
-
-def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, Rows]:
+def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:
     """Rows of ``repeats`` and of ``lack_of_fit``; none where no run was repeated."""
     repeats, fits = Rows("repeats"), Rows("lack_of_fit")
     try:
@@ -39,7 +43,7 @@ def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
     if not groups:
         return repeats, fits
     names: tuple[str, ...] = steps.signals
-    readings = Repeated("reading", CHANNELS, _UNITS, SAME_LOADS, len(groups))
+    readings = Repeated("reading", CHANNELS, READING_UNITS, SAME_LOADS, len(groups))
     declared = np.sqrt(known_mean(steps.sigma**2)) / READING_SI
     readings.add_to(
         repeats, within_runs(steps.reading / READING_SI, groups), declared, _each(steps.reading / READING_SI, groups)

@@ -1,4 +1,4 @@
-"""Repeated poses: how far apart the same pose came out, and whether the models leave more than that."""
+"""Repeated poses: how far apart the same pose came out, repeatability by ISO 9283, and whether models leave more."""
 
 from __future__ import annotations
 
@@ -9,13 +9,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.pure_error import Squares, at_one_reading, known_mean, lack_of_fit, within_groups
-from truing.estimation.repeatability import turned_from_first
+from truing.estimation.repeatability import (
+    FEWEST,
+    Figure,
+    Squares,
+    at_one_reading,
+    known_mean,
+    lack_of_fit,
+    orientation_repeatability,
+    position_repeatability,
+    position_sigma,
+    turned_from_first,
+    within_groups,
+)
 from truing.estimation.rotation import exp_so3
-from truing.stages.common.point_arrays import number_column, positions, residual_points, text_column, used_targets
+from truing.stages.common.point_arrays import (
+    number_column,
+    number_columns,
+    pose_points,
+    pose_vectors,
+    positions,
+    residual_points,
+    text_column,
+    used_targets,
+)
 from truing.stages.common.repeats import DECLARED, Index, drive_readings, repeated_poses
 from truing.stages.common.rows import Rows
-from truing.stages.repeats.iso9283 import repeatability_rows
 from truing.stages.repeats.tables import Repeated
 
 if TYPE_CHECKING:
@@ -24,7 +43,11 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
-
+Ids = tuple[int | str, ...]
+_UM, _PER_ARCSEC = 1e6, 180 / np.pi * 3600
+_FRAME = 3  # targets that make a pose
+_SEED = 9283
+_ANGLES = ("RP_a", "RP_b", "RP_c")
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 _UNITS = ("um",) * 3 + ("arcsec",) * 3
 _ARCSEC = np.pi / 180 / 3600
@@ -33,7 +56,87 @@ _READING = re.compile(r"rho(\d+)_mm")
 _PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
 
 
-def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, Rows, Rows]:
+def repeatability_rows(
+    bodies: Mapping[str, Array], tables: Mapping[str, pa.Table], poses: Ids, groups: Sequence[Index], how: str
+) -> Rows:
+    """Return rows of ``pose_repeatability``: figures of every body and reflector at every pose that was repeated.
+
+    ``bodies``: poses (B, 6) of each body seen from its reference, m and rad, angles small within a group, NaN where
+    unknown. Reflectors come from the observations in ``tables``. RP needs five repeats, sigma two.
+    """
+    rows, rng = Rows("pose_repeatability"), np.random.default_rng(_SEED)
+    seen: list[tuple[str, Array, Array | None]] = [(body, own[:, :3], own[:, 3:]) for body, own in bodies.items()]
+    seen += list(_reflectors(tables, poses))
+    for name, place, angle in seen:
+        for group in groups:
+            own = group[np.isfinite(place[group]).all(axis=1)]
+            if len(own) > 1:
+                _of_group(rows, name, poses[int(own[0])], place[own], None if angle is None else angle[own], how, rng)
+    return rows
+
+
+def _of_group(
+    rows: Rows, name: str, pose: int | str, place: Array, angle: Array | None, how: str, rng: np.random.Generator
+) -> None:
+    place_um = _UM * place
+    figures: list[tuple[str, Figure, str]] = [("sigma", position_sigma(place_um), "um")]
+    if len(place) >= FEWEST:
+        figures.append(("RP", position_repeatability(place_um, rng), "um"))
+        if angle is not None:
+            found = orientation_repeatability(_PER_ARCSEC * angle)
+            figures += [(figure, one, "arcsec") for figure, one in zip(_ANGLES, found, strict=True)]
+    for figure, one, unit in figures:
+        rows.add(
+            subject=name, pose=pose, figure=figure, value=one.value, low=one.low, high=one.high, unit=unit,
+            attained=len(place), told_by=how,
+        )  # fmt: skip
+
+
+def _reflectors(tables: Mapping[str, pa.Table], poses: Ids) -> Iterator[tuple[str, Array, None]]:
+    """Each target of a body that has too few for a pose: its name and place (B, 3) in m, NaN where unknown.
+
+    Seen from the body that others are seen from; where no body has a pose, from the instrument.
+    """
+    points = tables.get("observations")
+    if points is None or not points.num_rows:
+        return
+    reference = _reference(tables.get("poses"), poses)
+    for body in dict.fromkeys(text_column(points, "body")):
+        own = pose_points(points, body, poses)
+        if len(own.targets) >= _FRAME or str(body).startswith("leg"):
+            continue
+        for k, target in enumerate(own.targets):
+            place = np.where(own.seen[:, k, None], own.points[:, k], np.nan)
+            if reference is not None:
+                place = np.einsum("bji,bj->bi", reference[0], place - reference[1])
+            yield f"{body} {target}", place, None
+
+
+def _reference(table: pa.Table | None, poses: Ids) -> tuple[Array, Array] | None:
+    """Rotation (B, 3, 3) and place (B, 3) in m of the body that others are seen from, NaN where unknown; None where
+    there is no pose of a body.
+
+    It is the parent of other bodies, else the only body with a pose.
+    """
+    if table is None or not table.num_rows:
+        return None
+    bodies, parents = text_column(table, "body"), text_column(table, "parent")
+    values = pose_vectors(table)
+    default = np.asarray(table.column("default").to_pylist(), bool) & np.isfinite(values).all(axis=1)
+    parent = [one for one in dict.fromkeys(parents[default]) if one != "measurement"]
+    name = next(iter(parent or dict.fromkeys(bodies[default])), None)
+    place = positions(table.column("pose"), poses)
+    rows = default & (bodies == name) & (parents == "measurement") & (place >= 0)
+    if not rows.any():
+        return None
+    found = np.full((len(poses), 6), np.nan)
+    found[place[rows]] = values[rows]
+    turn = exp_so3(np.nan_to_num(found[:, 3:]))
+    turn[~np.isfinite(found).all(axis=1)] = np.nan
+    return turn, found[:, :3]
+
+
+def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:
     """Rows of ``repeats``, ``lack_of_fit`` and ``pose_repeatability``; none where nothing was repeated."""
     repeats, fits, by_pose = Rows("repeats"), Rows("lack_of_fit"), Rows("pose_repeatability")
     configurations = tables.get("configurations")
@@ -77,8 +180,8 @@ def _relative_poses(
         return
     default = np.asarray(table.column("default").to_pylist(), bool)
     bodies, parents = text_column(table, "body"), text_column(table, "parent")
-    columns = np.column_stack([number_column(table, f"{kind}_{unit}") for kind, unit in _POSE])
-    variances = np.column_stack([number_column(table, f"cov_{k}_{k}") for k in range(6)])
+    vectors = pose_vectors(table)
+    variances = number_columns(table, [f"cov_{k}_{k}" for k in range(6)])
     place = positions(table.column("pose"), poses)
     relative = default & (parents != "measurement")
     if instrument_stood:
@@ -86,15 +189,12 @@ def _relative_poses(
     for body in dict.fromkeys(bodies[relative]):
         rows = default & (bodies == body) & (place >= 0)
         own, variance = np.full((2, len(poses), 6), np.nan)
-        own[place[rows]], variance[place[rows]] = columns[rows] * ([1e-3] * 3 + [1.0] * 3), variances[rows]
+        own[place[rows]], variance[place[rows]] = vectors[rows], variances[rows]
         known = np.isfinite(own).all(axis=1)
         if not str(body).startswith("leg") and known.any():
             own[known, 3:] = turned_from_first(exp_so3(own[known, 3:]), np.flatnonzero(known), groups)
             own[~known] = np.nan
             yield str(body), own, np.sqrt(known_mean(variance))
-
-
-_POSE = tuple((f"p{a}", "mm") for a in "xyz") + tuple((f"r{a}", "rad") for a in "xyz")
 
 
 def _of_points(
@@ -163,7 +263,7 @@ def _of_attachments(
 def _readings(configurations: pa.Table) -> Array:
     """(B, D) readings of actuators in mm."""
     numbers = sorted(int(found[1]) for name in configurations.column_names if (found := _READING.fullmatch(name)))
-    return np.column_stack([number_column(configurations, f"rho{number}_mm") for number in numbers])
+    return number_columns(configurations, [f"rho{number}_mm" for number in numbers])
 
 
 def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> Iterator[tuple[str, Array]]:
@@ -192,7 +292,7 @@ def _of_calibrations(
         f"{m}, {d}" for m, d in zip(text_column(accuracy, "model"), text_column(accuracy, "deformation"), strict=True)
     ]
     model, fitted = np.array(names, dtype=object), text_column(accuracy, "role") != "verification"
-    parts = np.column_stack([number_column(accuracy, name) for name in _PARTS])
+    parts = number_columns(accuracy, _PARTS)
     place = positions(accuracy.column("pose"), poses)
     spent = _parameters(tables.get("calibration"))
     found = Repeated("pose", tuple(f"platform {name}" for name in _COMPONENTS), _UNITS, "", len(groups))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.pure_error import LackOfFit, Squares, equal_scatter
+from truing.estimation.repeatability import LackOfFit, Squares, equal_scatter
 from truing.stages.common.rows import Rows
 
 Array = NDArray[np.float64]

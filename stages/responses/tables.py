@@ -14,6 +14,12 @@ from truing.stages.common.rows import Rows
 Array = NDArray[np.float64]
 
 
+def add_figures(rows: Rows, model: str, figures: Mapping[str, float], subject: str | None = None) -> None:
+    """Add figures without unit of a model, by name."""
+    for figure, value in figures.items():
+        rows.add(model=model, figure=figure, value=float(value), unit="1", subject=subject)
+
+
 def error_rows(
     rows: Rows,
     name: str,
@@ -40,8 +46,7 @@ def error_rows(
             where = {"leg": k + 1} if responses is None else {"subject": responses[k]}
             _size_rows(rows, name, prefix, residual[:, k] * scale, unit, where)
     ratio = float(np.sqrt(fit.chi_square / max(fit.dof, 1)))
-    rows.add(model=name, figure="noise_ratio", value=ratio, unit="1", subject=whole)
-    rows.add(model=name, figure="degrees_of_freedom", value=float(fit.dof), unit="1", subject=whole)
+    add_figures(rows, name, {"noise_ratio": ratio, "degrees_of_freedom": fit.dof}, whole)
 
 
 def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, where: dict[str, Any]) -> None:

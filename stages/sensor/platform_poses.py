@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
-from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, READING_UNITS, RecordedSteps
 from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.optics import BeamGeometry
+from truing.stages.common.declared_optics import beam_optics
+from truing.stages.common.nominal_sensor import simulated_compliance
 from truing.stages.common.overruled import Decided, decided, excluded_words, matched, without_excluded
 from truing.stages.common.point_arrays import decisions
-from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
+from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI, load_steps
 from truing.stages.common.rows import Rows
 from truing.stages.common.words import gross_errors
 from truing.stages.declaration import Outcome
@@ -28,31 +32,34 @@ Mask = NDArray[np.bool_]
 
 GROSS = "gross error"
 _HOUR = 3600.0
-_UNITS = ("um", "um", "um", "arcsec", "arcsec", "arcsec")
-_MOVED = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
-_MOVED_UNIT = np.array([1e-3] * 3 + [1.0] * 3)
 
 
-def platform_poses(readings: pa.Table, geometry: BeamGeometry | None, settings: Campaign) -> Outcome:
+def platform_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     """The tables of the pose stage: displacement, reading_residuals, run_terms."""
-    whole = load_steps({"readings": readings})
+    if "readings" not in tables or not tables["readings"].num_rows:
+        empty = {name: ARTIFACTS[name].empty() for name in ("displacement", "reading_residuals", "run_terms")}
+        return Outcome.not_evaluated(empty, "no readings of displacement")
+    beams, geometry = settings.interferometer.beams, None
+    if not beams.are_plain:
+        geometry = BeamGeometry(beam_optics(beams), simulated_compliance(settings, tables.get("given_compliance")))
+    whole = load_steps({"readings": tables["readings"]})
     steps, out = without_excluded(whole, settings)
     kept = decided(steps, settings.keep, "kept")
     found = find_poses(steps, geometry, kept.readings)
     steps, identifier = found.steps, "int64" if isinstance(found.steps.runs[0], int) else "string"
-    tables = {
+    artifacts = {
         "displacement": _displacement_rows(found, out).table(identifier),
         "reading_residuals": _residual_rows(found, whole, out, kept).table(identifier),
         "run_terms": _term_rows(found).table(identifier),
     }
     if out.readings.any():
-        tables["exclusion_effects"] = _exclusion_rows(found, whole, geometry, settings).table()
+        artifacts["exclusion_effects"] = _exclusion_rows(found, whole, geometry, settings).table()
     count = int(np.isfinite(steps.reading).sum())
     read = (
         f"{counted(count, 'reading')} of {counted(len(steps.runs), 'run')} in {counted(len(found.value), 'load case')}"
     )
     left_out = "; ".join(filter(None, (_left_out(found), excluded_words(out)))) or "no reading"
-    return Outcome(tables, read=read, left_out=left_out, figure=_figure(found))
+    return Outcome(artifacts, read=read, left_out=left_out, figure=_figure(found))
 
 
 def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
@@ -61,17 +68,16 @@ def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
     seen = np.isfinite(found.steps.reading)
     np.add.at(used, cases.of_step, (seen & ~found.curves.rejected).sum(1))
     np.add.at(rejected, cases.of_step, (found.curves.rejected | out.readings).sum(1))
-    variance = np.where(np.isfinite(found.covariance), found.covariance, np.nan)
-    entries = {f"cov_{i}_{j}": variance[:, i, j] for i in range(6) for j in range(i, 6)}
     known = np.isfinite(found.value)
-    for i, j in zip(*np.triu_indices(6, 1), strict=True):
-        entries[f"cov_{i}_{j}"] = np.where(known[:, i] & known[:, j], entries[f"cov_{i}_{j}"], np.nan)
+    told = np.where(known[:, :, None] & known[:, None] | np.eye(6, dtype=bool), found.covariance, np.nan)
+    told = np.where(np.isfinite(told), told, np.nan)
+    entries = {f"cov_{i}_{j}": told[:, i, j] for i in range(6) for j in range(i, 6)}
     roles = {"role": np.where(cases.held_out, "verification", "calibration")} if cases.held_out.any() else {}
     rows.add(
         case=np.arange(1, len(cases.load) + 1),
         branch=[BRANCHES[way] for way in cases.branch],
         **dict(zip(LOAD_COLUMNS, cases.load.T, strict=True)),
-        **dict(zip(_MOVED, (found.value / _MOVED_UNIT).T, strict=True)),
+        **dict(zip(MOVED_COLUMNS, (found.value / MOVED_SI).T, strict=True)),
         **entries,
         n_used=used,
         n_rejected=rejected,
@@ -98,7 +104,7 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided, kep
         branch=[BRANCHES[way] for way in found.cases.branch_of_step[at]],
         residual=residual,
         sigma=sigma,
-        unit=[_UNITS[j] for j in k],
+        unit=[READING_UNITS[j] for j in k],
         weight=np.where(rejected, 0.0, 1.0),
         rejected=rejected,
         reason=reasons,
@@ -130,7 +136,7 @@ def _exclusion_rows(
                 rows=int(chosen[:, k].sum()),
                 gross_anyway=int((with_all.curves.rejected & chosen)[:, k].sum()),
                 largest_change=float(change[told, k].max()) if told.any() else None,
-                unit=_UNITS[k],
+                unit=READING_UNITS[k],
                 over_sigma=float(over[told, k].max()) if told.any() else None,
             )
     return rows
@@ -159,7 +165,7 @@ def _term_rows(found: PlatformPoses) -> Rows:
                 term=name,
                 value=value[r, k] * scale,
                 sigma=sigma[r, k] * scale,
-                unit=[_UNITS[j] + per for j in k],
+                unit=[READING_UNITS[j] + per for j in k],
                 p_value=2.0 * ndtr(-np.abs(value[r, k] / sigma[r, k])),
             )
     return rows
@@ -196,7 +202,7 @@ def _corrected(found: PlatformPoses) -> str:
     if found.geometry is None:
         return ""
     most = np.nanmax(np.abs(found.geometry.added / READING_SI), axis=0, initial=0.0)
-    said = [f"{name} by {m:.2g} {u}" for name, m, u in zip(CHANNELS, most, _UNITS, strict=True) if m > 0.0]
+    said = [f"{name} by {m:.2g} {u}" for name, m, u in zip(CHANNELS, most, READING_UNITS, strict=True) if m > 0.0]
     return f"; corrected for the geometry of beams: {', '.join(said)} at most" if said else ""
 
 

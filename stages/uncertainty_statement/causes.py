@@ -1,4 +1,4 @@
-"""Sizes of the causes that were found, with what the diagnosis says each source gives to them."""
+"""Causes that the diagnosis found: their sizes by source, and what results of other fits may know nothing of."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.estimation.uncertainty_budget import Budget, Source
+from truing.simulation.catalogue import catalogue, catalogue_of_rays, of_photographed_points
+from truing.simulation.cause import Step
 from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
@@ -17,10 +19,10 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 Parts = dict[tuple[str, str, str], dict[Source, float]]  # by cause, subject and parameter
-
 _BEYOND = Source("shape of the likelihood, and what else may be concerned", "A")
 _WHOLE = Source("fit of the diagnosis as a whole", "A")
 _SMALL = 1e-3  # of an uncertainty: no part of its own
+DEFORMATION = "platform-deformation"
 
 
 def state_causes(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
@@ -35,7 +37,7 @@ def state_causes(statement: Statement, tables: Mapping[str, pa.Table], settings:
         statement.not_evaluated("cause", "all", "no cause was found, and so none has a size")
     parts = _parts(tables.get("cause_uncertainty"))
     for row in found:
-        _state(statement, row, parts)
+        _state_cause(statement, row, parts)
     open_ = [row for row in rows if row["cause"] == "unexplained" and row["verdict"] not in (None, "rejected")]
     for row in open_:
         statement.omitted("cause", f"unexplained, {row['subject'] or 'everywhere'}", str(row["explanation"]))
@@ -53,7 +55,7 @@ def _parts(table: pa.Table | None) -> Parts:
     return found
 
 
-def _state(statement: Statement, row: dict[str, Any], parts: Parts) -> None:
+def _state_cause(statement: Statement, row: dict[str, Any], parts: Parts) -> None:
     cause, concerned = row["cause"], row["subject"] or ""
     subject = f"{cause} {concerned}".strip()
     parameters = json.loads(row["parameters"] or "{}")
@@ -61,11 +63,11 @@ def _state(statement: Statement, row: dict[str, Any], parts: Parts) -> None:
     for name in parameters.keys() - told.keys():
         statement.not_evaluated("cause", name, "it is no measured number, or nothing bounds it", subject)
     for name, one in told.items():
-        own = _budget(parts.get((cause, concerned, name), {}), float(one["sigma"]))
+        own = _budget_of_cause(parts.get((cause, concerned, name), {}), float(one["sigma"]))
         statement.state("cause", subject, [name], np.array([float(one["value"])]), [one["unit"]], own)
 
 
-def _budget(parts: Mapping[Source, float], whole: float) -> Budget:
+def _budget_of_cause(parts: Mapping[Source, float], whole: float) -> Budget:
     """The budget of one number; what its sigma has beyond its parts is of its own kind."""
     total = float(np.linalg.norm(list(parts.values()))) if parts else 0.0
     if not total > 0.0:
@@ -74,3 +76,16 @@ def _budget(parts: Mapping[Source, float], whole: float) -> Budget:
     if whole > total * (1.0 + _SMALL):
         found[_BEYOND] = float(np.sqrt(whole**2 - total**2))
     return Budget(tuple(found), np.array(list(found.values()))[:, None])
+
+
+def found_causes(tables: Mapping[str, pa.Table]) -> dict[str, str]:
+    """The causes that were found, in words, with their ids."""
+    table = tables.get("diagnosis")
+    rows = [row for row in table.to_pylist() if row["verdict"] == "found"] if table is not None else []
+    return {f"{row['cause']} {row['subject'] or ''}".strip(): row["cause"] for row in rows}
+
+
+def of_instrument(cause: str) -> bool:
+    """Whether a cause, by its id, changes what is recorded of points, and so every pose of them."""
+    known = (catalogue() | of_photographed_points() | catalogue_of_rays()).get(cause)
+    return known is not None and known.step is Step.INSTRUMENT

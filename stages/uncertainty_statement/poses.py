@@ -10,22 +10,20 @@ from numpy.typing import NDArray
 
 from truing.calibration.measured import BodyPoses
 from truing.estimation.covariance import relative
-from truing.estimation.rigid_poses.pose_budget import body_parts
+from truing.estimation.rigid_poses.body_poses import body_parts
 from truing.estimation.rotation import left_jacobian_so3, log_so3
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
 from truing.stages.common.calibration_data import body_poses
 from truing.stages.common.point_arrays import (
     default_motions,
-    number_column,
+    fitted_points,
+    number_columns,
     pose_ids,
-    pose_points,
     positions,
-    residual_points,
     survey_points,
-    used_targets,
 )
 from truing.stages.common.point_errors import common_correlation
-from truing.stages.uncertainty_statement.found_causes import found_causes, of_instrument
+from truing.stages.uncertainty_statement.causes import found_causes, of_instrument
 from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
@@ -119,11 +117,8 @@ def _parts(
         other = _of_body(tables, parent, poses)
         if other is None:
             return None
-        none, (R, p), (Ra, pa_) = (
-            np.zeros((len(poses), 6, 6)),
-            default_motions(tables["poses"], body, poses),
-            default_motions(tables["poses"], parent, poses),
-        )
+        (R, p), (Ra, pa_) = (default_motions(tables["poses"], name, poses) for name in (body, parent))
+        none = np.zeros((len(poses), 6, 6))
         parts = {source: relative(Ra, pa_, none, R, p, covariance)[2] for source, covariance in own.items()}
         parts |= {source: relative(Ra, pa_, covariance, R, p, none)[2] for source, covariance in other.items()}
     by_declared = [covariance for source, covariance in parts.items() if source.evaluation == "B"]
@@ -137,14 +132,7 @@ def _of_body(tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, 
     if "survey" not in tables or "observations" not in tables:
         return None
     survey = survey_points(tables["survey"], body)
-    return body_parts(
-        body,
-        survey,
-        pose_points(tables["observations"], body, poses, survey.targets),
-        default_motions(tables["poses"], body, poses)[0],
-        used_targets(tables["residuals"], body, poses, survey.targets),
-        residual_points(tables["residuals"], body, poses, survey.targets),
-    )
+    return body_parts(body, survey, fitted_points(tables, body, poses, survey.targets))
 
 
 def parts_of_network(
@@ -162,7 +150,7 @@ def parts_of_network(
     parameters = tuple(dict.fromkeys(rows.column("parameter").to_pylist()))
     by = np.zeros((len(poses), 6, len(parameters)))
     place = positions(rows.column("pose"), poses), positions(rows.column("parameter"), parameters)
-    by[place[0], :, place[1]] = np.column_stack([number_column(rows, name) for name in _EFFECTS]) * _TO_SI
+    by[place[0], :, place[1]] = number_columns(rows, _EFFECTS) * _TO_SI
     correlation = common_correlation(tables.get("camera_correlations"), parameters)
     bar = np.array([name.startswith("bar ") for name in parameters], dtype=bool)
     common = by @ correlation @ np.swapaxes(by, 1, 2)

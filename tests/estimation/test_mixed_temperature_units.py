@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.estimation.mixed_temperature_units import mistaken_rows
+from truing.estimation.suspect_units import mistaken_rows
 
 FROM_CELSIUS = {"degF": lambda c: 1.8 * c + 32.0, "K": lambda c: c + 273.15}
 

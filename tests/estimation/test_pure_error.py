@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import binom, kstest
 
-from truing.estimation.pure_error import Squares, lack_of_fit, within_groups, within_runs
+from truing.estimation.repeatability import Squares, lack_of_fit, within_groups, within_runs
 
 GROUPS = [np.array([0, 5, 10]), np.array([1, 6]), np.array([2, 7])]
 DRAWS = 2000

@@ -14,7 +14,7 @@ from truing.estimation.quality import (
     successive_sigma,
     unexplained_scatter,
 )
-from truing.estimation.rigid_poses.frame import redundancy, residual_covariance
+from truing.estimation.rigid_poses.body_frames import redundancy, residual_covariance
 
 SIGMA = 5e-6
 

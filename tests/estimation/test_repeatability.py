@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.pure_error import equal_scatter
-from truing.estimation.repeatability import orientation_repeatability, position_repeatability, position_sigma
+from truing.estimation.repeatability import (
+    equal_scatter,
+    orientation_repeatability,
+    position_repeatability,
+    position_sigma,
+)
 
 
 def test_rp_is_the_mean_distance_and_three_standard_deviations():

@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truing.estimation.response import fit_response, keep_consistent
-from truing.estimation.response_structure import (
+from truing.estimation.response import (
     entry_p_values,
+    fit_response,
     gain_p_value,
     holm_significant,
+    keep_consistent,
     pair_couplings,
     ring_shape,
     significant_rank,

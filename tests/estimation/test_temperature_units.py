@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.estimation.interferometry.pressure_units import likely_pressure_unit
-from truing.estimation.temperature_units import mistaken_unit
+from truing.estimation.suspect_units import likely_pressure_unit, mistaken_unit
 
 WALK = np.linspace(-1.0, 1.5, 9)
 

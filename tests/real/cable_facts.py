@@ -29,9 +29,7 @@ from tests.real.cable_robot import (
 )
 from tests.real.campaigns import data_folder
 from tests.real.pulley_cable import PulleyCable
-from truing.estimation.design.combinations import inseparable
-from truing.estimation.design.identifiable_set import choose_identifiable
-from truing.estimation.design.observability import Observability, observe
+from truing.estimation.design.observability import Observability, choose_identifiable, inseparable, observe
 from truing.simulation.mechanisms.legs.kinematics import upper_joints
 
 HERE = Path(__file__).resolve().parent

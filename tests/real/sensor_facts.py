@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel
+from truing.estimation.sensor.contenders import HeldOut, covariance_by_case, hold_out
 from truing.estimation.sensor.eccentric_load import LineOfAction, line_of_action
 from truing.estimation.sensor.error_classes import creep
 from truing.estimation.sensor.exchanged_loads import RowExchange, exchanged_loads
-from truing.estimation.sensor.held_out_loads import HeldOut, covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.estimation.sensor.loops import Loops, loops
 from truing.simulation.bench.six_upur.geometry import joint_centres

@@ -7,8 +7,8 @@ import pytest
 
 from tests.real import sensor_facts
 from tests.tolerance import assert_close
-from truing.estimation.sensor.determined import UndeterminedCalibrationError
-from truing.estimation.sensor.held_out_loads import hold_out
+from truing.estimation.sensor.calibrate import UndeterminedCalibrationError
+from truing.estimation.sensor.contenders import hold_out
 
 
 @pytest.fixture(scope="module")

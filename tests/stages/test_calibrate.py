@@ -24,6 +24,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 SAMPLE = PROJECT / "sample_data" / "telescope"
 STAGE = import_module("truing.stages.calibrate")
 GIVEN = ("configurations", "survey", "poses", "deformation_models")
+OF_MECHANISM = import_module("truing.stages.calibration.run").LEAVES
 SURE = np.log(1e3)  # of evidence: a thousand to one
 UNLUCKY = 1e-3  # a right calibration fails a two-sided bound this rarely
 
@@ -60,7 +61,7 @@ def calibrated(tables: dict[str, pa.Table], campaign: Campaign) -> tuple[dict[st
 
 @pytest.fixture(scope="module")
 def whole(sample_run: Path) -> dict[str, pa.Table]:
-    return {name: pq.read_table(sample_run / ARTIFACTS[name].file) for name in (*GIVEN, *STAGE.OF_MECHANISM)}
+    return {name: pq.read_table(sample_run / ARTIFACTS[name].file) for name in (*GIVEN, *OF_MECHANISM)}
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,7 @@ def line(whole: dict[str, pa.Table]) -> dict[str, pa.Table]:
 @pytest.fixture(scope="module")
 def sample(whole: dict[str, pa.Table]) -> dict[str, pd.DataFrame]:
     """What the calibrations left, without the model that the diagnosis extended."""
-    frames = {name: whole[name].to_pandas() for name in STAGE.OF_MECHANISM}
+    frames = {name: whole[name].to_pandas() for name in OF_MECHANISM}
     return {name: frame[frame["model"] != "extended"] if "model" in frame else frame for name, frame in frames.items()}
 
 
@@ -330,7 +331,7 @@ def test_a_geometry_that_cannot_close_is_not_evaluated(line):
         leg["length_mm"] = 20.0
     found, said = calibrated(line, read_campaign(changed))
     assert said.why_not
-    assert all(found[name].empty for name in STAGE.OF_MECHANISM)
+    assert all(found[name].empty for name in OF_MECHANISM)
 
 
 def test_what_does_not_belong_together_is_not_calibrated_unless_a_person_accepts_it(line):

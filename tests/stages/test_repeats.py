@@ -17,7 +17,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.stages.line import run_line
-from truing.estimation.pure_error import Squares
+from truing.estimation.repeatability import Squares
 from truing.report.during_section import during
 from truing.report.exclusion_section import excluded
 from truing.report.measured_section import measured

@@ -1,23 +1,42 @@
-"""How far a calibrated machine's poses are from the measured ones, and how far noise alone would put them."""
+"""How far poses of calibrated machines and of the extended model are from the measured ones, and which one suits."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.fits import Calibration
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
 from truing.calibration.measured import Measured
-from truing.calibration.question import common_effects, own_covariance
-from truing.calibration.targets import with_common
-from truing.estimation.held_out import held_out_misfit
+from truing.calibration.question import common_effects, is_deformation, own_covariance, with_common
+from truing.estimation.held_out import Choice, Contender, choose_model, held_out_misfit
 from truing.estimation.rotation import log_so3
+from truing.inference.pulls import TOLD
+from truing.simulation.cause import Effect
 from truing.simulation.change import Change
+from truing.simulation.mechanisms.extended_model import ExtendedModel, acts_on_poses, predict_poses, some_of
+from truing.simulation.mechanisms.identified import IdentifiedGeometry, identified_geometry
 from truing.simulation.mechanisms.parameters import ParameterSet
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, reached_poses
 
+if TYPE_CHECKING:
+    from truing.simulation.mechanisms.recording import Conditions
+
 ARCSEC = np.pi / 180 / 3600
+MODEL, ESTIMATOR = "extended", "points"
+# How the platform deforms in the model, by the cause that was found; the richest counts.
+_DEFORMATIONS = {
+    "platform-deformation-matrix": "matrix",
+    "platform-deformation-nonlinear": "nonlinear",
+    "platform-deformation-linear": "linear",
+}
+Figure = tuple[str, float, str]
+_WITHIN = 1.959964  # of a normal error's 95 %, in standard deviations
+_UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
 
 
 @dataclass(frozen=True)
@@ -90,3 +109,186 @@ def misfit(calibration: Calibration, measured: Measured, reading_sigma: float) -
     at = problem.constrain(values, np.zeros((len(measured.rho), problem.deviations)))
     noise, known = own_covariance(measured, reading_sigma), calibration.joint[: len(values), : len(values)]
     return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, known)
+
+
+@dataclass(frozen=True)
+class Extended:
+    """The extended model of a campaign, and its errors at the measured poses."""
+
+    found: ExtendedModel
+    errors: PoseErrors
+
+    @property
+    def deformation(self) -> str:
+        """How the platform deforms in it."""
+        ids = {cause.id for cause in self.found.model.causes}
+        return next((name for cause, name in _DEFORMATIONS.items() if cause in ids), "none")
+
+    @cached_property
+    def geometry(self) -> IdentifiedGeometry:
+        """The geometry that it identified."""
+        return identified_geometry(self.found.model, self.found.shared, self.found.covariance)
+
+    @property
+    def effects(self) -> tuple[tuple[Effect, NDArray], ...]:
+        """The effects that it holds, with the covariance (P, P) of their parameters, SI."""
+        model = self.found.model
+        parts = [(effect, model.layout[effect.cause.key]) for effect in model.effects(self.found.shared)]
+        scales = [model.effect_sigma(effect.cause) for effect, _ in parts]
+        return tuple(
+            (effect, self.found.covariance[part, part] * np.outer(scale, scale))
+            for (effect, part), scale in zip(parts, scales, strict=True)
+        )
+
+
+def errors_at(found: ExtendedModel, conditions: Conditions, measured: Measured, fitted: NDArray) -> PoseErrors:
+    """Measured minus predicted poses, as the instrument should have seen them; NaN where a condition is not known."""
+    error, noise = np.full((len(fitted), 6), np.nan), np.zeros((len(fitted), 6, 6))
+    rows = np.flatnonzero(_told(found, conditions))
+    if len(rows):
+        poses = predict_poses(found, some_of(conditions, rows), recorded=True)
+        platform = measured.platform.chosen(rows)
+        turned = log_so3(platform.R @ np.swapaxes(poses.R, -1, -2))
+        away = np.concatenate([platform.p - poses.p, turned], -1)
+        error[rows] = np.where(poses.converged[:, None], away, np.nan)
+        # Poses that took part have pulled the model to themselves: they share its error.
+        shared = np.where(fitted[rows, None, None], 2.0, 0.0) * poses.of_model
+        noise[rows] = platform.covariance + poses.covariance - shared
+    return PoseErrors(error, noise)
+
+
+def _told(found: ExtendedModel, conditions: Conditions) -> NDArray:
+    """Where (B,) every column that the model's effects follow holds a number."""
+    legs = found.model.nominal.count
+    needed = {name for cause in found.model.causes if acts_on_poses(cause) for name in cause.needs(legs)}
+    columns = [conditions.covariates[name] for name in needed & conditions.covariates.keys()]
+    known = [np.isfinite(column.reshape(len(column), -1)).all(1) for column in columns]
+    return np.logical_and.reduce([np.ones(len(conditions.readings), bool), *known])
+
+
+def identifiable(geometry: IdentifiedGeometry) -> NDArray:
+    return np.asarray(1.0 - geometry.sigma**2 / np.diag(geometry.prior) >= TOLD)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A calibration with its errors at all poses and the held-out poses' chi-square (B,), M expected of each."""
+
+    calibration: Calibration
+    errors: PoseErrors | None
+    squares: NDArray
+    equations: int
+
+
+def choice(judged: Sequence[Judged]) -> Choice:
+    """Return which of the maximum-likelihood calibrations is chosen."""
+    return choose_model(
+        [
+            Contender(
+                one.squares,
+                one.equations,
+                one.calibration.log_evidence,
+                len(one.calibration.values),
+                one.calibration.status == "ok",
+            )
+            for one in judged
+        ]
+    )
+
+
+def _pull_p_value(calibration: Calibration, own: NDArray) -> float:
+    """Return the probability of shifts as large of the parameters (P,) chosen, where tolerances are honest.
+
+    Identified less nominal has the covariance of the tolerances less that of the parameters, which correlates them.
+    """
+    from scipy.special import chdtrc
+
+    spread = np.diag(calibration.tolerance[own] ** 2) - calibration.declared[np.ix_(own, own)]
+    shift = (calibration.values - calibration.nominal)[own]
+    return float(chdtrc(len(shift), max(float(shift @ np.linalg.solve(spread, shift)), 0.0)))
+
+
+def doubts(one: Judged) -> str:
+    """Return what speaks against a calibration itself, in short; nothing where its misfit and its pulls are likely."""
+    figures = {name: value for name, value, _ in fit_figures(one)}
+    said = []
+    if figures.get("misfit_p_value", 1.0) < _UNLIKELY:
+        said.append(f"misfit {np.sqrt(figures['chi_square'] / figures['freedom']):.1f} times the declared noise")
+    if figures.get("pull_p_value", 1.0) < _UNLIKELY:
+        said.append(f"parts {figures['rms_pull']:.1f} times further from nominal than their tolerances let expect")
+    return "; ".join(said)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure with the ends of its interval of 95 %, in its own unit."""
+
+    value: float
+    low: float
+    high: float
+
+
+def error_of_95_percent(errors: NDArray, variances: NDArray) -> Interval | None:
+    """What 95 of 100 poses stay below, along one component: 1.96 rms, less the measurement's share.
+
+    errors (N,), NaN where there is none, variances (N,) of the measurement, both in one unit; None without any error.
+    The interval is that of the rms of so many normal errors.
+    """
+    from scipy.special import chdtri
+
+    told = np.isfinite(errors)
+    count = int(told.sum())
+    if not count:
+        return None
+    square = float(np.sum(errors[told] ** 2))
+    # A measurement that is said to be noisier than what was seen of it tells less, not more.
+    noise = min(float(np.mean(variances[told])), square / count)
+    scales = (count, chdtri(count, 0.025), chdtri(count, 0.975))
+    return Interval(*(_WITHIN * float(np.sqrt(max(square / scale - noise, 0.0))) for scale in scales))
+
+
+def error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:
+    if errors is None:
+        return []
+    figures: list[Figure] = []
+    for part, values, unit, si in (
+        ("position", errors.position, "um", 1e-6),
+        ("orientation", errors.orientation, "arcsec", ARCSEC),
+    ):
+        for name, rows in (("calibration", roles != "verification"), ("verification", roles == "verification")):
+            told = values[rows][np.isfinite(values[rows])] / si
+            if len(told):
+                figures.append((f"{part}_mean_{name}", float(told.mean()), unit))
+                figures.append((f"{part}_max_{name}", float(told.max()), unit))
+                floor = errors.expected(0 if part == "position" else 3)[rows] / si
+                figures.append((f"{part}_noise_{name}", float(np.sqrt(np.mean(floor**2))), unit))
+    return figures
+
+
+def fit_figures(one: Judged) -> list[Figure]:
+    from scipy.special import chdtrc
+
+    calibration = one.calibration
+    geometry = [not is_deformation(entry) for entry in calibration.parameters.entries]
+    told = calibration.pull[np.isfinite(calibration.pull) & geometry]
+    figures: list[Figure] = [
+        ("parameters", float(len(calibration.values)), "1"),
+        ("poses", float(calibration.kept.sum()), "1"),
+        ("poses_downweighted", float((~calibration.kept).sum()), "1"),
+        ("chi_square", calibration.chi_square, "1"),
+        ("freedom", calibration.freedom, "1"),
+        ("pull_freedom", float(len(told)), "1"),
+    ]
+    if np.isfinite(calibration.chi_square) and calibration.freedom > 0:
+        figures.append(("misfit_p_value", float(chdtrc(calibration.freedom, calibration.chi_square)), "1"))
+    if len(told):
+        figures.append(("rms_pull", float(np.sqrt(np.mean(told**2))), "1"))
+    if len(told) and calibration.estimator == MAXIMUM_LIKELIHOOD:
+        figures.append(("pull_p_value", _pull_p_value(calibration, np.isfinite(calibration.pull) & geometry), "1"))
+    if np.isfinite(calibration.log_evidence):
+        figures.append(("log_evidence", calibration.log_evidence, "1"))
+    if len(one.squares):
+        expected = one.equations * len(one.squares)
+        figures.append(("heldout_ratio", float(np.sqrt(one.squares.sum() / expected)), "1"))
+        figures.append(("p_value", float(chdtrc(expected, one.squares.sum())), "1"))
+    return figures

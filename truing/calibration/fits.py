@@ -22,7 +22,7 @@ from truing.calibration.question import (
     widest,
     with_targets,
 )
-from truing.estimation.design.identifiable_set import choose_identifiable
+from truing.estimation.design.observability import choose_identifiable
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, Prior, fit_errors_in_variables
 from truing.estimation.least_squares.solver import SolverStatus, least_squares
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, Constrained

@@ -1,4 +1,4 @@
-"""Repeatability of a pose by ISO 9283, clause 7.2: how far attained poses lie from their mean."""
+"""What repeating alone leaves: pure error with its degrees of freedom, lack of fit, and repeatability by ISO 9283."""
 
 from __future__ import annotations
 
@@ -6,17 +6,151 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation.pure_error import Index, within_groups
 from truing.estimation.rotation import log_so3
 
 Array = NDArray[np.float64]
-
+Index = NDArray[np.int64]
+_LEAST = 1e-6  # of the common variance: repeats that agree in every digit scatter no less
 FEWEST = 5  # attained poses: of fewer, the scatter of distances says too little
 _DRAWS, _MANY = 2000, 20000
 _COVERED = (0.025, 0.975)
 _FAR_RAD = 0.2
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Sums of squared deviations (C,) of C quantities, and their degrees of freedom (C,)."""
+
+    square: Array
+    freedom: Array
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation of one measurement (C,); NaN without a degree of freedom."""
+        return np.sqrt(np.where(self.freedom > 0, self.square, np.nan) / np.maximum(self.freedom, 1))
+
+    def interval(self, level: float = 0.95) -> tuple[Array, Array]:
+        """The interval of the standard deviation (C,) each, by the chi-square distribution."""
+        from scipy.special import chdtri
+
+        tail, safe = 0.5 * (1.0 - level), np.maximum(self.freedom, 1)
+        square = np.where(self.freedom > 0, self.square, np.nan)
+        return np.sqrt(square / chdtri(safe, tail)), np.sqrt(square / chdtri(safe, 1.0 - tail))
+
+
+def within_groups(values: ArrayLike, groups: Sequence[Index]) -> Squares:
+    """Deviations from the mean of each group, of values (N, C) with NaN where there is none; groups are rows."""
+    values = np.asarray(values, float)
+    square, freedom = np.zeros((2, values.shape[1]))
+    for rows in groups:
+        own = values[rows]
+        known = np.isfinite(own)
+        count = known.sum(axis=0)
+        mean = np.where(known, own, 0.0).sum(axis=0) / np.maximum(count, 1)
+        square += (np.where(known, own - mean, 0.0) ** 2).sum(axis=0)
+        freedom += np.maximum(count - 1, 0)
+    return Squares(square, freedom)
+
+
+def within_runs(values: ArrayLike, groups: Sequence[Index]) -> Squares:
+    """The same of runs that repeat each other step by step, each from its own zero; groups are rows (R, S).
+
+    A step that one of the runs did not read tells nothing.
+    """
+    values = np.asarray(values, float)
+    square, freedom = np.zeros((2, values.shape[1]))
+    for rows in groups:
+        own = values[rows]
+        whole = np.isfinite(own).all(axis=0)
+        count = whole.sum(axis=0)
+        kept = np.where(whole, own, 0.0)
+        left = np.where(whole, kept - kept.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0)
+        left = np.where(whole, left - left.mean(axis=0), 0.0)
+        square += (left**2).sum(axis=(0, 1))
+        freedom += (len(rows) - 1) * np.maximum(count - 1, 0)
+    return Squares(square, freedom)
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Whether a model leaves more than pure error (C,): ratio F, the two degrees of freedom, p-value."""
+
+    ratio: Array
+    of_fit: Array
+    of_error: Array
+    p_value: Array
+
+
+def lack_of_fit(left: Squares, pure: Squares) -> LackOfFit:
+    """The F test of what a model leaves, ``left``, against the pure error within it; NaN where one has no freedom."""
+    from scipy.special import fdtrc
+
+    freedom = left.freedom - pure.freedom
+    told = (freedom > 0) & (pure.freedom > 0) & (pure.square > 0)
+    safe, below = np.maximum(freedom, 1), np.maximum(pure.freedom, 1)
+    share = np.maximum(left.square - pure.square, 0.0) / safe
+    ratio = np.where(told, share / np.where(told, pure.square / below, 1.0), np.nan)
+    p = np.where(told, fdtrc(safe, below, np.nan_to_num(ratio)), np.nan)
+    return LackOfFit(ratio, freedom, pure.freedom, p)
+
+
+@dataclass(frozen=True)
+class EqualScatter:
+    """Whether groups scatter alike: probability of their differences by chance, and the group that scatters most.
+
+    ``others``: standard deviation of all other groups together; NaN where there are none.
+    """
+
+    p_value: float
+    worst: int
+    others: float
+
+
+def equal_scatter(square: ArrayLike, freedom: ArrayLike) -> EqualScatter | None:
+    """Test sums of squared deviations (G,) with their degrees of freedom (G,) for one common scatter (Bartlett).
+
+    None for fewer than two groups with a degree of freedom. Source: Bartlett, Proc. R. Soc. A 160 (1937) 268.
+    """
+    from scipy.special import chdtrc
+
+    square, freedom = np.asarray(square, float), np.asarray(freedom, float)
+    told = np.flatnonzero(freedom > 0.0)
+    if len(told) < 2 or not square[told].any():
+        return None
+    f = freedom[told]
+    common = float(square[told].sum() / f.sum())
+    variance = np.maximum(square[told] / f, _LEAST * common)
+    spread = float(f.sum() * np.log(common) - np.sum(f * np.log(variance)))
+    correction = 1.0 + (np.sum(1.0 / f) - 1.0 / f.sum()) / (3.0 * (len(told) - 1.0))
+    worst = int(np.argmax(variance))
+    rest = float((square[told].sum() - square[told][worst]) / (f.sum() - f[worst]))
+    return EqualScatter(float(chdtrc(len(told) - 1.0, spread / correction)), int(told[worst]), float(np.sqrt(rest)))
+
+
+def at_one_reading(values: Array, readings: Array, groups: Sequence[Index]) -> Array:
+    """Values (B, C), those of each group brought to its mean reading by a line in the readings (B, D) of all.
+
+    Repeats that are declared need not stand at one and the same place. Too few values stay as they are.
+    """
+    known = np.asarray(np.isfinite(np.column_stack([values, readings])).all(axis=1), bool)
+    design = np.column_stack([np.ones(len(readings)), readings])
+    out = values.copy()
+    if not readings.shape[1] or known.sum() < 2 * design.shape[1]:
+        return out
+    slope = np.linalg.lstsq(design[known], values[known], rcond=None)[0][1:]
+    for group in groups:
+        own = group[known[group]]
+        out[own] -= (readings[own] - readings[own].mean(axis=0)) @ slope if len(own) else 0.0
+    return out
+
+
+def known_mean(values: Array) -> Array:
+    """The mean (C,) of what is known of values (N, C); NaN where nothing is."""
+    known = np.isfinite(values)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from tests.estimation.telescope_rows import DRHO_MM, LEGS, directions, poses, rows
 from tests.tolerance import assert_close
-from truing.estimation.design.combinations import inseparable, pivots, sparse_directions
-from truing.estimation.design.observability import observe
+from truing.estimation.design.observability import inseparable, observe, pivots, sparse_directions
 
 SEEDS = st.integers(0, 2**32 - 1)
 NOISE_MM, TOLERANCE_MM, TOLERANCE_U, TOLERANCE_KAPPA = 0.005, 0.5, 0.002, 0.01

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.estimation.telescope_rows import COLUMNS, LEGS, REFERENCE, rows
-from truing.estimation.design.identifiable_set import choose_identifiable
-from truing.estimation.design.observability import observe
+from truing.estimation.design.observability import choose_identifiable, observe
 
 SEEDS = st.integers(0, 2**32 - 1)
 NOISE_MM = 0.005

@@ -10,16 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.tolerance import assert_close
-from truing.estimation.design.continuous_selection import largest_sensitivity, optimise_directly
-from truing.estimation.design.design_bound import bound_design, efficiency, sum_log_det
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.design.pose_selection import (
     SelectionStatus,
+    bound_design,
+    efficiency,
     exchange,
     information_of,
     ioops,
+    largest_sensitivity,
     one_by_one,
+    optimise_directly,
     rounded_design,
+    sum_log_det,
 )
 
 seeds = st.integers(0, 2**32 - 1)

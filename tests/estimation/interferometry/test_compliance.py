@@ -14,7 +14,7 @@ from truing.estimation.interferometry.compliance import (
     fit_compliance,
     left_out_runs,
 )
-from truing.estimation.interferometry.platform_displacement import drift_columns, platform_displacement, zero_columns
+from truing.estimation.interferometry.platform_poses import drift_columns, platform_displacement, zero_columns
 from truing.simulation.bench.six_upur.uncertain_sensor import compliance_covariance
 
 TRUE = made_compliance()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tolerance import assert_close
-from truing.estimation.interferometry.flexible_response import fit_channel, response_columns
-from truing.estimation.interferometry.within_runs import fit_within_runs, run_frame
+from truing.estimation.interferometry.flexible_response import fit_channel, fit_within_runs, response_columns, run_frame
 
 WAY = np.array([0, 1, 2, 3, 4, 3, 2, 1, 0, -1, -2, -3, -4, -3, -2, -1, 0]) / 4.0
 NOISE = 0.5

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.interferometry.fringes import (
+from truing.estimation.interferometry.quadrature import (
     count_fringes,
     find_jump,
     find_slips,

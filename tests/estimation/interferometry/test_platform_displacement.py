@@ -7,13 +7,13 @@ import pytest
 
 from tests.estimation.interferometry.bench import ALL_PAIRS, LEVELS, OWN_PAIRS, Log, made_log
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.interferometry.platform_displacement import (
+from truing.estimation.interferometry.platform_poses import (
     PlatformDisplacement,
     drift_columns,
     platform_displacement,
     zero_columns,
 )
-from truing.estimation.interferometry.readings import angular_rows, linear_rows
+from truing.estimation.interferometry.recorded_steps import angular_rows, linear_rows
 
 
 def joined(log: Log, rows: np.ndarray | None = None) -> PlatformDisplacement:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.interferometry.readings import (
+from truing.estimation.interferometry.recorded_steps import (
     angular_rows,
     at_reference_temperature,
     displacement_in_air,

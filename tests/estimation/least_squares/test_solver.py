@@ -11,9 +11,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
-from truing.estimation.least_squares.minima import distinct_minima
-from truing.estimation.least_squares.solver import Method, SolverStatus, join_solutions, least_squares
-from truing.estimation.least_squares.step import EPS, TrustRegion, linearise
+from truing.estimation.least_squares.solver import (
+    EPS,
+    Method,
+    SolverStatus,
+    TrustRegion,
+    distinct_minima,
+    join_solutions,
+    least_squares,
+    linearise,
+)
 
 METHODS: tuple[Method, ...] = ("levenberg-marquardt", "trust-region")
 Residuals = Callable[..., tuple[NDArray, NDArray]]

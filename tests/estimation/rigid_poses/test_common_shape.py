@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.estimation.scatter import body, move, random_motions, seeds
 from tests.tolerance import assert_close
-from truing.estimation.rigid_poses.common_shape import common_shape
+from truing.estimation.rigid_poses.procrustes import common_shape
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 SIGMA = 5e-6

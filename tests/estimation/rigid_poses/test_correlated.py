@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from truing.estimation.covariance import relative, relative_of_pair, survey_frame_covariance
-from truing.estimation.rigid_poses.correlated import JointMotions, PointsOfBodies, joint_motions, survey_part
+from truing.estimation.rigid_poses.correlated_poses import JointMotions, PointsOfBodies, joint_motions, survey_part
 from truing.estimation.rotation import exp_so3, log_so3, skew
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.estimation.rigid_poses.frame import frame_covariance, residual_covariance
+from truing.estimation.rigid_poses.body_frames import frame_covariance, residual_covariance
 from truing.estimation.rotation import skew
 
 

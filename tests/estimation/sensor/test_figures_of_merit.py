@@ -10,9 +10,10 @@ import pytest
 
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.sensor.calibrate import fit_calibration
-from truing.estimation.sensor.calibration_matrix import MatrixEstimate, calibration_matrix
-from truing.estimation.sensor.figures_of_merit import (
+from truing.estimation.sensor.calibration_matrix import (
     Figures,
+    MatrixEstimate,
+    calibration_matrix,
     condition_number,
     leg_force_matrix,
     newton_per_millivolt,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.tolerance import assert_close
 from truing.estimation.sensor.calibrate import TermEquations
-from truing.estimation.sensor.terms import Terms
+from truing.estimation.sensor.calibration import Terms
 
 STEP = 1e-30
 options = st.builds(

@@ -11,9 +11,8 @@ import pytest
 import docs.experiments
 from tests.simulation.mechanisms.telescope import telescope, vector
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.design.design_bound import bound_design, sum_log_det
 from truing.estimation.design.feasible_region import FeasibleRegion
-from truing.estimation.design.pose_selection import exchange, information_of
+from truing.estimation.design.pose_selection import bound_design, exchange, information_of, sum_log_det
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
 from truing.simulation.mechanisms.pose_regressors import Placed, PoseRegressors, leg_by_leg, pose_regressors

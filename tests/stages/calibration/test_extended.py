@@ -11,10 +11,10 @@ from scipy.stats import chi2
 from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.line import run_line, settings_of
 from tests.stages.two_campaigns import fitted, gathered, measured, model_text
-from truing.calibration.extended import MODEL, Extended
+from truing.calibration.accuracy import MODEL, Extended
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
-from truing.stages.calibration.choice import accuracy_rows
 from truing.stages.calibration.extended import extended_correlations, extended_figures, extended_of, extended_parameters
+from truing.stages.calibration.model_rows import accuracy_rows
 from truing.stages.common.calibration_data import gather
 
 GAIN, LEG = 0.06, 3
@@ -74,7 +74,7 @@ def test_poses_are_predicted_to_the_noise_with_the_effect_and_not_without(campai
 
 
 def test_the_gain_correlates_with_what_it_can_be_mistaken_for(both) -> None:
-    rows = extended_correlations(both[1], 0.05).table().to_pandas()
+    rows = extended_correlations(both[1]).table().to_pandas()
     assert (rows["correlation"].abs() >= 0.05).all()
     assert not rows[(rows["other_parameter"] == "gain") & (rows["leg"] == LEG)].empty
 
@@ -88,7 +88,7 @@ def test_honest_tolerances_are_told_as_such(both) -> None:
 
 def test_a_pose_without_its_temperature_has_no_error(campaign, both) -> None:
     """An effect that follows a column says nothing of a pose where the column holds no number."""
-    from truing.calibration.extended import _told
+    from truing.calibration.accuracy import _told
     from truing.simulation.mechanisms.causes.warmth import LegThermal
 
     found = both[1].found

@@ -20,7 +20,7 @@ from truing.stages import ingest
 from truing.stages.declaration import Outcome
 from truing.stages.quality.check import CampaignLimits
 from truing.stages.quality.loading_checks import quadrature_checks
-from truing.stages.responses.axis_positioning import positioning_rows
+from truing.stages.responses.loads import positioning_rows
 
 HEAD = "run,step,time_s,load_axis,load,channel,reading"
 AXES = "dx_mm,dy_mm,dz_mm,rx_rad,ry_rad,rz_rad"

@@ -8,8 +8,7 @@ import numpy as np
 
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rigid_poses.body_poses import fit_body
-from truing.estimation.rigid_poses.point_errors import PointErrors
-from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
+from truing.estimation.rigid_poses.points import PointErrors, PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 POSES, TARGETS, NOISE, SCALE = 5, 12, 1e-6, 3e-4

@@ -8,9 +8,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from truing.estimation.deformation.correlated_shifts import correlated_residuals
-from truing.stages.responses.framed_points import framed_bodies, framed_points
-from truing.stages.responses.target_deformation import target_deformation
+from truing.estimation.deformation import correlated_residuals
+from truing.stages.responses.shifts import framed_bodies, framed_points, target_deformation
 
 Tables = dict[str, pa.Table]
 

@@ -15,7 +15,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.stages.line import run_line
-from truing.estimation.time_units import SECONDS, mistaken_times
+from truing.estimation.suspect_units import SECONDS, mistaken_times
 from truing.pipeline.command_line import app
 
 CHECKED = ("temperature-unit", "time-unit")

@@ -1,23 +1,175 @@
-"""Choice of configurations for calibration: those whose information has the largest determinant (O1), leg by leg.
+"""Choice of configurations for calibration: the largest determinant (O1), its upper bound, and continuous moves.
+
+A design spreads n measurements over candidates by weights w (C,). Leg l of L learns A_l = G_l + n sum_x w_x r_xl r_xl^T
+from rows r (C, L, q), G what is known already; the criterion is sum_l log det A_l (O1 of the telescope report). For any
+other weights v, by concavity and by the mean inequality over the P = L q eigenvalues,
+
+    log det A(v) <= log det A(w) + P log( (sum_l trace A_l^-1 G_l + n max_x d(x)) / P ),
+    d(x) = sum_l r_xl^T A_l^-1 r_xl,
+
+with equality at the optimum (Kiefer and Wolfowitz, Canad. J. Math. 12 (1960) 363). The bound holds for n measurements
+split over the candidates in whole numbers or not; no exact choice need reach it.
 
 Candidates are rows (C, L, q) of the observability Jacobian, one per leg; legs are independent, so the criterion is
 sum_l log det A_l with A_l = G_l + sum_n r_nl r_nl^T, G (L, q, q) what is known already (telescope report, section 6.3).
+
+Spectral projected gradient (Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000) 1196) in a `FeasibleRegion`, whose
+limits are linearised anew at every step.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.design.design_bound import DesignBound, sum_log_det
+from truing.estimation.design.feasible_region import FeasibleRegion
 
+_TO_BOUNDARY = 0.95
+_CENTRING = 0.05
+_MAX_STEPS = 100
+_ADDED = 64  # candidates taken in at a time
 # A change of the log determinant below this is rounding.
 _LEAST_GAIN = 1e-10
 # Of the best design, that lets the first few candidates be judged.
 _HINT = 1e-6
+# x (N, n) -> rows (N, L, q) and their derivative (N, L, q, n)
+RowsAt = Callable[[NDArray], tuple[NDArray, NDArray]]
+# x (N, n) -> a number for all of them, and its gradient (N, n)
+Objective = Callable[[NDArray], tuple[float, NDArray]]
+_MEMORY = 8  # values that a step may fall behind, without which the spectral step lengths are wasted
+_SUFFICIENT = 1e-4
+_SHORTEST = 1e-8
+_FARTHEST = 3.0  # that a step may aim beyond the limits, which are about 1 away: more only slows the projection
+_HALVINGS = 12  # a shorter move is none, beside the spectral length
+_STILL = 1e-6  # a move of the coordinates, whose limits are about 1 away, that counts as none
+_GAIN = 1e-7  # of the value, over the memory, that counts as none
+
+
+@dataclass(frozen=True)
+class DesignBound:
+    """An optimal design of n measurements on candidates, and what no design on them can exceed.
+
+    weights (C,), sum 1; information (L, q, q) of the design with what was known before; log_det of it; upper: the
+    bound; sensitivity (C,): n d(x), at most P - trace at the optimum; known: sum_l trace A_l^-1 G_l; converged: whether
+    upper - log_det came below the gap asked for.
+    """
+
+    weights: NDArray
+    information: NDArray
+    log_det: float
+    upper: float
+    sensitivity: NDArray
+    known: float
+    count: float
+    converged: bool
+
+    def with_sensitivity(self, largest: float) -> float:
+        """Return the bound where further candidates reach a sensitivity: at least ``upper``."""
+        size = self.information.shape[0] * self.information.shape[1]
+        return max(self.upper, self.log_det + size * float(np.log((self.known + largest) / size)))
+
+
+def efficiency(log_det: float, bound: float, parameters: int) -> float:
+    """Return the D-efficiency (det / det of the bound)^(1/P): the share of measurements that the best would need."""
+    return float(np.exp((log_det - bound) / parameters))
+
+
+def sum_log_det(information: NDArray) -> float:
+    """Return sum_l log det of information (..., L, q, q); minus infinity where a leg is not determined."""
+    sign, value = np.linalg.slogdet(information)
+    return float(np.sum(np.where(sign > 0, value, -np.inf)))
+
+
+def bound_design(rows: NDArray, count: float, given: NDArray | None = None, gap: float = 1e-6) -> DesignBound:
+    """Return the optimal design of ``count`` measurements on candidates with rows (C, L, q), to a gap in log det.
+
+    given (L, q, q): information there already. Interior point on the weights, candidates that the bound needs being
+    taken in by and by. Raises ValueError where the candidates do not determine every leg.
+    """
+    before = np.zeros((rows.shape[1], rows.shape[2], rows.shape[2])) if given is None else given
+    if not np.isfinite(sum_log_det(before + np.einsum("clq,clr->lqr", rows, rows))):
+        raise ValueError("candidates that determine every parameter")
+    pool = _spanning(rows)
+    for _ in range(len(rows)):
+        weights, converged = _interior_point(rows[pool], count, before, gap / 2)
+        design = _judged(rows, pool, weights, count, before, gap)
+        if design.converged or not converged:
+            return design
+        outside = np.setdiff1d(np.arange(len(rows)), pool)
+        best = outside[np.argsort(design.sensitivity[outside])[::-1][:_ADDED]]
+        pool = np.concatenate([pool[weights > 1e-9 / len(pool)], best])
+    return design
+
+
+def _spanning(rows: NDArray) -> NDArray:
+    """Return a small pool of candidates to begin with: those most sensitive when all have the same weight."""
+    flat = np.einsum("clq,clr->lqr", rows, rows)
+    sensitivity = np.einsum("clq,lqr,clr->c", rows, np.linalg.inv(flat), rows)
+    return np.argsort(sensitivity)[::-1][: 4 * _ADDED]
+
+
+def _interior_point(rows: NDArray, count: float, before: NDArray, gap: float) -> tuple[NDArray, bool]:
+    """Return the weights (C,) that maximise the log determinant, by primal-dual Newton steps, and whether they do."""
+    size = rows.shape[1] * rows.shape[2]
+    w = np.full(len(rows), 1.0 / len(rows))
+    slack = np.zeros(0)
+    for _ in range(_MAX_STEPS):
+        gradient, curvature, known = _derivatives(rows, w, count, before)
+        if size * np.log((known + gradient.max()) / size) <= gap:
+            return w, True
+        if not len(slack):
+            slack = 1.1 * gradient.max() - gradient
+        w, slack = _newton(w, slack, gradient, curvature)
+    return w, False
+
+
+def _derivatives(rows: NDArray, w: NDArray, count: float, before: NDArray) -> tuple[NDArray, NDArray, float]:
+    """Return gradient (C,) and minus the Hessian (C, C) of the log determinant, and sum_l trace A_l^-1 G_l."""
+    information = _information(rows, w, count, before)
+    factor = np.linalg.inv(np.linalg.cholesky(information))
+    white = factor @ np.transpose(rows, (1, 2, 0))
+    products = count * np.swapaxes(white, 1, 2) @ white
+    known = float(np.sum((factor @ before) * factor))
+    return np.einsum("lcc->c", products), np.einsum("lcd,lcd->cd", products, products), known
+
+
+def _information(rows: NDArray, w: NDArray, count: float, before: NDArray) -> NDArray:
+    legs = np.transpose(rows, (1, 2, 0))
+    return before + count * (legs * w) @ np.swapaxes(legs, 1, 2)
+
+
+def _newton(w: NDArray, slack: NDArray, gradient: NDArray, curvature: NDArray) -> tuple[NDArray, NDArray]:
+    """Return weights and slacks after one step towards gradient + slack = nu, w slack = mu, sum w = 1."""
+    mu = _CENTRING * float(w @ slack) / len(w)
+    system = curvature + np.diag(slack / w)
+    pair = np.linalg.solve(system, np.column_stack([gradient + mu / w, np.ones(len(w))]))
+    nu = (pair[:, 0].sum() - (1.0 - w.sum())) / pair[:, 1].sum()
+    step = pair[:, 0] - nu * pair[:, 1]
+    other = mu / w - slack - slack / w * step
+    return w + _length(w, step) * step, slack + _length(slack, other) * other
+
+
+def _length(value: NDArray, step: NDArray) -> float:
+    """Return how far a step may go before a positive value would vanish, at most 1."""
+    falling = step < 0
+    return min(1.0, _TO_BOUNDARY * float(np.min(-value[falling] / step[falling], initial=np.inf)))
+
+
+def _judged(rows: NDArray, pool: NDArray, w: NDArray, count: float, before: NDArray, gap: float) -> DesignBound:
+    """Return the design of weights on a pool with the bound over all candidates."""
+    weights = np.zeros(len(rows))
+    weights[pool] = w / w.sum()
+    information = _information(rows[pool], weights[pool], count, before)
+    inverse = np.linalg.inv(information)
+    sensitivity = count * np.einsum("clq,lqr,clr->c", rows, inverse, rows, optimize=True)
+    known, size = float(np.sum(inverse * before)), rows.shape[1] * rows.shape[2]
+    log_det = sum_log_det(information)
+    upper = log_det + size * float(np.log((known + sensitivity.max()) / size))
+    return DesignBound(weights, information, log_det, upper, sensitivity, known, count, upper - log_det <= gap)
 
 
 class SelectionStatus(StrEnum):
@@ -141,3 +293,110 @@ def _determined(rows: NDArray, given: NDArray | None) -> NDArray:
     if not np.isfinite(sum_log_det(information)):
         raise ValueError(f"a choice of {len(rows)} configurations that determines every parameter")
     return information
+
+
+@dataclass(frozen=True)
+class Climb:
+    """Where a climb ended: points (N, n) within the region, the objective there, and how it ended."""
+
+    x: NDArray
+    value: float
+    status: SelectionStatus
+    iterations: int
+
+
+def optimise_directly(
+    region: FeasibleRegion, rows_at: RowsAt, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000
+) -> Climb:
+    """Return N configurations that no small move within the region improves, from a start (N, n) in it.
+
+    Maximises sum_l log det A_l, given (L, q, q) being what is known already. Raises ValueError where the start does not
+    determine every leg.
+    """
+
+    def objective(x: NDArray) -> tuple[float, NDArray]:
+        rows, changes = rows_at(x)
+        information = information_of(rows, given)
+        value = sum_log_det(information)
+        if not np.isfinite(value):
+            return -np.inf, np.zeros_like(x)
+        return value, 2.0 * np.einsum("nlq,nlqi->ni", _solved(rows, information), changes)
+
+    if not np.isfinite(objective(start)[0]):
+        raise ValueError(f"a start of {len(start)} configurations that determines every parameter")
+    return climb(region, objective, start, max_iterations)
+
+
+def largest_sensitivity(
+    region: FeasibleRegion, rows_at: RowsAt, design: DesignBound, start: NDArray, max_iterations: int = 40
+) -> Climb:
+    """Return the most sensitive points that climbs from a start (N, n) reach; value: the sensitivity of the best.
+
+    What a set of candidates leaves out between them shows here: `DesignBound.with_sensitivity` turns it into a bound.
+    """
+
+    def each(x: NDArray) -> tuple[NDArray, NDArray]:
+        rows, changes = rows_at(x)
+        solved = _solved(rows, design.information)
+        gradient = 2.0 * design.count * np.einsum("nlq,nlqi->ni", solved, changes)
+        return design.count * np.sum(rows * solved, (1, 2)), gradient
+
+    def objective(x: NDArray) -> tuple[float, NDArray]:
+        value, gradient = each(x)
+        return float(value.sum()), gradient
+
+    found = climb(region, objective, start, max_iterations)
+    return Climb(found.x, float(each(found.x)[0].max()), found.status, found.iterations)
+
+
+def _solved(rows: NDArray, information: NDArray) -> NDArray:
+    """Return A_l^-1 r_nl (N, L, q)."""
+    return np.einsum("lqr,nlr->nlq", np.linalg.inv(information), rows)
+
+
+def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iterations: int) -> Climb:
+    """Return where the objective no longer grows from a start (N, n) within the region."""
+    x, status = start, SelectionStatus.ITERATION_LIMIT
+    value, gradient = objective(x)
+    length, past, best = np.inf, [value], (x, value)
+    while len(past) <= max_iterations:
+        steepest = max(float(np.abs(gradient).max()), 1e-300)
+        move = region.project(x + min(length, _FARTHEST / steepest) * gradient, x) - x
+        trial, reached, slope = _step(region, objective, x, move, gradient, min(past[-_MEMORY:]))
+        if trial is None or np.abs(move).max() <= _STILL or _settled(past):
+            status = SelectionStatus.CONVERGED
+            break
+        length = _spectral_length(trial - x, slope - gradient)
+        x, value, gradient = trial, reached, slope
+        past.append(value)
+        best = (x, value) if value > best[1] else best
+    inside = region.pulled_in(best[0])
+    return Climb(inside, objective(inside)[0], status, len(past) - 1)
+
+
+def _settled(past: list[float]) -> bool:
+    """Return whether the best value has hardly grown over as many steps as may fall behind."""
+    if len(past) <= 2 * _MEMORY:
+        return False
+    return max(past[-_MEMORY:]) - max(past[:-_MEMORY]) <= _GAIN * max(1.0, abs(past[-1]))
+
+
+def _step(
+    region: FeasibleRegion, objective: Objective, x: NDArray, move: NDArray, gradient: NDArray, least: float
+) -> tuple[NDArray | None, float, NDArray]:
+    """Return the first point of halved moves that is good enough; a point whose move ends in a forbidden box stays."""
+    rise, share = float(np.sum(gradient * move)), 1.0
+    for _ in range(_HALVINGS):
+        trial = region.pulled_in(x + share * move)
+        trial = np.where(region.allowed(trial)[:, None], trial, x)
+        value, slope = objective(trial)
+        if value >= least + _SUFFICIENT * share * rise and np.any(trial != x):
+            return trial, value, slope
+        share /= 2.0
+    return None, least, gradient
+
+
+def _spectral_length(moved: NDArray, turned: NDArray) -> float:
+    """Return the step length that fits the last change of the gradient; without end where it grew along the move."""
+    bend = -float(np.sum(moved * turned))
+    return np.inf if bend <= 0 else max(float(np.sum(moved**2)) / bend, _SHORTEST)

@@ -1,19 +1,22 @@
-"""Compliance of a loaded platform from displacements, entry by entry beside the simulated one."""
+"""Compliance of a loaded platform from readings: made ready, fitted, held against the simulated one, and its budget."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation.response import ResponseFit, fit_response
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, RecordedSteps
+from truing.estimation.response import ResponseFit, birge, fit_response
+from truing.estimation.uncertainty_budget import Budget, Source, beyond_declared, budget, linear_estimate
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
 _LOST = 1e-9  # share of an entry in directions that the loads leave open, above which it is unknown
+BY_LOADS = Source("applied loads, as declared", "B")
+GEOMETRY = Source("geometry of the beams", "B")
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ def fit_compliance(
 
     run (N,): which zero 0 .. G-1 a step counts from, free in every run or of zero_covariance (6, 6). A channel that was
     read alone is a displacement with five unknown components. beside (N, C), for the matrix alone: what every component
-    may follow beside the load (``platform_displacement.drift_columns``, a temperature), fitted with it. Entries that
+    may follow beside the load (``platform_poses.drift_columns``, a temperature), fitted with it. Entries that
     no run tells, or not from what is beside, are unknown.
     """
     u, y = np.asarray(wrench, float), np.asarray(displacement, float)
@@ -212,3 +215,129 @@ def axis_curve(
     return AxisCurve(
         u[:, axis], y[alone, axis], np.sqrt(cov[alone, axis, axis]), model * u[:, axis], spread * np.abs(u[:, axis])
     )
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Readings (B, 6), NaN where there is none or it was kept out; variance (B, 6); drifts taken out of how many.
+
+    spread (6, 6): one sigma of the compliance's entries that the geometry of beams leaves open. by_loads (6,): the part
+    of the variance that stems from errors of the loads.
+    """
+
+    steps: RecordedSteps
+    reading: Array
+    variance: Array
+    drifts: int
+    spread: Array
+    by_loads: Array = field(default_factory=lambda: np.zeros(6))
+
+    @property
+    def fitted(self) -> NDArray[np.bool_]:
+        """Which steps (B,) models may be fitted to."""
+        return ~self.steps.held_out
+
+    @property
+    def data(self) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+        """Loads (N, 6), readings (N, 6), their covariance (N, 6, 6) and runs (N,) of these steps."""
+        rows = self.fitted
+        covariance = np.where(np.eye(6, dtype=bool), self.variance[rows][:, None, :], 0.0)
+        return self.steps.load[rows], self.reading[rows], covariance, self.steps.run[rows]
+
+
+def fitted_compliance(loaded: Loaded, form: Literal["linear", "matrix"]) -> Compliance:
+    """The compliance of a model, its zeros free in every run."""
+    return fit_compliance(*loaded.data, form=form)
+
+
+def reference_fits(loaded: Loaded, simulated: Array | None) -> dict[str, ResponseFit]:
+    """What readings scatter without any load's effect (none), and without the simulated one (6, 6) where there is one:
+    a zero for every run is all that is fitted."""
+    load, reading, covariance, run = loaded.data
+    fits = {"none": fit_response(load, reading, covariance, form="none", group=run)}
+    if simulated is not None:
+        fits["simulated"] = fit_response(load, reading - load @ simulated.T, covariance, form="none", group=run)
+    return fits
+
+
+@dataclass(frozen=True)
+class KeptReadings:
+    """Which readings (B, 6) were not rejected, their sigma; what geometry adds to them, and one sigma of that; SI."""
+
+    kept: NDArray[np.bool_]
+    sigma: Array
+    added: Array
+    added_sigma: Array
+
+
+def geometry_spread(load: Array, added_sigma: Array) -> Array:
+    """One sigma (6, 6) of a compliance's entries by what the geometry of beams leaves open, SI.
+
+    added_sigma (B, 6) of readings under loads (B, 6): it goes with the load, so no number of readings makes it less.
+    """
+    squares = np.linalg.lstsq(load**2, added_sigma**2, rcond=None)[0]
+    return np.sqrt(np.maximum(squares.T, 0.0))
+
+
+def with_spread(found: Compliance, spread: Array) -> Compliance:
+    """A compliance whose entries are known to no better than a spread (6, 6)."""
+    own = np.where(found.known & np.isfinite(found.sigma) & found.fit.free[:, :6], spread, 0.0)
+    covariance = found.covariance + np.diag(own.ravel() ** 2)
+    return replace(found, sigma=np.hypot(found.sigma, own), covariance=covariance)
+
+
+def from_own_zero(residual: Array, run: NDArray[np.int64]) -> Array:
+    """Return residuals (N, 6) less the mean of their own run, which no model can predict."""
+    left = np.array(residual)
+    for one in np.unique(run):
+        rows = run == one
+        count = np.maximum(np.isfinite(left[rows]).sum(0), 1)
+        left[rows] -= np.nansum(left[rows], axis=0) / count
+    return left
+
+
+def r_squared(nothing: ResponseFit, fit: ResponseFit, k: int) -> float:
+    """Return the share of the variation of one component, about its zero per run, that the loads explain."""
+    before, after = nothing.residuals[:, k], fit.residuals[:, k]
+    total = float(np.nansum(before**2))
+    return float(1.0 - np.nansum(after**2) / total) if total > 0.0 else float("nan")
+
+
+def compliance_budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
+    """Return the budget of the entries (6,) of each of the six components; None where the readings leave some open.
+
+    declared: whether the noise of readings was declared, and not found from their scatter. By the model in which every
+    load may act on every component. Raises LinAlgError where a component is not determined by its own readings.
+    """
+    one = fitted_compliance(loaded, "matrix")
+    if not one.known.all():
+        return None
+    ratio, dof = birge(one.fit), float(one.fit.dof)
+    readings = Source("noise of the readings", "B") if declared else Source("noise of the readings", "A", dof)
+    beyond = Source("scatter of the readings beyond that", "A", dof)
+    rows = loaded.fitted
+    found = []
+    for k in range(len(CHANNELS)):
+        own = rows & np.isfinite(loaded.reading[:, k])
+        run = np.unique(loaded.steps.run[own], return_inverse=True)[1]
+        columns = np.concatenate([loaded.steps.load[own], np.eye(run.max() + 1)[run]], 1)
+        loads = np.full(own.sum(), loaded.by_loads[k])
+        noise = {readings: loaded.variance[own, k] - loads, BY_LOADS: loads}
+        sized = {source: ratio**2 * variance[:, None, None] for source, variance in noise.items()}
+        parts = linear_estimate(columns[:, None], sized)
+        total = np.zeros_like(parts[readings])
+        for source in noise if ratio > 1.0 else ():
+            split = beyond_declared({source: parts[source]}, source, ratio, beyond)
+            parts[source], total = split[source], total + split[beyond]
+        found.append(budget({**parts, beyond: total}, np.eye(len(LOADS), columns.shape[1])))
+    return found
+
+
+def budget_of_entries(found: list[Budget], loaded: Loaded, places: list[tuple[int, int]]) -> Budget:
+    """Return the budgets of some entries (response, load) together, the geometry's part with them."""
+    sources = tuple(dict.fromkeys(source for one in found for source in one.sources))
+    table = np.zeros((len(sources), len(places)))
+    for n, (i, j) in enumerate(places):
+        for source, own in zip(found[i].sources, found[i].contributions, strict=True):
+            table[sources.index(source), n] = own[j]
+    return Budget(sources, table).beside(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation.interferometry.fringes import Jump, find_jump
 from truing.estimation.interferometry.load_run import RunFit
+from truing.estimation.interferometry.quadrature import Jump, find_jump
 from truing.estimation.quality import Scatter
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""One body's poses in the frame of the measurement, by every estimator that its targets allow."""
+"""One body's poses in the frame of the measurement, by every estimator that its targets allow, and their budget."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.covariance import relative, relative_of_pair, survey_frame_covariance
-from truing.estimation.rigid_poses.common_shape import common_shape
 from truing.estimation.rigid_poses.haralick import haralick
-from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
-from truing.estimation.rigid_poses.procrustes import generalised_procrustes
+from truing.estimation.rigid_poses.points import FittedPoints, PosePoints, SurveyPoints
+from truing.estimation.rigid_poses.procrustes import common_shape, generalised_procrustes
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, mask_entries
 from truing.estimation.rigid_poses.robust_pose import robust_poses, sigma_from_distances, target_scatter
 from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.uncertainty_budget import Source
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
 NOT_A_REFERENCE = "attachment: not part of the frame"
 NOT_SURVEYED = "not in the survey"
 # Share of the coordinates below which points are not told apart, where no noise was declared and none shows.
 _ROUNDING = 1e-9
 # Movement of a target of its own, in units of the noise, beyond which it is called moved and not flexing.
 _LARGEST_MOVEMENT = 30.0
+_BY_CHANCE = 0.01  # a scatter that declared noise would exceed so often is not called larger
 
 
 @dataclass(frozen=True)
@@ -281,10 +281,9 @@ def _reference(points: PosePoints, survey: SurveyPoints) -> tuple[Array, Array]:
 
 
 def _in_frame(points: PosePoints, survey: SurveyPoints) -> Mask:
-    """(T,) which targets make the body's frame: those away from the legs, or all where these are too few."""
-    at_leg = {target for target, leg in zip(survey.targets, survey.leg, strict=True) if leg > 0}
-    away = np.array([target not in at_leg for target in points.targets], dtype=bool)
-    return away if len(survey.targets) - len(at_leg) >= 3 or not at_leg else np.ones_like(away)
+    """(T,) which targets make the body's frame; of the survey those that `SurveyPoints.frame` names."""
+    frame = dict(zip(survey.targets, survey.frame, strict=True))
+    return np.array([frame.get(target, True) for target in points.targets], dtype=bool)
 
 
 def _noise(source: Array, points: PosePoints, usable: Mask) -> Array:
@@ -332,3 +331,52 @@ def largest_motion(body: BodyPoses, other: BodyPoses) -> Array:
     places = [np.einsum("bij,bti->btj", fit.R, body.points.points - fit.t[:, None]) for fit in (body.fit, other.fit)]
     distance = np.linalg.norm(places[0] - places[1], axis=-1)
     return np.where(body.points.seen, distance, 0.0).max(axis=1)
+
+
+def _scatter(residual: Array, used: NDArray[np.bool_], R: Array, points: PosePoints) -> tuple[float, float]:
+    """How much residuals scatter about their targets' means, over the declared noise of the points, and its freedom;
+    1 where it is no larger than chance makes it.
+
+    The error of the survey is the same in all poses, and goes with the means.
+    """
+    from scipy.special import chdtrc
+
+    kept = used & np.isfinite(residual).all(-1)
+    count = kept.sum(0)
+    mean = np.where(kept[..., None], residual, 0.0).sum(0) / np.maximum(count, 1)[:, None]
+    apart = np.einsum("bij,bnj->bni", R, np.where(kept[..., None], residual - mean, 0.0))
+    cov = np.where(kept[..., None, None], points.cov, np.eye(3))
+    squares = float(np.einsum("bni,bni->", apart, np.linalg.solve(cov, apart[..., None])[..., 0]))
+    poses = int(kept.any(1).sum())
+    dof = float(3 * kept.sum() - 6 * poses - max(3 * int((count > 0).sum()) - 6, 0))
+    if dof <= 0 or chdtrc(dof, squares) > _BY_CHANCE:
+        return 1.0, max(dof, 0.0)
+    return float(np.sqrt(squares / dof)), dof
+
+
+def body_parts(name: str, survey: SurveyPoints, found: FittedPoints) -> dict[Source, Array] | None:
+    """Covariances (B, 6, 6) of a body's poses by its points, its survey, and the scatter beyond them.
+
+    The points are those of the targets surveyed. None where no point was used, or the noise of one is not declared.
+    """
+    points, ok = found.points, np.asarray(np.isfinite(found.R).all((1, 2)))
+    used = found.used & ok[:, None]
+    declared = np.trace(points.cov, axis1=-2, axis2=-1) > 0.0
+    if not used.any() or not declared[used].all() or not np.isfinite(points.cov[used]).all():
+        return None
+    turn, source_cov = found.rotation, np.nan_to_num(survey.cov)
+    target_cov = np.where(used[..., None, None], points.cov, np.eye(3))
+    turned = turn[:, None] @ source_cov @ np.swapaxes(turn, 1, 2)[:, None]
+    noise = target_cov + np.where(used[..., None, None], turned, 0.0)
+    W = used[..., None, None] * np.linalg.inv(noise)
+    none = np.zeros_like(source_cov), np.zeros_like(target_cov)
+    by_points = survey_frame_covariance(turn, survey.points, W, none[0], target_cov, survey.frame, ok)
+    by_survey = survey_frame_covariance(turn, survey.points, W, source_cov, none[1], survey.frame, ok)
+    parts = {
+        Source(f"points of {name}, as declared", "B"): by_points,
+        Source(f"survey of {name}, as declared", "B"): by_survey,
+    }
+    ratio, dof = _scatter(found.residual, used, turn, points)
+    if ratio > 1.0:
+        parts[Source(f"scatter of the points of {name} beyond that", "A", dof)] = (ratio**2 - 1.0) * by_points
+    return parts

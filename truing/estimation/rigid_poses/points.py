@@ -1,4 +1,4 @@
-"""Points of a body over all poses, and its survey: dense arrays in m."""
+"""Points of a body over all poses, its survey, and the errors that points have in common: dense arrays in m."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+LEAST_FRAME = 3  # targets that make a frame
+_ROUNDING = 1e-6  # of a variance, below which a difference of two is none
 
 
 @dataclass(frozen=True)
@@ -20,6 +23,12 @@ class SurveyPoints:
     cov: Array
     leg: NDArray[np.int64]
 
+    @property
+    def frame(self) -> NDArray[np.bool_]:
+        """(T,) which targets make the body's frame: those away from the legs, or all where these are too few."""
+        away = self.leg == 0
+        return away if away.sum() >= LEAST_FRAME else np.ones_like(away)
+
 
 @dataclass(frozen=True)
 class PosePoints:
@@ -31,3 +40,75 @@ class PosePoints:
     points: Array
     cov: Array
     seen: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class FittedPoints:
+    """Points of a body over B poses, as the fit of its frame left them.
+
+    residual (B, T, 3) in m in the body's axes, NaN where a target was not seen or was rejected; used (B, T): entered
+    the fit; R (B, 3, 3) and t (B, 3) in m from the body to the measurement, NaN where a pose has none.
+    """
+
+    points: PosePoints
+    residual: Array
+    used: NDArray[np.bool_]
+    R: Array
+    t: Array
+
+    @property
+    def rotation(self) -> Array:
+        """(B, 3, 3) from the body to the measurement, identity where a pose has none."""
+        return np.where(np.isfinite(self.t[:, :1, None]), self.R, np.eye(3))
+
+    @property
+    def noise(self) -> Array:
+        """(B, T, 3, 3) covariance of the points as measured, in the body's axes."""
+        return np.einsum("bji,btjk,bkl->btil", self.rotation, self.points.cov, self.rotation)
+
+
+@dataclass(frozen=True)
+class PointErrors:
+    """Errors of the rows of observations (N): sigma (N, 3) in m and own (N, 3, 3) correlations; first, second (M,) rows
+    whose errors are correlated by between (M, 3, 3), in the order of poses with start (P + 1,), pose (N,) by number;
+    parameters (K) common to all poses, effect (N, 3, K) in m of one standard deviation of each."""
+
+    pose: Index
+    sigma: Array
+    own: Array
+    first: Index
+    second: Index
+    between: Array
+    start: Index
+    parameters: tuple[str, ...]
+    effect: Array
+
+    def covariance(self, rows: Index) -> Array:
+        """The covariance (3n, 3n) in m^2 of n rows of one pose."""
+        count = len(rows)
+        correlation = np.zeros((count, 3, count, 3))
+        each = np.arange(count)
+        correlation[each, :, each, :] = self.own[rows]
+        pose = self.pose[rows[0]]
+        pairs = slice(self.start[pose], self.start[pose + 1])
+        place = np.full(len(self.pose), -1)
+        place[rows] = each
+        a, b = place[self.first[pairs]], place[self.second[pairs]]
+        both = (a >= 0) & (b >= 0)
+        a, b, between = a[both], b[both], self.between[pairs][both]
+        correlation[a, :, b, :] = between
+        correlation[b, :, a, :] = np.swapaxes(between, 1, 2)
+        sigma = self.sigma[rows].ravel()
+        return np.asarray(correlation.reshape(3 * count, 3 * count) * sigma[:, None] * sigma)
+
+    def effects(self, rows: Index) -> Array:
+        """What one standard deviation of each common parameter does to n rows: (3n, K) in m."""
+        return self.effect[rows].reshape(3 * len(rows), -1)
+
+    def of_each(self, correlation: Array) -> Array:
+        """The covariance (N, 3, 3) in m^2 of each row by itself but for what is common to all poses, whose parameters
+        have correlation (K, K): what makes one pose differ from another."""
+        whole = self.own * self.sigma[:, :, None] * self.sigma[:, None, :]
+        values, vectors = np.linalg.eigh(whole - self.effect @ correlation @ np.swapaxes(self.effect, 1, 2))
+        least = _ROUNDING * np.trace(whole, axis1=1, axis2=2)
+        return np.asarray(vectors * np.maximum(values, least[:, None])[:, None, :] @ np.swapaxes(vectors, 1, 2))

@@ -13,11 +13,18 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.design.design_bound import bound_design, efficiency, sum_log_det
 from truing.estimation.design.feasible_region import FeasibleRegion
-from truing.estimation.design.pose_selection import exchange, information_of, one_by_one, rounded_design
+from truing.estimation.design.pose_selection import (
+    bound_design,
+    efficiency,
+    exchange,
+    information_of,
+    one_by_one,
+    rounded_design,
+    sum_log_det,
+)
+from truing.estimation.sensor.calibration import Powers, Terms
 from truing.estimation.sensor.load_table import LOADS
-from truing.estimation.sensor.terms import Powers, Terms
 
 _STARTS = 5
 _LEAST = 1e-9  # share of the largest eigenvalue that a start has to have in every direction
@@ -67,6 +74,14 @@ def bench_loads(limits: LoadLimits, levels: NDArray, at_once: int) -> NDArray:
         for axes in combinations(range(size), count):
             grids.append(shares @ np.eye(size)[list(axes)])
     return np.unique(np.round(limits.region.pulled_in(np.concatenate(grids)), 12), axis=0) * limits.limits
+
+
+def verification_loads(limits: LoadLimits, count: int, at_once: int, rng: np.random.Generator) -> NDArray:
+    """Draw loads (count, W) anywhere within the range, at most so many components at once."""
+    size = len(limits.limits)
+    shares = rng.uniform(-1.0, 1.0, (count, size))
+    rank = rng.permuted(np.tile(np.arange(size), (count, 1)), axis=1)
+    return np.where(rank < at_once, shares, 0.0) * limits.limits
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,11 @@ class Parameter:
         own = self.leg == SHARED or self.name.startswith("K")
         return self.name if own else f"{self.name}{self.leg + 1}"
 
+    @property
+    def leg_number(self) -> int | None:
+        """The leg counted from 1, as in tables; None where legs share the parameter."""
+        return None if self.leg == SHARED else self.leg + 1
+
 
 @dataclass(frozen=True)
 class _Slot:

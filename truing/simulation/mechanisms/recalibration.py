@@ -12,8 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.least_squares.minima import Minima, distinct_minima
-from truing.estimation.least_squares.solver import Method, Solution, SolverStatus, join_solutions, least_squares
+from truing.estimation.least_squares.solver import (
+    Method,
+    Minima,
+    Solution,
+    SolverStatus,
+    distinct_minima,
+    join_solutions,
+    least_squares,
+)
 from truing.simulation.mechanisms.parameters import ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine

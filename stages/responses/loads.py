@@ -1,9 +1,9 @@
-"""Compliance of a loaded platform: its linear and its matrix model from readings, entry by entry beside the simulated
-one."""
+"""Compliance of a loaded platform, entry by entry beside the simulated one, and positioning of an axis by ISO 230-2."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,60 +12,79 @@ from numpy.typing import NDArray
 from truing.estimation.interferometry.compliance import (
     Comparison,
     Compliance,
+    Loaded,
     compare,
+    fitted_compliance,
+    from_own_zero,
     left_out_runs,
+    r_squared,
+    reference_fits,
+    with_spread,
 )
-from truing.estimation.interferometry.load_run import BranchGap, gap_of_readings, widest_gap
-from truing.estimation.interferometry.loaded import Loaded, fitted_compliance, from_own_zero, r_squared, with_spread
-from truing.estimation.interferometry.recorded_steps import ARCSECOND, CHANNELS, LOADS, READING_SI
-from truing.estimation.response import ResponseFit, fit_response, residual_sets
-from truing.estimation.response_structure import (
+from truing.estimation.interferometry.iso230 import Positioning, positioning, positioning_uncertainty
+from truing.estimation.interferometry.load_run import widest_gaps
+from truing.estimation.interferometry.recorded_steps import ARCSECOND, CHANNELS, LOADS, READING_SI, READING_UNITS
+from truing.estimation.response import (
     FALSE_ALARM,
+    ResponseFit,
     birge,
     entry_tests,
     gain_p_value,
     holm_significant,
+    residual_sets,
     symmetry,
 )
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
+from truing.stages.common.belonging import subject_of, withheld_runs
 from truing.stages.common.loaded_steps import loaded_steps
 from truing.stages.common.nominal_sensor import simulated_compliance
-from truing.stages.common.point_arrays import number_column
-from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.common.point_arrays import number_columns
+from truing.stages.common.positioning import SEED, deviations, instrument
+from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI
 from truing.stages.common.rows import Rows
+from truing.stages.common.why_not import why_no_deformation_of_loads
 from truing.stages.common.words import gross_errors
 from truing.stages.declaration import Outcome
-from truing.stages.responses.tables import error_rows
+from truing.stages.responses.tables import add_figures, error_rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.schemas.campaign import Campaign
+    from truing.schemas.interferometer import Interferometer
 
 Array = NDArray[np.float64]
-
+LEAVES = ("compliance", "deformation_errors", "axis_curves")
 NO_SIMULATION = "no simulation"
 _PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
 _MEASURED = "measured"
-_CURVE_COLUMNS = (*((f"d{axis}_mm", 1e-3) for axis in "xyz"), *((f"r{axis}_rad", 1.0) for axis in "xyz"))
+_UM = 1e3  # per mm
+_WAYS = ("forward", "backward")
 
 
-def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    """Fit the linear and the matrix compliance, one free zero per run, and hold them against the simulated one."""
+def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign, why: str = "") -> Outcome:
+    """Fit the linear and the matrix compliance, one free zero per run, and hold them against the simulated one.
+
+    ``why`` nothing may rest on the tables; empty where all may.
+    """
+    if why := why or why_no_deformation_of_loads(tables.get("readings")):
+        return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in LEAVES}, why)
     simulated = simulated_compliance(settings, tables.get("given_compliance"))
     loaded = loaded_steps(tables, settings.noise, simulated)
     found = {form: with_spread(fitted_compliance(loaded, form), loaded.spread) for form in ("linear", "matrix")}
     against = {} if simulated is None else {form: compare(fit, simulated.entries, simulated.covariance)
                                             for form, fit in found.items()}  # fmt: skip
+    fits = reference_fits(loaded, None if simulated is None else simulated.entries)
+    fits |= {form: one.fit for form, one in found.items()}
     artifacts = {
         "compliance": _compliance_rows(found, loaded.spread, simulated, against).table(),
-        "deformation_errors": _error_rows(loaded, found, simulated, against).table(),
+        "deformation_errors": _error_rows(loaded, fits, found, simulated, against).table(),
         "axis_curves": axis_curve_rows(tables["displacement"], simulated).table(),
     }
     read = f"{int(np.isfinite(loaded.reading).sum())} readings of {count(len(loaded.steps.runs), 'run')}"
-    return Outcome(artifacts, read, _left_out(tables, loaded), _figure(loaded, found, against))
+    return Outcome(artifacts, read, _left_out(tables, loaded), _figure(fits, against))
 
 
 def _compliance_rows(
@@ -133,11 +152,12 @@ def _unit(response: np.int64, load: np.int64) -> str:
 
 def _error_rows(
     loaded: Loaded,
+    fits: Mapping[str, ResponseFit],
     found: Mapping[str, Compliance],
     simulated: SimulatedCompliance | None,
     against: Mapping[str, Comparison],
 ) -> Rows:
-    rows, fits, held = Rows("deformation_errors"), _fits(loaded, found, simulated), loaded.steps.held_out
+    rows, held = Rows("deformation_errors"), loaded.steps.held_out
     run, load = loaded.steps.run, loaded.steps.load
     for name, fit in fits.items():
         sets = {"": residual_sets(fit)[""]}
@@ -150,32 +170,21 @@ def _error_rows(
         for part, unit, scale in _PARTS:
             error_rows(rows, name, fit, sets, unit, scale, CHANNELS, part=part)
         for k, channel in enumerate(CHANNELS):
-            share = r_squared(fits["none"], fit, k)
-            if np.isfinite(share):
-                rows.add(model=name, figure="r_squared", value=share, unit="1", subject=channel)
+            if np.isfinite(share := r_squared(fits["none"], fit, k)):
+                add_figures(rows, name, {"r_squared": share}, channel)
     gain = gain_p_value(fits["linear"], fits["matrix"])
-    rows.add(model="matrix", figure="p_value_over_linear", value=gain, unit="1")
+    add_figures(rows, "matrix", {"p_value_over_linear": gain})
     if found["matrix"].known.all():  # otherwise some of its entries are open, and so is its symmetry
-        rows.add(model="matrix", figure="symmetry_p_value", value=symmetry(fits["matrix"]).p_value, unit="1")
+        add_figures(rows, "matrix", {"symmetry_p_value": symmetry(fits["matrix"]).p_value})
     for name, one in against.items():
-        rows.add(model=name, figure="agreement_p_value", value=one.p_value, unit="1")
-        rows.add(model=name, figure="agreement_chi_square", value=one.chi_square, unit="1")
-        rows.add(model=name, figure="entries_compared", value=float(one.dof), unit="1")
-    branch_gap_rows(rows, load, run, loaded.reading, np.sqrt(loaded.variance))
+        agreement = {"agreement_p_value": one.p_value, "agreement_chi_square": one.chi_square}
+        add_figures(rows, name, {**agreement, "entries_compared": one.dof})
+    for (axis, k), (gap, chance) in widest_gaps(load, run, loaded.reading, np.sqrt(loaded.variance)).items():
+        subject = f"{CHANNELS[k]} under {LOADS[axis]}"
+        widest, unit = gap / float(READING_SI[k]), READING_UNITS[k]
+        rows.add(model=_MEASURED, figure="branch_gap", value=widest, unit=unit, subject=subject)
+        add_figures(rows, _MEASURED, {"branch_gap_p_value": chance}, subject)
     return rows
-
-
-def _fits(
-    loaded: Loaded, found: Mapping[str, Compliance], simulated: SimulatedCompliance | None
-) -> dict[str, ResponseFit]:
-    """The models from the one without load to the matrix, and what the simulation leaves as it stands."""
-    rows = loaded.fitted
-    u, y, run = loaded.steps.load[rows], loaded.reading[rows], loaded.steps.run[rows]
-    cov = np.where(np.eye(6, dtype=bool), loaded.variance[rows][:, None, :], 0.0)
-    fits = {"none": fit_response(u, y, cov, form="none", group=run)}
-    if simulated is not None:
-        fits["simulated"] = fit_response(u, y - u @ simulated.entries.T, cov, form="none", group=run)
-    return fits | {name: one.fit for name, one in found.items()}
 
 
 def _entries(name: str, found: Mapping[str, Compliance], simulated: SimulatedCompliance | None) -> Array:
@@ -196,15 +205,8 @@ def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
     return ", ".join(said) or "nothing"
 
 
-def _figure(loaded: Loaded, found: Mapping[str, Compliance], against: Mapping[str, Comparison]) -> str:
-    nothing = fit_response(
-        loaded.steps.load[loaded.fitted],
-        loaded.reading[loaded.fitted],
-        np.where(np.eye(6, dtype=bool), loaded.variance[loaded.fitted][:, None, :], 0.0),
-        form="none",
-        group=loaded.steps.run[loaded.fitted],
-    )
-    shares = {name: r_squared(nothing, found["matrix"].fit, k) for k, name in enumerate(CHANNELS)}
+def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, Comparison]) -> str:
+    shares = {name: r_squared(fits["none"], fits["matrix"], k) for k, name in enumerate(CHANNELS)}
     words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if np.isfinite(share))
     said = f"compliance matrix explains {words}"
     if "matrix" not in against:
@@ -213,39 +215,12 @@ def _figure(loaded: Loaded, found: Mapping[str, Compliance], against: Mapping[st
     return f"{said}; {one.dof} of 36 entries beside the simulated ones, p {one.p_value:.2g}"
 
 
-def without_loads() -> dict[str, pa.Table]:
-    """The empty tables of a campaign without readings under load."""
-    return {name: ARTIFACTS[name].empty() for name in ("compliance", "deformation_errors", "axis_curves")}
-
-
-def branch_gap_rows(rows: Rows, load: Array, run: NDArray[np.int64], reading: Array, sigma: Array) -> None:
-    """Add the widest gap, met loads of all runs taken together, and the probability of such gaps by chance.
-
-    load (B, 6), reading and sigma (B, 6), SI, NaN where there is none. Of runs that load one axis alone.
-    """
-    loaded = np.stack([np.any(load[run == r] != 0.0, axis=0) for r in range(int(run.max(initial=-1)) + 1)])
-    for a, axis in enumerate(LOADS):
-        alone = np.flatnonzero(loaded[:, a] & (loaded.sum(1) == 1))
-        for k, channel in enumerate(CHANNELS):
-            gaps = [gap_of_readings(load[run == r, a], reading[run == r, k], sigma[run == r, k]) for r in alone]
-            if met := [gap for gap in gaps if len(gap.load)]:
-                _add_branch_gap(rows, f"{channel} under {axis}", k, met)
-
-
-def _add_branch_gap(rows: Rows, subject: str, k: int, met: list[BranchGap]) -> None:
-    gap, chance = widest_gap(met)
-    widest = gap / float(READING_SI[k])
-    unit = "um" if k < 3 else "arcsec"
-    rows.add(model=_MEASURED, figure="branch_gap", value=widest, unit=unit, subject=subject)
-    rows.add(model=_MEASURED, figure="branch_gap_p_value", value=chance, unit="1", subject=subject)
-
-
 def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | None) -> Rows:
     """Cases whose load is along one axis alone, or none: every component that was measured (force-sensor paper,
     figures 12-17)."""
-    load = np.nan_to_num(np.column_stack([number_column(displacement, name) for name in LOAD_COLUMNS]))
-    moved = np.column_stack([number_column(displacement, name) * unit for name, unit in _CURVE_COLUMNS])
-    sigma = np.sqrt(np.column_stack([number_column(displacement, f"cov_{k}_{k}") for k in range(6)]))
+    load = np.nan_to_num(number_columns(displacement, LOAD_COLUMNS))
+    moved = number_columns(displacement, MOVED_COLUMNS) * MOVED_SI
+    sigma = np.sqrt(number_columns(displacement, [f"cov_{k}_{k}" for k in range(6)]))
     case = displacement.column("case").to_numpy()
     branch = np.array(displacement.column("branch").to_pylist(), object)
     rows = Rows("axis_curves")
@@ -269,7 +244,88 @@ def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | Non
                 applied=load[at, a],
                 measured=moved[at, k] / READING_SI[k],
                 sigma=sigma[at, k] / READING_SI[k],
-                unit="um" if k < 3 else "arcsec",
+                unit=READING_UNITS[k],
                 **model,
             )
     return rows
+
+
+def with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+    """What was made of loads, and what positioning runs of an axis say of it, but for runs that failed a check."""
+    if "positions" not in tables or not tables["positions"].num_rows:
+        return found
+    positions, withheld = tables["positions"], withheld_runs(tables)
+    rows = positioning_rows(positions, settings.interferometer, withheld).table(str(positions.schema.field("run").type))
+    read, said = f"{count(positions.num_rows, 'approach')} of an axis", positioning_words(rows, withheld)
+    return replace(
+        found,
+        artifacts={**found.artifacts, "positioning": rows},
+        read=read if found.read == "nothing" else f"{found.read}; {read}",
+        figure=said if found.read == "nothing" else f"{found.figure}; {said}",
+    )
+
+
+def positioning_rows(positions: pa.Table, optics: Interferometer, withheld: Collection[str] = ()) -> Rows:
+    """Every quantity of every run, um; those of the axis with their uncertainty where it is told.
+
+    ``withheld``: subjects of runs (as quality names them) of which nothing may be stated.
+    """
+    rows = Rows("positioning")
+    names = positions.column("run").to_pylist()
+    runs = np.array([str(name) for name in names], dtype=object)
+    for run in dict.fromkeys(names):
+        if subject_of(run) in withheld:
+            continue
+        own = positions.filter((runs == str(run)).tolist())
+        target, deviation = deviations(own)
+        found = positioning(deviation)
+        _of_targets(rows, run, target, found)
+        _of_axis(rows, run, found)
+        known = positioning_uncertainty(deviation, target * _UM, np.random.default_rng(SEED), instrument(own, optics))
+        for figure, one in known.items():
+            _add_position(rows, run, figure, None, one.value, sigma=one.sigma, low=one.low, high=one.high)
+    return rows
+
+
+def positioning_words(rows: pa.Table, withheld: Mapping[str, str]) -> str:
+    """The accuracy of every run in words, and why that of others is not evaluated."""
+    found = [
+        f"{row['run']}: A {row['value']:.3g} um, B {_value(rows, row['run'], 'B'):.3g} um"
+        for row in rows.to_pylist()
+        if row["figure"] == "A" and row["subject"] is None
+    ]
+    found += [f"not evaluated: {why}" for why in withheld.values()]
+    return f"positioning by ISO 230-2: {'; '.join(found)}"
+
+
+def _value(rows: pa.Table, run: int | str, figure: str) -> float:
+    return float(
+        next(
+            row["value"]
+            for row in rows.to_pylist()
+            if (row["run"], row["figure"], row["subject"]) == (run, figure, None)
+        )
+    )
+
+
+def _of_targets(rows: Rows, run: int | str, target: Array, found: Positioning) -> None:
+    for place, at in enumerate(target):
+        subject = f"{at:g} mm"
+        for way, name in enumerate(_WAYS):
+            _add_position(rows, run, f"mean_{name}", subject, found.mean[place, way])
+            _add_position(rows, run, f"s_{name}", subject, found.scatter[place, way])
+            _add_position(rows, run, f"R_{name}", subject, found.repeatability_at[place, way])
+        _add_position(rows, run, "B", subject, found.reversal_at[place])
+        _add_position(rows, run, "R", subject, found.bidirectional_at[place])
+
+
+def _of_axis(rows: Rows, run: int | str, found: Positioning) -> None:
+    _add_position(rows, run, "B_mean", None, float(found.mean_reversal))
+    for way, name in enumerate(_WAYS):
+        _add_position(rows, run, f"R_{name}", None, found.repeatability[way])
+        _add_position(rows, run, f"E_{name}", None, found.systematic[way])
+        _add_position(rows, run, f"A_{name}", None, found.accuracy[way])
+
+
+def _add_position(rows: Rows, run: int | str, figure: str, subject: str | None, value: float, **more: float) -> None:
+    rows.add(run=run, figure=figure, subject=subject, value=float(value), unit="um", **more)

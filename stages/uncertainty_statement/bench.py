@@ -1,4 +1,4 @@
-"""The matrix of a force sensor, loads told by it, and its held-out accuracy."""
+"""Entries of the compliance and of G_B, loads that one reading tells, and errors in held-out load cases."""
 
 from __future__ import annotations
 
@@ -9,14 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.sensor.budget import Calibrated, coefficient_parts, matrix_parts
+from truing.estimation.interferometry.compliance import budget_of_entries, compliance_budgets
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.calibrate import fit_calibration
-from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
-from truing.estimation.sensor.contenders import by_cases, contenders
-from truing.estimation.sensor.held_out_loads import covariance_by_case, hold_out
+from truing.estimation.sensor.calibration_matrix import (
+    Calibrated,
+    calibration_matrix,
+    coefficient_parts,
+    matrix_parts,
+    wrenches,
+)
+from truing.estimation.sensor.contenders import by_cases, contenders, covariance_by_case, hold_out
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget
+from truing.stages.common.loaded_steps import loaded_steps
+from truing.stages.common.nominal_sensor import simulated_compliance
 from truing.stages.common.recorded_signals import ranges_of, recorded
-from truing.stages.uncertainty_statement.found_causes import found_causes
+from truing.stages.uncertainty_statement.causes import found_causes
 from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
@@ -25,8 +33,65 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
+CORRECTED = Source("correction for air and material", "B")
+_MODEL = "matrix"
+_CLOSES = 1e-6
+_LOAD_UNITS = ("N", "N", "N", "N m", "N m", "N m")
 
-_UNITS = ("N", "N", "N", "N m", "N m", "N m")
+
+def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
+    """State every entry that the readings tell, by the model in which every load may act on every component."""
+    table = tables.get("compliance")
+    if table is None or not table.num_rows:
+        if settings.campaign.kind == "interferometer" and "positions" not in tables:
+            statement.not_evaluated("compliance", "all", "no readings of displacement under load")
+        return
+    rows = [row for row in table.to_pylist() if row["model"] == _MODEL and row["sigma"]]
+    if not rows:
+        statement.not_evaluated("compliance", "all", "the loads do not tell it")
+        return
+    loaded = loaded_steps(tables, settings.noise, simulated_compliance(settings, tables.get("given_compliance")))
+    declared = settings.noise.linear_um is not None and settings.noise.angular_arcsec is not None
+    try:
+        found = compliance_budgets(loaded, declared)
+    except np.linalg.LinAlgError:  # one of the components is not determined by its own readings
+        found = None
+    places = [(CHANNELS.index(row["response"]), LOADS.index(row["load"])) for row in rows]
+    whole = np.array([row["sigma"] for row in rows], float)
+    told = None if found is None else budget_of_entries(found, loaded, places)
+    if told is None or not np.allclose(told.standard, whole, rtol=_CLOSES):
+        told = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), whole[None])
+    estimate = np.array([row["coefficient"] for row in rows], float)
+    told = told.beside(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
+    names, units = [f"{row['response']} per {row['load']}" for row in rows], [row["unit"] for row in rows]
+    statement.state("compliance", "loads as written down", names, estimate, units, told.filled())
+    _omit(statement, tables, settings)
+
+
+def _corrected(tables: Mapping[str, pa.Table]) -> Array:
+    """What corrections leave uncertain of each component (6,), as a share of its largest reading."""
+    share = np.zeros(len(CHANNELS))
+    if "reading_corrections" not in tables:
+        return share
+    readings = tables["readings"]
+    channel = np.array(readings.column("channel").to_pylist(), object)
+    value = np.abs(np.asarray(readings.column("reading").to_pylist(), float))
+    for row in tables["reading_corrections"].to_pylist():
+        if row["subject"] in CHANNELS and row["sigma"] is not None and (channel == row["subject"]).any():
+            k = CHANNELS.index(row["subject"])
+            share[k] = np.hypot(share[k], row["sigma"] / max(value[channel == row["subject"]].max(), 1e-30))
+    return share
+
+
+def _omit(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
+    noise = settings.noise
+    if not noise.load_n and not noise.load_nm:
+        statement.omitted("compliance", "applied loads", "[noise] declares neither load_n nor load_nm")
+    if "reading_corrections" not in tables or not tables["reading_corrections"].num_rows:
+        why = "readings came corrected, and [interferometer] declares nothing of what that leaves open"
+        statement.omitted("compliance", "wavelength, air and material", why)
+    for name in found_causes(tables):
+        statement.omitted("compliance", name, NOT_HELD)
 
 
 def state_sensor(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
@@ -81,7 +146,7 @@ def _matrix(statement: Statement, made: Calibrated) -> None:
     more = made.beyond_chance(np.diag(made.by_case.covariance), told.standard**2)
     rows, columns = (index.ravel() for index in np.indices(matrix.value.shape))
     names = [f"{made.table.load_names[i]} per {made.table.signal_names[j]}" for i, j in zip(rows, columns, strict=True)]
-    units = [f"{_UNITS[i]}/mV" for i in rows]
+    units = [f"{_LOAD_UNITS[i]}/mV" for i in rows]
     told = told.beside(made.cases, more).filled()
     statement.state("G_B", made.fit.model.name, names, matrix.value.ravel(), units, told)
 
@@ -111,8 +176,10 @@ def _loads(statement: Statement, made: Calibrated, ranges: Array) -> None:
     calibration = told.standard**2 - parts[reading]
     told = told.beside(made.cases, made.beyond_chance(by_case, calibration)).filled()
     names = [table.load_names[k] for k in axes]
-    subject = [f"one reading at {ranges[k]:g} {_UNITS[k]} of {table.load_names[k]}" for k in axes]
-    statement.state("load", subject, names, found.value[np.arange(len(axes)), axes], [_UNITS[k] for k in axes], told)
+    subject = [f"one reading at {ranges[k]:g} {_LOAD_UNITS[k]} of {table.load_names[k]}" for k in axes]
+    statement.state(
+        "load", subject, names, found.value[np.arange(len(axes)), axes], [_LOAD_UNITS[k] for k in axes], told
+    )
 
 
 def _held_out(statement: Statement, made: Calibrated) -> None:
@@ -126,4 +193,4 @@ def _held_out(statement: Statement, made: Calibrated) -> None:
     own = np.std(share, axis=0, ddof=1) / np.sqrt(len(cases)) / (2.0 * np.where(value > 0.0, value, 1.0))
     source = Source("scatter from load case to load case", "A", float(len(cases) - 1))
     names = [f"{name}, rms" for name in made.table.load_names]
-    statement.state("accuracy", "held-out load cases", names, value, list(_UNITS), Budget((source,), own[None]))
+    statement.state("accuracy", "held-out load cases", names, value, list(_LOAD_UNITS), Budget((source,), own[None]))

@@ -1,0 +1,253 @@
+"""Calibrations as table rows: numbers, errors, figures, what the data can know, and what is asked of the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.calibration.accuracy import (
+    ARCSEC,
+    Figure,
+    Interval,
+    Judged,
+    PoseErrors,
+    error_figures,
+    error_of_95_percent,
+    fit_figures,
+    nominal_errors,
+)
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
+from truing.calibration.knowledge import absorbed, observe_legs, observe_model
+from truing.calibration.measured import Gathered, Measured
+from truing.estimation.design.observability import Observability, choose_identifiable, indices, inseparable
+from truing.estimation.held_out import Choice
+from truing.simulation.mechanisms.structures.catalogue import departure, structures
+from truing.simulation.mechanisms.structures.structure import Machine
+from truing.stages.common.rows import Rows
+
+if TYPE_CHECKING:
+    from truing.schemas.sections import Requirement
+
+Key = tuple[str, str]  # model, deformation
+
+LEAST_CORRELATION = 0.05  # pairs of parameters less correlated than this are not told
+_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def parameter_rows(artifact: str, calibrations: Sequence[Calibration]) -> Rows:
+    """Every identified parameter of every calibration, in the units of the tables."""
+    rows = Rows(artifact)
+    for calibration in calibrations:
+        entries, units = calibration.parameters.entries, calibration.parameters.units
+        rows.add(
+            model=calibration.case.structure.name,
+            deformation=calibration.case.deformation,
+            leg=[entry.leg_number for entry in entries],
+            parameter=[entry.name for entry in entries],
+            unit=[entry.unit for entry in entries],
+            nominal=calibration.nominal / units,
+            identified=calibration.values / units,
+            sigma=calibration.sigma / units,
+            tolerance=calibration.tolerance / units,
+            pull=calibration.pull,
+            identifiable=calibration.identifiable,
+            status=calibration.status,
+        )
+    return rows
+
+
+def correlation_rows(calibrations: Sequence[Calibration]) -> Rows:
+    """The correlated pairs of every calibration's parameters."""
+    rows = Rows("correlations")
+    for calibration in calibrations:
+        names = [(entry.name, entry.leg_number) for entry in calibration.parameters.entries]
+        add_correlations(rows, calibration.case.key, names, calibration.covariance)
+    return rows
+
+
+def add_correlations(rows: Rows, key: Key, names: Sequence[tuple[str, int | None]], covariance: NDArray) -> None:
+    """Add the correlated pairs of a model's numbers, by name and leg, with their covariance (P, P)."""
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = np.clip(np.nan_to_num(covariance / np.outer(sigma, sigma)), -1.0, 1.0)
+    first, second = np.argwhere(np.triu(np.abs(correlation) >= LEAST_CORRELATION, 1)).T.tolist()
+    rows.add(
+        model=key[0],
+        deformation=key[1],
+        leg=[names[i][1] for i in first],
+        parameter=[names[i][0] for i in first],
+        other_leg=[names[j][1] for j in second],
+        other_parameter=[names[j][0] for j in second],
+        correlation=correlation[first, second],
+    )
+
+
+def choice_rows(judged: Sequence[Judged], roles: NDArray, made: Choice) -> Rows:
+    """The figures of every calibration; ``made`` concerns those by maximum likelihood, which come first."""
+    rows = Rows("model_choice")
+    for i, one in enumerate(judged):
+        figures = [*error_figures(one.errors, roles), *fit_figures(one)]
+        if one.calibration.estimator == MAXIMUM_LIKELIHOOD:
+            figures.append(("chosen", float(i == made.chosen), "1"))
+            figures.append(("indistinguishable", float(made.indistinguishable[i]), "1"))
+        add_figures(rows, one.calibration.case.key, one.calibration.estimator, figures)
+    return rows
+
+
+def add_figures(rows: Rows, key: Key, estimator: str, figures: Sequence[Figure]) -> None:
+    """Add figures of a model to rows of model_choice."""
+    for name, value, unit in figures:
+        rows.add(model=key[0], deformation=key[1], estimator=estimator, figure=name, value=value, unit=unit)
+
+
+def add_uncalibrated(rows: Rows, machine: Machine, measured: Measured) -> None:
+    """Add the figures of the machine before any calibration, and how far every other model of its structure departs
+    from rigid legs over the campaign's own readings."""
+    rigid, *others = structures(machine)
+    errors = nominal_errors(rigid, machine, measured)
+    add_figures(rows, (rigid.name, "none"), "nominal", error_figures(errors, measured.roles))
+    for structure in others:
+        found = departure(structure, machine, measured.rho) * 1e6
+        told = found[np.isfinite(found)]
+        if len(told):
+            figures = [
+                ("reading_rms_from_rigid_legs", float(np.sqrt(np.mean(told**2))), "um"),
+                ("reading_max_from_rigid_legs", float(np.max(np.abs(told))), "um"),
+            ]
+            add_figures(rows, (structure.name, "none"), "nominal", figures)
+
+
+def accuracy_rows(artifact: str, told: Sequence[tuple[Key, PoseErrors]], measured: Measured) -> Rows:
+    """The errors of all models as rows of accuracy.parquet or its like."""
+    rows = Rows(artifact)
+    parts = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
+    units = np.array([1e-6] * 3 + [ARCSEC] * 3)
+    for (model, deformation), found in told:
+        kept = np.isfinite(found.error).all(-1)
+        rows.add(
+            model=model,
+            deformation=deformation,
+            pose=[pose for pose, good in zip(measured.poses, kept, strict=True) if good],
+            role=measured.roles[kept],
+            position_error_um=found.position[kept] * 1e6,
+            orientation_error_arcsec=found.orientation[kept] / ARCSEC,
+            **{name: found.error[kept, i] / units[i] for i, name in enumerate(parts)},
+            position_noise_um=found.expected(0)[kept] * 1e6,
+            orientation_noise_arcsec=found.expected(3)[kept] / ARCSEC,
+        )
+    return rows
+
+
+def requirement_rows(asked: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray) -> Rows:
+    """A row per component that something is asked of, judged by the errors of a model.
+
+    noise (B, 6, 6): covariance of the measured poses, which is not the machine's; held_out (B,): the poses judged by,
+    and where there are none all of them.
+    """
+    rows, judged = Rows("requirements"), held_out if held_out.any() else ~held_out
+    by = "" if held_out.any() else ", judged by the poses that were fitted"
+    for i, component in enumerate(_COMPONENTS):
+        unit, si = ("mm", 1e-3) if i < 3 else ("deg", np.pi / 180)
+        limit = getattr(asked, f"{component}_{unit}")
+        if limit is None:
+            continue
+        found = error_of_95_percent(errors.error[judged, i] / si, noise[judged, i, i] / si**2)
+        verdict = _verdict(found, limit)
+        rows.add(
+            model=key[0],
+            deformation=key[1],
+            component=component,
+            requirement=limit,
+            error=found and found.value,
+            lower=found and found.low,
+            upper=found and found.high,
+            unit=unit,
+            verdict=verdict,
+            message=f"{component}: {_requirement_words(found, verdict, limit, unit)}{by}",
+        )
+    return rows
+
+
+def _verdict(found: Interval | None, limit: float) -> str:
+    if found is None:
+        return "not evaluated"
+    if found.high <= limit:
+        return "meets"
+    return "fails" if found.low > limit else "undecided"
+
+
+def _requirement_words(found: Interval | None, verdict: str, limit: float, unit: str) -> str:
+    if found is None:
+        return "no pose to judge by"
+    told = f"95 of 100 poses stay below {found.value:.2g} {unit} (between {found.low:.2g} and {found.high:.2g})"
+    if found.value == 0:
+        told = f"no error beyond the measurement's own noise (at most {found.high:.2g} {unit})"
+    return f"{told}, asked for {limit:g} {unit}: {verdict}"
+
+
+def observability_rows(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Rows:
+    """What the data can know: leg by leg of the rigid legs with all their numbers, and of the chosen model."""
+    rows = Rows("observability")
+    for leg, found in enumerate(observe_legs(gathered, fitted)):
+        _observed_rows(rows, gathered.machine.legs.closure.name, "linear", leg + 1, found, len(fitted.poses))
+    whole = observe_model(gathered, fitted, chosen)
+    _observed_rows(rows, chosen.case.structure.name, chosen.case.deformation, None, whole, len(fitted.poses))
+    return rows
+
+
+def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, found: Observability, poses: int) -> None:
+    best = choose_identifiable(found.triangle / found.scales, found.scales, found.labels).observability
+    figures = {
+        "parameters": float(len(found.labels)),
+        "rank": float(found.rank),
+        "threshold": found.least,
+        "condition": best.condition,
+        **{name.upper(): value for name, value in vars(indices(best.singular_values, poses)).items() if name[0] == "o"},
+    }
+    common = {"model": model, "deformation": deformation, "leg": leg, "unit": "1"}
+    for name, value in figures.items():
+        rows.add(**common, figure=name, value=value if np.isfinite(value) else None)
+    rows.add(**common, figure="identifiable_set", value=float(len(best.labels)), combination=" ".join(best.labels))
+    for label, sigma in zip(found.labels, found.sigma / found.scales, strict=True):
+        rows.add(**common, figure="sigma", value=float(sigma) if np.isfinite(sigma) else None, combination=label)
+    for value in found.singular_values:
+        rows.add(**common, figure="singular_value", value=float(value))
+    for group in inseparable(found):
+        # one sentence for the group where it says it all, else one for each change that goes unseen
+        texts = group.texts if len(group.seen) > 1 else (group.text,)
+        for text, sigma in zip(texts, group.sigma, strict=False):
+            value = float(sigma) if np.isfinite(sigma) else None
+            rows.add(**common, figure="unidentifiable", value=value, combination=text)
+
+
+def absorption_rows(gathered: Gathered, fitted: Measured, calibrations: Sequence[Calibration]) -> Rows:
+    """What the parameters of models with less deformation take over of K, predicted and as the fits did it."""
+    rows = Rows("absorption")
+    known = gathered.deformations.get("matrix")
+    if known is None or not np.isfinite(known.K).all():
+        return rows
+    full = {(c.case.structure.name, c.estimator): c for c in calibrations if c.case.deformation == "matrix"}
+    for calibration in calibrations:
+        whole = full.get((calibration.case.structure.name, calibration.estimator))
+        if calibration.case.deformation != "matrix" and whole is not None:
+            _absorbed(rows, gathered, fitted.chosen(calibration.kept & whole.kept), calibration, whole)
+    return rows
+
+
+def _absorbed(rows: Rows, gathered: Gathered, fitted: Measured, calibration: Calibration, whole: Calibration) -> None:
+    entries, units = calibration.parameters.entries, calibration.parameters.units
+    found = absorbed(gathered, fitted, calibration, whole)
+    rows.add(
+        effect="platform-deformation-matrix",
+        model=calibration.case.structure.name,
+        deformation=calibration.case.deformation,
+        estimator=calibration.estimator,
+        leg=[entry.leg_number for entry in entries],
+        parameter=[entry.name for entry in entries],
+        unit=[entry.unit for entry in entries],
+        predicted=found.predicted / units,
+        observed=found.observed / units,
+        sigma=found.sigma / units,
+    )

@@ -1,0 +1,401 @@
+"""The calibration of a force sensor: from its drawing to G, from signals to G_B, and the errors that are left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, READING_UNITS
+from truing.estimation.sensor.calibration_matrix import (
+    LegMatrix,
+    MatrixEstimate,
+    condition_number,
+    leg_force_matrix,
+    per_length,
+    relative_errors,
+    sensitivities,
+)
+from truing.estimation.sensor.contenders import HeldOut, SensorCalibrations, calibrations, predicted_loads
+from truing.estimation.sensor.error_classes import CREEP_S, ErrorClass, axis_errors
+from truing.estimation.sensor.load_table import Recorded
+from truing.report.numbers import count as counted
+from truing.report.numbers import percent
+from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.bench.six_upur.influence import merit
+from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor, Theory, farthest, theory_of
+from truing.stages.common.nominal_sensor import nominal_sensor
+from truing.stages.common.point_arrays import number_columns
+from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI
+from truing.stages.common.recorded_signals import ranges_of, recorded
+from truing.stages.common.rows import Rows
+from truing.stages.declaration import Outcome, Progress
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.sensor_mechanism import SensorMechanism
+
+Array = NDArray[np.float64]
+NOMINAL, SYNTHETIC, WITH_JOINTS = "nominal", "synthetic error", "elastic joints"
+_LEGS = tuple(f"leg{number + 1}" for number in range(6))
+LEAVES = ("sensor_matrix", "sensor_merit", "sensor_choice", "error_classes")
+CLASSES = ("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk", "creep")
+_WHY_NOT = {
+    "nonlinearity": "fewer than two loads on the way up",
+    "interpolation": "fewer than two loads on the way up",
+    "hysteresis": "no load was met on the way back",
+    "repeatability": "the axis was loaded but once",
+    "zero return": "no run came back to zero",
+    "crosstalk": "no other component has a range",
+    "creep": f"no load was held from {CREEP_S[0]:g} to {CREEP_S[1]:g} s",
+}
+
+
+def leg_matrix(
+    found: SensorCalibrations, sensitivity: float | tuple[float, ...] | None, tolerance: float | None
+) -> LegMatrix | None:
+    """G_B' of the chosen calibration (eq. 33, 34), mV per N being k / c; None where no sensitivity is stated."""
+    if sensitivity is None:
+        return None
+    newton_per_mv = 1.0 / np.asarray(sensitivity, float)
+    return LegMatrix(found.chosen.model.name, leg_force_matrix(found.matrix, newton_per_mv, 1.0, tolerance or 0.0))
+
+
+def matrix_rows(theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:
+    """Every matrix entry by entry."""
+    rows = Rows("sensor_matrix")
+    if theory is not None:
+        _entries(rows, "G", NOMINAL, theory.nominal, _LEGS, ("1", "m"))
+        _entries(rows, "G'", SYNTHETIC, theory.with_error, _LEGS, ("1", "m"))
+        if theory.with_joints is not None:
+            _entries(rows, "G", WITH_JOINTS, _exactly(theory.with_joints), _LEGS, ("1", "m"))
+    if found is not None:
+        names = found.table.signal_names
+        for k, (one, matrix) in enumerate(zip(found.choice.contenders, found.matrices, strict=True)):
+            chosen = k == found.choice.choice.chosen
+            more = {"sigma_by_case": found.by_case.sigma.ravel()} if chosen else {}
+            _entries(rows, "G_B", one.fit.model.name, matrix, names, ("N/mV", "N m/mV"), chosen=chosen, **more)
+        if found.as_written is not None:
+            model = f"{found.chosen.model.name}, loads as written"
+            _entries(rows, "G_B", model, found.as_written, names, ("N/mV", "N m/mV"))
+        _term_rows(rows, found)
+    if legs is not None:
+        _entries(rows, "G_B'", legs.model, legs.estimate, _names_of(legs.estimate), ("1", "m"), chosen=True)
+    return rows
+
+
+def _exactly(matrix: Array) -> MatrixEstimate:
+    """A matrix of which nobody says how sure it is."""
+    return MatrixEstimate(matrix, np.full((matrix.size, matrix.size), np.nan))
+
+
+def _known(sigma: Array) -> list[float | None]:
+    return [float(one) if np.isfinite(one) else None for one in sigma]
+
+
+def _names_of(matrix: MatrixEstimate) -> tuple[str, ...]:
+    count = matrix.value.shape[1]
+    return _LEGS if count == len(_LEGS) else tuple(f"v{number + 1}" for number in range(count))
+
+
+def _entries(
+    rows: Rows,
+    matrix: str,
+    model: str,
+    estimate: MatrixEstimate,
+    columns: tuple[str, ...],
+    units: tuple[str, str],
+    *,
+    chosen: bool = False,
+    **more: object,
+) -> None:
+    row, column = (index.ravel() for index in np.indices(estimate.value.shape))
+    rows.add(
+        matrix=matrix,
+        model=model,
+        row=[LOADS[i] for i in row],
+        column_name=[columns[j] for j in column],
+        value=estimate.value.ravel(),
+        sigma=_known(estimate.sigma.ravel()),
+        unit=[units[int(i > 2)] for i in row],
+        chosen=chosen,
+        **more,
+    )
+
+
+def _term_rows(rows: Rows, found: SensorCalibrations) -> None:
+    """The coefficients of the chosen fit as it was made: response = coefficients . terms + zero."""
+    fit = found.chosen
+    spread = np.sqrt(np.diag(fit.covariance)).reshape(len(fit.matrix), -1)
+    labels = (*fit.terms.labels, *(("zero",) if fit.zeros.shape[1] == 1 else ()))
+    values = np.concatenate([fit.matrix, fit.zeros], axis=1)[:, : len(labels)]
+    row, column = (index.ravel() for index in np.indices(values.shape))
+    unit = ["N" if name.startswith("f") else "N m" if name.startswith("m") else "mV" for name in fit.response_names]
+    rows.add(
+        matrix="terms",
+        model=fit.model.name,
+        row=[fit.response_names[i] for i in row],
+        column_name=[labels[j] for j in column],
+        value=values.ravel(),
+        sigma=spread[:, : len(labels)].ravel(),
+        unit=[unit[i] + ("" if labels[j] == "zero" else f" per {labels[j]}") for i, j in zip(row, column, strict=True)],
+        chosen=True,
+    )
+
+
+def merit_rows(theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:
+    """Condition, isotropy and sensitivities of every matrix, moments as they are and over a characteristic length."""
+    rows = Rows("sensor_merit")
+    length = 1.0 if theory is None else theory.length_m
+    lengths = (1.0,) if length == 1.0 else (1.0, length)
+    whole = [] if theory is None else [("G", NOMINAL, theory.nominal), ("G'", SYNTHETIC, theory.with_error)]
+    if theory is not None and theory.with_joints is not None:
+        whole.append(("G", WITH_JOINTS, _exactly(theory.with_joints)))
+    whole += [] if legs is None else [("G_B'", legs.model, legs.estimate)]
+    for name, model, estimate in whole:
+        for one in lengths:
+            _merit(rows, name, model, per_length(estimate, one), one)
+    if found is not None:
+        for one in lengths:
+            condition = condition_number(per_length(found.matrix, one))
+            _merit_row(
+                rows, "G_B", found.chosen.model.name, one, "condition", None, *_pair(condition.value, condition.sigma)
+            )
+    if theory is not None and legs is not None and legs.estimate.value.shape == (6, 6):
+        _types(rows, theory, legs, lengths)
+    if theory is not None:
+        motion = theory.synthetic / READING_SI
+        for name, value, unit in zip(CHANNELS, motion.tolist(), READING_UNITS, strict=True):
+            _merit_row(rows, "G'", SYNTHETIC, None, "synthetic_error", name, value, None, unit)
+    return rows
+
+
+def _merit(rows: Rows, matrix: str, model: str, estimate: MatrixEstimate, length: float) -> None:
+    condition = condition_number(estimate)
+    value, sigma = _pair(condition.value, condition.sigma)
+    _merit_row(rows, matrix, model, length, "condition", None, value, sigma)
+    _merit_row(rows, matrix, model, length, "isotropy", None, 1.0 / value, sigma / value**2)
+    if estimate.value.shape != (6, 6):
+        return
+    figures = merit(estimate.value)
+    _merit_row(rows, matrix, model, length, "force_isotropy", None, float(figures.force_isotropy), None)
+    _merit_row(rows, matrix, model, length, "torque_isotropy", None, float(figures.torque_isotropy), None)
+    each = sensitivities(estimate)
+    for k, load in enumerate(LOADS):
+        unit = "1" if k < 3 or length != 1.0 else "1/m"
+        _merit_row(rows, matrix, model, length, "sensitivity", load, float(each.value[k]), float(each.sigma[k]), unit)
+
+
+def _types(rows: Rows, theory: Theory, legs: LegMatrix, lengths: tuple[float, ...]) -> None:
+    """How far theory is from calibration, as the paper's Table 5 has it: with the synthetic error, and without."""
+    pairs = [("type_1_error", "G'", SYNTHETIC, theory.with_error), ("type_2_error", "G", NOMINAL, theory.nominal)]
+    if theory.with_joints is not None:
+        pairs.append(("type_2_error", "G", WITH_JOINTS, _exactly(theory.with_joints)))
+    for figure, matrix, model, estimate in pairs:
+        measured, own = sensitivities(legs.estimate), sensitivities(estimate)
+        found = relative_errors(own.value, measured)
+        for k, load in enumerate(LOADS):
+            _merit_row(
+                rows, matrix, model, None, figure, load, 100 * float(found.value[k]), 100 * float(found.sigma[k]), "%"
+            )
+        for length in lengths:
+            condition = condition_number(per_length(legs.estimate, length))
+            theirs = condition_number(per_length(estimate, length)).value
+            one = relative_errors(theirs, condition)
+            value, sigma = _pair(one.value, one.sigma)
+            _merit_row(rows, matrix, model, length, figure, "condition", 100 * value, 100 * sigma, "%")
+
+
+def _pair(value: Array, sigma: Array) -> tuple[float, float]:
+    return float(value[0]), float(sigma[0])
+
+
+def _merit_row(
+    rows: Rows,
+    matrix: str,
+    model: str,
+    length: float | None,
+    figure: str,
+    subject: str | None,
+    value: float,
+    sigma: float | None,
+    unit: str = "1",
+) -> None:
+    rows.add(
+        matrix=matrix,
+        model=model,
+        length_m=length,
+        figure=figure,
+        subject=subject,
+        value=value,
+        sigma=None if sigma is None or not np.isfinite(sigma) else sigma,
+        unit=unit,
+    )
+
+
+def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
+    """Say what the drawing says of the sensor, and calibrate it where its signals were recorded."""
+    progress(0, 2, "theory")
+    drawn = theory(settings, tables)
+    found, fitted, why = _fitted(tables, settings, progress)
+    if drawn is None and fitted is None:
+        return nothing_of_sensor(why)
+    sensitivity, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
+    legs = None if fitted is None else leg_matrix(fitted, sensitivity, tolerance)
+    artifacts = {
+        "sensor_matrix": matrix_rows(drawn, fitted, legs).table(),
+        "sensor_merit": merit_rows(drawn, fitted, legs).table(),
+    }
+    if found is None or fitted is None:
+        empty = {name: ARTIFACTS[name].empty() for name in ("sensor_choice", "error_classes")}
+        figure = f"G by [mechanism]; G_B not evaluated: {why}"
+        return Outcome(artifacts | empty, "the drawing", "nothing", figure, why_not=why)
+    ranges = ranges_of(settings, found)
+    artifacts["sensor_choice"] = choice_rows(found, fitted).table()
+    artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
+    words = [f"{counted(found.left_out, 'load step')} with a gross error in a signal"] if found.left_out else []
+    words += [f"{found.excluded} with a signal excluded by a person"] if found.excluded else []
+    words += [f"no load of {counted(found.put_right, 'step')}, exchanged and put right"] if found.put_right else []
+    left_out = "; ".join(words) or "nothing"
+    read = f"{counted(len(found.steps.run), 'load step')} with {counted(found.signal.shape[1], 'signal')}"
+    return Outcome(artifacts, read=read, left_out=left_out, figure=_figure_of_sensor(fitted, ranges))
+
+
+def _fitted(
+    tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress
+) -> tuple[Recorded | None, SensorCalibrations | None, str]:
+    """The signals and their calibrations, or why there are none."""
+    if "signals" not in tables or not tables["signals"].num_rows:
+        return None, None, "the campaign holds no signals"
+    progress(1, 2, "calibrations")
+    try:
+        found = recorded(tables, settings)
+        if found.steps.held_out.all():
+            return found, None, "every run is for verification, and nothing may be fitted to those"
+        return found, calibrations(found), ""
+    except ValueError as error:
+        return None, None, str(error)
+
+
+def _figure_of_sensor(fitted: SensorCalibrations, ranges: np.ndarray) -> str:
+    held = 100.0 * fitted.choice.chosen.rms / ranges
+    worst = int(np.nanargmax(held))
+    return (
+        f"G_B by {fitted.chosen.model.name}; held out {fitted.left_out}: "
+        f"at most {percent(held[worst])} of the range rms ({LOADS[worst]})"
+    )
+
+
+def nothing_of_sensor(why: str) -> Outcome:
+    """The outcome of a campaign without anything to calibrate, or whose data cannot be used."""
+    empty = {name: ARTIFACTS[name].empty() for name in LEAVES}
+    return Outcome.not_evaluated(empty, why)
+
+
+def choice_rows(found: Recorded, fitted: SensorCalibrations) -> Rows:
+    """The figures of every contender, and why others could not contend."""
+    rows = Rows("sensor_choice")
+    equal = fitted.choice.choice.indistinguishable
+    for k, one in enumerate(fitted.choice.contenders):
+        chosen = k == fitted.choice.choice.chosen
+        _figures(rows, fitted, one)
+        for figure, value in (("chosen", chosen), ("indistinguishable", bool(equal[k]))):
+            _add_figure(rows, one, figure, None, float(value), "1")
+        if chosen:
+            _load_rows(rows, one, "verification_rms", fitted.verification, fitted)
+            _add_figure(rows, one, "tared", None, float(found.tared), "1")
+            if found.causes:
+                words = " and ".join(found.causes)
+                rows.add(model=one.fit.model.name, figure="loads_as_diagnosed", value=1.0, unit="1", reason=words)
+            _add_figure(rows, one, "noise_ratio", None, one.fit.noise_ratio, "1")
+    for model, why in fitted.choice.refused.items():
+        rows.add(model=model, figure="refused", value=1.0, unit="1", reason=why)
+    return rows
+
+
+def _figures(rows: Rows, fitted: SensorCalibrations, one: HeldOut) -> None:
+    _load_rows(rows, one, "heldout_rms", one.rms, fitted)
+    if one.fit.model.direction == "direct":
+        _load_rows(rows, one, "fitted_rms", np.sqrt(np.mean(one.fit.residuals**2, axis=0)), fitted)
+    _add_figure(rows, one, "heldout_log_density", None, one.log_density, "1")
+    _add_figure(rows, one, "heldout_chi_square", None, float(one.squares.sum()), "1")
+    _add_figure(rows, one, "heldout_freedom", None, float(one.freedom.sum()), "1")
+    _add_figure(rows, one, "parameters", None, float(one.fit.matrix.size + one.fit.zeros.size), "1")
+
+
+def _load_rows(rows: Rows, one: HeldOut, figure: str, values: NDArray, fitted: SensorCalibrations) -> None:
+    for name, value in zip(fitted.table.load_names, values, strict=True):
+        if np.isfinite(value):
+            _add_figure(rows, one, figure, name, float(value), "N" if name.startswith("f") else "N m")
+
+
+def _add_figure(rows: Rows, one: HeldOut, figure: str, subject: str | None, value: float, unit: str) -> None:
+    finite = value if np.isfinite(value) else None
+    rows.add(model=one.fit.model.name, figure=figure, subject=subject, value=finite, unit=unit)
+
+
+def error_class_rows(found: Recorded, fitted: SensorCalibrations, ranges: Array) -> Rows:
+    """Every class of every axis that was loaded by itself; ranges (6,) N and N m, NaN where an axis has none."""
+    rows = Rows("error_classes")
+    every = found.table(np.ones(len(found.steps.run), bool), found.steps.run)
+    # less what acted beside the loads: the axis alone is meant to be loaded
+    indicated = predicted_loads(fitted.chosen, every).value - (found.load - found.steps.load)
+    matrix = fitted.matrix.value
+    sigma = np.sqrt(np.einsum("wc,c->w", matrix**2, found.sigma**2))
+    for axis in range(len(LOADS)):
+        told = axis_errors(found, indicated, sigma, ranges, axis)
+        if told is None:
+            continue
+        for one in told:
+            rows.add(**_class_row(one))
+        for name in CLASSES:
+            if name not in {one.name for one in told}:
+                rows.add(error_class=name, load=LOADS[axis], indicated=LOADS[axis], unit="%", reason=_WHY_NOT[name])
+    return rows
+
+
+def _class_row(one: ErrorClass) -> dict[str, object]:
+    return {
+        "error_class": one.name,
+        "load": LOADS[one.axis],
+        "indicated": LOADS[one.component],
+        "value": 100.0 * one.value,
+        "sigma": 100.0 * one.sigma,
+        "limit": 100.0 * one.limit,
+        "unit": "%",
+        "applied": one.load,
+    }
+
+
+def theory(settings: Campaign, tables: Mapping[str, pa.Table]) -> Theory | None:
+    """The theory of [mechanism]; None where it is no such sensor."""
+    if settings.mechanism.type != "6-upur":
+        return None
+    section: SensorMechanism = settings.mechanism  # type: ignore[assignment]
+    given = tables.get("given_compliance")
+    sensor = nominal_sensor(section, given if given is not None and given.num_rows else None)
+    return theory_of(sensor, _largest(sensor, tables))
+
+
+def _largest(sensor: NominalSensor, tables: Mapping[str, pa.Table]) -> Array:
+    """The largest displacement (6,) of any load case: measured, else simulated, else none."""
+    found = np.zeros(6)
+    cases = tables.get("displacement")
+    load = None
+    if cases is not None and cases.num_rows:
+        load = _loads(cases)
+        moved = number_columns(cases, MOVED_COLUMNS) * MOVED_SI
+        found = np.where(np.isfinite(moved).any(0), farthest(np.nan_to_num(moved)), np.nan)
+    elif "signals" in tables:
+        load = _loads(tables["signals"])
+    if load is not None and sensor.compliance is not None:
+        found = np.where(np.isfinite(found) & (found != 0.0), found, farthest(load @ sensor.compliance.T))
+    return np.nan_to_num(found)
+
+
+def _loads(table: pa.Table) -> Array:
+    return np.nan_to_num(number_columns(table, LOAD_COLUMNS))

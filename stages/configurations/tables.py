@@ -1,0 +1,101 @@
+"""Tables that a design reads and leaves: readings of configurations, and what to measure, in order."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.calibration.configuration_search import DesignProblem, Judged, judged
+from truing.estimation.design.pose_order import PoseOrder
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.stages.common.point_arrays import number_columns
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.configurations.chosen import DesignWish
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+RUN = 10  # loads between two readings without load, so that zero and drift of every run are told
+
+
+def readings_of(table: pa.Table, legs: int, file: str) -> NDArray:
+    """The readings (N, L), m, of all poses but those for verification; raises CampaignFaults where they are none."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    names = [f"rho{leg + 1}_mm" for leg in range(legs)]
+    missing = [name for name in names if name not in table.schema.names]
+    if missing:
+        raise CampaignFaults(Fault(file, "a column of that name", column=name) for name in missing)
+    if "role" in table.schema.names:
+        role = table.column("role").cast(pa.string())
+        table = table.filter(pc.fill_null(pc.not_equal(role, "verification"), True))
+    try:
+        values = number_columns(table, names) * 1e-3
+    except ValueError:
+        raise CampaignFaults([Fault(file, "numbers", column="rho1_mm ..")]) from None
+    if not np.isfinite(values).all():
+        raise CampaignFaults([Fault(file, "a reading of every actuator in every pose")])
+    return values
+
+
+def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> Judged | None:
+    """The campaign's own calibration poses as judged by the same measure; None where they cannot be."""
+    if table is None:
+        return None
+    try:
+        rho = readings_of(table, problem.legs, "configurations")
+        return judged(problem, rho) if len(rho) >= len(problem.names) else None
+    except (CampaignFaults, ValueError):
+        return None
+
+
+def configurations_table(
+    rho: NDArray, order: PoseOrder, rest: NDArray | None, wish: DesignWish, extend: pa.Table | None
+) -> pa.Table:
+    """The configurations in the order of measurement, times still empty, after ``rest`` (L,) where given."""
+    import pyarrow as pa
+
+    roles = np.repeat(["calibration", "verification"], [wish.poses, wish.verification])[order.order].tolist()
+    values, first = rho[order.order], _first_number(extend)
+    if rest is not None:
+        roles, values, first = ["reference", *roles], np.concatenate([rest[None], values]), 0
+    columns: dict[str, object] = {
+        "pose": pa.array(np.arange(len(values)) + first),
+        "role": pa.array(roles, pa.string()),
+        "time_s": pa.nulls(len(values), pa.float64()),
+    }
+    return pa.table(columns | {f"rho{i + 1}_mm": np.round(column * 1e3, 6) for i, column in enumerate(values.T)})
+
+
+def _first_number(extend: pa.Table | None) -> int:
+    """The first free number of a pose."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if extend is None or "pose" not in extend.schema.names or not pa.types.is_integer(extend.schema.field("pose").type):
+        return 1
+    return int(pc.max(extend.column("pose")).as_py() or 0) + 1
+
+
+def loads_table(loads: NDArray, check: NDArray) -> pa.Table:
+    """Runs of some loads each, loads (N, 6) and then those for verification (V, 6), without load before and after;
+    times still empty."""
+    import pyarrow as pa
+
+    none = np.zeros((1, loads.shape[1]))
+    parts, roles = [], []
+    for role, values in (("calibration", loads), ("verification", check)):
+        for first in range(0, len(values), RUN):
+            parts.append(np.concatenate([none, values[first : first + RUN], none]))
+            roles += [role] * len(parts[-1])
+    columns: dict[str, object] = {
+        "run": pa.array(np.repeat(np.arange(len(parts)) + 1, [len(part) for part in parts]), pa.int64()),
+        "step": pa.array(np.concatenate([np.arange(len(part)) for part in parts]), pa.int64()),
+        "time_s": pa.nulls(len(roles), pa.float64()),
+        "role": pa.array(roles, pa.string()),
+    }
+    whole = np.round(np.concatenate(parts), 6) + 0.0
+    return pa.table(columns | dict(zip(LOAD_COLUMNS, whole.T, strict=True)))

@@ -1,0 +1,390 @@
+"""Shifts within bodies that were taken for rigid: of attachments against actuators, of targets against drives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.deformation import (
+    AttachmentModels,
+    BodyShifts,
+    CorrelatedShifts,
+    Shifts,
+    attachment_models,
+    attachment_shifts,
+    body_shifts,
+    correlated_residuals,
+    target_models,
+    with_common_errors,
+)
+from truing.estimation.measured_numbers import shift_number
+from truing.estimation.response import (
+    FALSE_ALARM,
+    ResponseFit,
+    entry_tests,
+    gain_p_value,
+    holm_significant,
+    pair_couplings,
+    residual_sets,
+    ring_shape,
+    significant_rank,
+    symmetry,
+)
+from truing.estimation.rigid_poses.body_frames import FramedBody, FramedPoints, mean_shape
+from truing.report.numbers import count as counted
+from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.common.point_arrays import (
+    fitted_points,
+    number_columns,
+    observation_rows,
+    pose_ids,
+    survey_points,
+    text_column,
+)
+from truing.stages.common.point_errors import common_correlation, point_errors
+from truing.stages.common.rows import Rows
+from truing.stages.common.why_not import (
+    NO_BODIES,
+    NO_POINTS_TO_DEFORM,
+    why_no_deformation_of_legs,
+    why_no_deformation_of_targets,
+)
+from truing.stages.common.words import gross_errors
+from truing.stages.declaration import Outcome
+from truing.stages.responses.tables import add_figures, error_rows
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+LEAVES = ("deformation", "deformation_models", "deformation_errors")
+NETWORK = ("point_correlations", "point_sensitivities", "object_points")
+Index = NDArray[np.int64]
+
+
+def framed_points(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) -> FramedPoints | None:
+    """All bodies with what the errors of the observations have in common; None where points are independent."""
+    errors = point_errors(tables["observations"], *(tables.get(name) for name in NETWORK))
+    if errors is None:
+        return None
+    correlation = common_correlation(tables.get("camera_correlations"), errors.parameters)
+    return FramedPoints(framed_bodies(tables, poses), errors, correlation)
+
+
+def framed_bodies(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) -> list[FramedBody]:
+    """Every body that has poses, against its survey, or against the shape that its residuals were counted from."""
+    table = tables["poses"]
+    parents = dict(zip(text_column(table, "body"), text_column(table, "parent"), strict=True))
+    observed = dict.fromkeys(text_column(tables["observations"], "body"))
+    return [_framed(tables, name, parents[name], poses) for name in observed if name in parents]
+
+
+def _framed(tables: Mapping[str, pa.Table], name: str, parent: str, poses: tuple[int | str, ...]) -> FramedBody:
+    surveyed = survey_points(tables["survey"], name) if "survey" in tables else None
+    found = fitted_points(tables, name, poses, (surveyed and surveyed.targets) or None)
+    points, used = found.points, found.used & found.points.seen
+    frame: Mask = np.ones(len(points.targets), bool)
+    if surveyed is not None and surveyed.targets:
+        source, cov, cov_shape = surveyed.points, surveyed.cov, surveyed.cov
+        frame = points.seen.any(axis=0) & surveyed.frame
+    else:
+        source, cov_shape = mean_shape(found.R, found.t, used, points, found.residual)
+        cov = np.zeros_like(cov_shape)
+    row = observation_rows(tables["observations"], name, poses, points.targets)
+    return FramedBody(
+        name, parent, points.targets, source, cov, cov_shape, frame, found.R, found.t, points.points, used, row
+    )
+
+
+def handed_on(
+    shifts: CorrelatedShifts, poses: tuple[int | str, ...], seen: Mask, identifier: str
+) -> dict[str, pa.Table]:
+    """The artifacts with what the shifts seen (B, L) have in common with poses, with each other, and with all poses."""
+    covariances, sensitivities = Rows("shift_covariances"), Rows("shift_sensitivities")
+    told = seen & shifts.there[:, None]
+    b, leg, number = np.nonzero(told[:, :, None] & np.isfinite(shifts.with_poses))
+    _covariance_rows(covariances, poses, b, leg, [shifts.numbers[i] for i in number], shifts.with_poses[b, leg, number])
+    b, leg, other = np.nonzero(told[:, :, None] & told[:, None] & np.tri(told.shape[1], dtype=bool))
+    _covariance_rows(covariances, poses, b, leg, _shift_numbers(other), shifts.whole[b, leg, other])
+    b, leg, parameter = np.nonzero(np.broadcast_to(told[..., None], shifts.effects.shape))
+    sensitivities.add(
+        pose=[poses[i] for i in b],
+        leg=leg + 1,
+        parameter=[shifts.parameters[i] for i in parameter],
+        effect_um=shifts.effects[b, leg, parameter] * 1e6,
+    )
+    names = [*shifts.numbers, *_shift_numbers(np.arange(told.shape[1]))]
+    one, other = np.nonzero(np.tri(len(names), dtype=bool))
+    frames = Rows("survey_covariances")
+    frames.add(
+        measured_number=[names[i] for i in one],
+        other_number=[names[i] for i in other],
+        joint_covariance=shifts.of_frames[one, other],
+    )
+    return {rows.artifact: rows.table(identifier) for rows in (covariances, sensitivities, frames)}
+
+
+def _covariance_rows(
+    rows: Rows, poses: tuple[int | str, ...], b: Index, leg: Index, other: Sequence[object], value: Array
+) -> None:
+    rows.add(
+        pose=[poses[i] for i in b],
+        measured_number=_shift_numbers(leg),
+        other_number=list(other),
+        joint_covariance=value,
+    )
+
+
+def _shift_numbers(leg: Index) -> list[str]:
+    return [shift_number(int(i) + 1) for i in leg]
+
+
+def shifts_within_bodies(tables: Mapping[str, pa.Table], settings: Campaign, why: str = "") -> Outcome:
+    """The deformation of a mechanism's platform, or of bodies without one; ``why`` nothing may rest on the tables."""
+    mechanism, drives = settings.mechanism, settings.campaign.drives
+    no_points = not (tables["observations"].num_rows if "observations" in tables else 0)
+    if why := why or NO_BODIES.get(mechanism.type, ""):
+        pass
+    elif mechanism.is_legged:
+        pointless = no_points and "observations" in tables and "configurations" in tables
+        why = NO_POINTS_TO_DEFORM if pointless else why_no_deformation_of_legs(tables)
+    elif not (why := why_no_deformation_of_targets(drives, tables)) and no_points:
+        why = "no targets, whose movement within their body could be seen"
+    if why:
+        return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in LEAVES}, why)
+    if mechanism.is_legged:
+        legs = cast("LeggedMechanism", mechanism).legs
+        return attachment_deformation(tables, [leg.rho0_mm for leg in legs])
+    return target_deformation(tables, drives)
+
+
+def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[float]) -> Outcome:
+    """Shifts of the attachments, their linear and matrix models, and what these say (telescope report, eq. 1-4).
+
+    rest_mm: readings of the actuators in the reference configuration, leg by leg.
+    """
+    poses, drive, heldout = _drives(tables["configurations"], tables["residuals"], rest_mm)
+    survey = survey_points(tables["survey"], "platform")
+    platform = fitted_points(tables, "platform", poses, survey.targets)
+    shifts = attachment_shifts(survey, platform, framed_points(tables, poses), len(rest_mm))
+    found = attachment_models(drive, shifts, heldout)
+    identifier = "int64" if isinstance(poses[0], int) else "string"
+    artifacts = {
+        "deformation": _deformation_rows(poses, drive, shifts, found.rejected).table(identifier),
+        "deformation_models": _leg_model_rows(found.fits, found.determined).table(),
+        "deformation_errors": _leg_error_rows(found, shifts).table(),
+    }
+    if shifts.together is not None:
+        artifacts |= handed_on(shifts.together, poses, np.isfinite(shifts.shift), identifier)
+    return Outcome(artifacts, *_leg_words(shifts, found.rejected, found.fits))
+
+
+def _drives(
+    configurations: pa.Table, residuals: pa.Table, rest_mm: Sequence[float]
+) -> tuple[tuple[int | str, ...], Array, NDArray[np.bool_]]:
+    """Poses with residuals, actuator displacements (B, L) in m, and which poses are held out."""
+    measured = set(pose_ids(residuals))
+    poses = configurations.column("pose").to_pylist()
+    rows = np.array([i for i, pose in enumerate(poses) if pose in measured], dtype=np.int64)
+    reading = number_columns(configurations, [f"rho{i + 1}_mm" for i in range(len(rest_mm))])
+    drive = (reading[rows] - np.asarray(rest_mm)) * 1e-3
+    role = np.array(configurations.column("role").to_pylist(), dtype=object)[rows]
+    return tuple(poses[i] for i in rows), drive, role == "verification"
+
+
+def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts, rejected: NDArray[np.bool_]) -> Rows:
+    from scipy.special import ndtr
+
+    scatter = np.einsum("bll->bl", shifts.noise)
+    sigma = np.sqrt(scatter + np.diag(shifts.survey))
+    p = 2.0 * ndtr(-np.abs(shifts.shift) / sigma)
+    significant = holm_significant(np.where(rejected, np.nan, p), FALSE_ALARM)
+    b, leg = np.nonzero(np.isfinite(shifts.shift))
+    rows = Rows("deformation")
+    rows.add(
+        pose=[poses[i] for i in b],
+        leg=leg + 1,
+        delta_rho_mm=drive[b, leg] * 1e3,
+        delta_bz_um=shifts.shift[b, leg] * 1e6,
+        sigma_um=sigma[b, leg] * 1e6,
+        own_sigma_um=np.sqrt(shifts.own[b, leg]) * 1e6,
+        **({"scatter_sigma_um": np.sqrt(scatter[b, leg]) * 1e6} if shifts.together else {}),
+        p_value=p[b, leg],
+        significant=significant[b, leg],
+        rejected=rejected[b, leg],
+        reason=["gross error: far from every model that fits the rest" if r else None for r in rejected[b, leg]],
+    )
+    return rows
+
+
+def _leg_model_rows(fits: Mapping[str, ResponseFit], told: Mapping[str, NDArray[np.bool_]]) -> Rows:
+    rows = Rows("deformation_models")
+    for name in [name for name in ("linear", "matrix") if name in fits]:
+        sigma, p, significant = entry_tests(fits[name])
+        leg, column = np.nonzero(fits[name].free & told[name][:, None])
+        rows.add(
+            model=name,
+            leg=leg + 1,
+            column=column + 1,
+            coefficient=fits[name].coefficients[leg, column],
+            sigma=sigma[leg, column],
+            unit="1",
+            p_value=p[leg, column],
+            significant=significant[leg, column],
+        )
+    return rows
+
+
+def _leg_error_rows(found: AttachmentModels, shifts: Shifts) -> Rows:
+    rows = Rows("deformation_errors")
+    for name, fit in found.fits.items():
+        error_rows(rows, name, fit, {**residual_sets(fit), "verification_": found.held[name]}, "um", 1e6, None)
+    if found.determined["matrix"].all():
+        for name, below in (("linear", "none"), ("matrix", "linear")):
+            add_figures(rows, name, {f"p_value_over_{below}": found.gains[name]})
+        add_figures(rows, "matrix", {"modulo_plane": shifts.modulo_plane})
+        if not shifts.modulo_plane:  # else what is left of K has no structure of its own
+            _structure_rows(rows, found.fits["matrix"])
+    _shape_rows(rows, found.kept[found.fitted], shifts.attachments)
+    return rows
+
+
+def _structure_rows(rows: Rows, matrix: ResponseFit) -> None:
+    """What the whole K says: rank, symmetry, coupling of pairs."""
+    even, rank = symmetry(matrix), significant_rank(matrix, FALSE_ALARM)
+    add_figures(rows, "matrix", {"rank": rank, "asymmetry": even.relative, "symmetry_p_value": even.p_value})
+    for i, j, strength, p in pair_couplings(matrix):
+        add_figures(rows, "matrix", {"coupling": strength, "coupling_p_value": p}, f"leg{i + 1} leg{j + 1}")
+
+
+def _shape_rows(rows: Rows, kept: Array, attachments: Array) -> None:
+    """The buckled wheel: what of the shifts is lift, tilt and buckling, and the shape they follow most."""
+    whole = kept[np.isfinite(kept).all(axis=1)]
+    if not len(whole):
+        return
+    shape = ring_shape(whole, attachments)
+    shares = {"lift": shape.lift, "tilt": shape.tilt, "buckle": shape.buckle, "principal": shape.principal_share}
+    add_figures(rows, "none", {f"share_{name}": share for name, share in shares.items()})
+    rows.add(model="none", figure="principal_amplitude", value=shape.amplitude * 1e6, unit="um")
+    rows.add(
+        model="none", leg=np.arange(1, len(attachments) + 1), figure="principal_shape", value=shape.principal, unit="1"
+    )
+
+
+def _leg_words(shifts: Shifts, rejected: NDArray[np.bool_], fits: Mapping[str, ResponseFit]) -> tuple[str, str, str]:
+    seen = int(np.isfinite(shifts.shift).sum())
+    read = (
+        f"{counted(seen, 'shift')} at {counted(shifts.shift.shape[1], 'attachment')} in "
+        f"{counted(len(shifts.shift), 'pose')}"
+    )
+    left_out = gross_errors(int(rejected.sum()), "shift") if rejected.any() else "nothing"
+    rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
+    told = [f"{rms[name]:.1f} {name}" for name in ("linear", "matrix") if name in rms]
+    figure = ", ".join([f"rms left {rms['none']:.1f} um without a model", *told])
+    untold = [name for name in ("linear", "matrix") if name not in rms]
+    figure += f"; not evaluated: {', '.join(untold)}, which so few movements leave open" if untold else ""
+    if shifts.modulo_plane:
+        figure += "; modulo a plane: fewer than three platform targets away from the attachments"
+    return read, left_out, figure
+
+
+def target_deformation(tables: Mapping[str, pa.Table], drives: tuple[str, ...]) -> Outcome:
+    """Fit every body's residuals to the drives; one free offset per coordinate, for the shape at rest."""
+    shifts, models, errors = Rows("target_deformation"), Rows("deformation_models"), Rows("deformation_errors")
+    words = []
+    bodies = tuple(dict.fromkeys(tables["residuals"].column("body").to_pylist()))
+    every = pose_ids(tables["residuals"])
+    framed = framed_points(tables, every)
+    together = None if framed is None else correlated_residuals(framed)
+    for body in bodies:
+        found = _body_shifts(tables, body)
+        if together is not None:
+            found = with_common_errors(found, every, *together(body, found.targets))
+        u, heldout = _drive_values(tables["configurations"], found.poses, drives)
+        _target_shift_rows(shifts, found)
+        fitted = ~heldout & np.isfinite(u).all(axis=1)
+        if fitted.sum() <= len(drives) + 1 or len(found.targets) < 3:
+            words.append(f"{body} not evaluated (too few poses or targets)")
+            continue
+        fits = target_models(found, u, fitted)
+        _target_model_rows(models, found, fits["matrix"], drives)
+        _target_error_rows(errors, found, fits)
+        words.append(_target_words(found, fits))
+    identifier = "int64" if isinstance(found.poses[0], int) else "string"
+    artifacts = {
+        "deformation": Rows("deformation").table(identifier),
+        "deformation_models": models.table(),
+        "deformation_errors": errors.table(),
+        "target_deformation": shifts.table(identifier),
+    }
+    read = f"{counted(shifts.count // 3, 'residual')} of {counted(len(bodies), 'body')} against {', '.join(drives)}"
+    return Outcome(artifacts, read=read, left_out="nothing", figure="; ".join(words))
+
+
+def _body_shifts(tables: Mapping[str, pa.Table], body: str) -> BodyShifts:
+    import pyarrow.compute as pc
+
+    rows = tables["residuals"].filter(pc.equal(tables["residuals"].column("body"), body))
+    poses, targets = pose_ids(rows), tuple(dict.fromkeys(rows.column("target").to_pylist()))
+    return body_shifts(body, fitted_points(tables, body, poses, targets))
+
+
+def _drive_values(
+    configurations: pa.Table, poses: tuple[int | str, ...], drives: tuple[str, ...]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Drives (B, D), counted from their mean so that the offset is the mean shape; and which poses are held out."""
+    known = {pose: i for i, pose in enumerate(configurations.column("pose").to_pylist())}
+    rows = np.array([known[pose] for pose in poses])
+    u = number_columns(configurations, drives)[rows]
+    role = np.array(configurations.column("role").to_pylist(), dtype=object)[rows]
+    return u - np.nanmean(u, axis=0), role == "verification"
+
+
+def _target_shift_rows(rows: Rows, found: BodyShifts) -> None:
+    b, t, axis = np.nonzero(np.isfinite(found.shift))
+    sigma = np.sqrt(np.einsum("bll->bl", found.noise)).reshape(found.shift.shape)
+    rows.add(
+        pose=[found.poses[i] for i in b],
+        body=found.body,
+        target=[found.targets[i] for i in t],
+        axis=["xyz"[i] for i in axis],
+        displacement_um=found.shift[b, t, axis] * 1e6,
+        sigma_um=sigma[b, t, axis] * 1e6,
+    )
+
+
+def _target_model_rows(rows: Rows, found: BodyShifts, fit: ResponseFit, drives: tuple[str, ...]) -> None:
+    sigma, p, significant = entry_tests(fit)
+    entry, drive = np.nonzero(fit.free & (sigma > 0.0))  # a drive that never moved says nothing
+    rows.add(
+        model="linear",
+        body=found.body,
+        target=[found.targets[i // 3] for i in entry],
+        axis=["xyz"[i % 3] for i in entry],
+        drive=[drives[i] for i in drive],
+        column=drive + 1,
+        coefficient=fit.coefficients[entry, drive] * 1e6,
+        sigma=sigma[entry, drive] * 1e6,
+        unit=[f"um per unit of {drives[i]}" for i in drive],
+        p_value=p[entry, drive],
+        significant=significant[entry, drive],
+    )
+
+
+def _target_error_rows(rows: Rows, found: BodyShifts, fits: Mapping[str, ResponseFit]) -> None:
+    for name, form in (("none", "none"), ("linear", "matrix")):
+        error_rows(rows, name, fits[form], residual_sets(fits[form]), "um", 1e6, (), whole=found.body)
+    gain = gain_p_value(fits["none"], fits["matrix"])
+    add_figures(rows, "linear", {"p_value_over_none": gain}, found.body)
+
+
+def _target_words(found: BodyShifts, fits: Mapping[str, ResponseFit]) -> str:
+    rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
+    return f"{found.body} {rms['none']:.1f} um left at rest, {rms['matrix']:.1f} with the drives"

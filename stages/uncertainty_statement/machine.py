@@ -1,0 +1,182 @@
+"""Numbers of the mechanism by the chosen calibration, and errors in held-out poses and along an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.calibration.every_case import screened_poses
+from truing.calibration.fits import answer
+from truing.calibration.knowledge import Answered, budget_of_answer
+from truing.calibration.question import cases, question, with_targets
+from truing.estimation.interferometry.iso230 import positioning_uncertainty
+from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, root_mean_square
+from truing.simulation.mechanisms.parameters import SHARED, Parameter
+from truing.simulation.mechanisms.structures.catalogue import structures
+from truing.stages.common.calibration_data import gather
+from truing.stages.common.positioning import SEED, deviations, instrument
+from truing.stages.uncertainty_statement.causes import DEFORMATION, found_causes
+from truing.stages.uncertainty_statement.statement import Statement
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
+
+_CLOSES = 1e-3  # relative: a fit from where the first one ended ends there again, within its own tolerance
+LEAST_POSES = 2
+_ERRORS = {"position_error_um": ("position, rms", "um"), "orientation_error_arcsec": ("orientation, rms", "arcsec")}
+REPEATS = Source("repeated approaches", "A", distribution="drawn")
+LENGTH = Source("expansion and temperature of the axis", "B", distribution="drawn")
+
+
+def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
+    """State every identified number of the chosen calibration."""
+    key = _chosen(tables)
+    if not settings.mechanism.is_legged:
+        return
+    if key is None:
+        statement.not_evaluated("calibration", "all", "no calibration was made, or none could be chosen")
+        return
+    rows = [row for row in tables["calibration"].to_pylist() if (row["model"], row["deformation"]) == key]
+    names = [_name(row["parameter"], row["leg"]) for row in rows]
+    told = [row["sigma"] is not None and row["identified"] is not None for row in rows]
+    whole = np.array([row["sigma"] if known else 0.0 for row, known in zip(rows, told, strict=True)], float)
+    parts = _budget(tables, settings, key, rows)
+    if parts is None or not np.allclose(parts.standard, whole, rtol=_CLOSES):
+        parts = Budget((Source("fit as a whole: poses, readings and tolerances", "B"),), whole[None])
+    subject = f"{key[0]}, {key[1]} deformation"
+    kept = np.flatnonzero(told)
+    statement.state(
+        "calibration",
+        subject,
+        [names[i] for i in kept],
+        np.array([rows[i]["identified"] for i in kept], float),
+        [rows[i]["unit"] for i in kept],
+        Budget(parts.sources, parts.contributions[:, kept]),
+    )
+    for i in np.flatnonzero(~np.array(told, bool)):
+        statement.not_evaluated("calibration", names[i], "the data do not determine it", subject)
+    statement.omitted("calibration", "the choice of the model", "each budget holds for the model that was chosen")
+    for name, cause in found_causes(tables).items():
+        if not (cause.startswith(DEFORMATION) and key[1] != "none"):
+            statement.omitted("calibration", name, NOT_HELD)
+
+
+def _chosen(tables: Mapping[str, pa.Table]) -> tuple[str, str] | None:
+    if "model_choice" not in tables or "calibration" not in tables:
+        return None
+    wanted = ("errors-in-variables", "chosen", 1.0)
+    rows = tables["model_choice"].to_pylist()
+    keys = [(r["model"], r["deformation"]) for r in rows if (r["estimator"], r["figure"], r["value"]) == wanted]
+    return keys[0] if keys else None
+
+
+def _name(parameter: str, leg: int | None) -> str:
+    return parameter if leg is None else f"{parameter} of leg {leg}"
+
+
+def _budget(
+    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[dict[str, object]]
+) -> Budget | None:
+    """The budget of the numbers in the units of the tables; None where the calibration cannot be made once more."""
+    try:
+        answered = _answered(tables, settings, key, rows)
+        if answered is None:
+            return None
+        found = budget_of_answer(answered)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    own = answered.asked.problem.parameters
+    return budget(found, np.eye(len(own), len(answered.fit.values))).scaled(1.0 / own.units)
+
+
+def _answered(
+    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[dict[str, object]]
+) -> Answered | None:
+    gathered = gather(tables, settings)
+    every = list(cases(gathered, structures(gathered.machine)))
+    case = next((case for case in every if case.key == key), None)
+    if case is None:
+        return None
+    clean = screened_poses(gathered, gathered.measured.roles != "verification", every)
+    used = clean.measured.chosen(clean.kept)
+    asked = question(gathered, used, case)
+    asked = with_targets(asked, gathered, used, case.deformation != "none") or asked
+    parameters = asked.problem.parameters
+    stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows}
+    start = np.array([stood[entry.name, _leg(entry)] for entry in parameters.entries], float) * parameters.units
+    fit = answer(asked, start, robust=False)
+    return Answered(gathered, asked, fit) if fit.ok else None
+
+
+def _leg(entry: Parameter) -> int | None:
+    return None if entry.leg == SHARED else entry.leg + 1
+
+
+def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
+    """State the rms error of every calibration that is quoted: the chosen one, and the extended model."""
+    table = tables.get("accuracy")
+    if table is None or not table.num_rows:
+        if settings.mechanism.is_legged:
+            statement.not_evaluated("accuracy", "all", "no model predicts where the platform is")
+        return
+    rows = [row for row in table.to_pylist() if row["role"] == "verification"]
+    for key in _quoted(tables):
+        own = [row for row in rows if (row["model"], row["deformation"]) == key]
+        subject = f"{key[0]}, {key[1]} deformation, held-out poses"
+        for column, (quantity, unit) in _ERRORS.items():
+            errors = np.array([row[column] for row in own if row[column] is not None], float)
+            if len(errors) < LEAST_POSES:
+                why = f"needs {LEAST_POSES} poses that nothing was fitted to, found {len(errors)}"
+                statement.not_evaluated("accuracy", quantity, why, subject)
+                continue
+            value, told = root_mean_square(errors)
+            statement.state("accuracy", subject, [quantity], np.array([value]), unit, told)
+    statement.omitted("accuracy", "places and conditions that were not measured", "it holds for poses like those taken")
+
+
+def _quoted(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
+    chosen = [
+        (row["model"], row["deformation"])
+        for row in tables["model_choice"].to_pylist()
+        if (row["estimator"], row["figure"], row["value"]) == ("errors-in-variables", "chosen", 1.0)
+    ]
+    models, deformations = (tables["accuracy"].column(name).to_pylist() for name in ("model", "deformation"))
+    keys = dict.fromkeys(zip(models, deformations, strict=True))
+    return [*chosen, *(key for key in keys if key[0] == "extended")]
+
+
+def state_positioning(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
+    """State the quantities of the axis that the table has an uncertainty of."""
+    table, measured, optics = tables.get("positioning"), tables.get("positions"), settings.interferometer
+    if table is None or measured is None:
+        return
+    stated = set(table.column("run").to_pylist())
+    for run in dict.fromkeys(measured.column("run").to_pylist()):
+        if run not in stated:
+            statement.not_evaluated("positioning", "all", "a quality check of the run failed", f"run {run}")
+    if not stated:
+        return
+    rows = [row for row in table.to_pylist() if row["subject"] is None]
+    for run in dict.fromkeys(row["run"] for row in rows):
+        own = [row for row in rows if row["run"] == run and row.get("sigma") is not None]
+        if not own:
+            statement.not_evaluated("positioning", "all", "too few cycles tell no uncertainty", f"run {run}")
+            continue
+        taken = measured.filter([str(name) == str(run) for name in measured.column("run").to_pylist()])
+        target, deviation = deviations(taken)
+        # the same draws without what the instrument leaves open
+        repeated = positioning_uncertainty(deviation, target * 1e3, np.random.default_rng(SEED))
+        whole = np.array([row["sigma"] for row in own], float)
+        by_repeats = np.minimum([repeated[row["figure"]].sigma for row in own], whole)
+        told = Budget((REPEATS,), by_repeats[None])
+        if instrument(taken, optics).stretch > 0.0:
+            told = told.beside(LENGTH, np.sqrt(whole**2 - by_repeats**2))
+        half = np.array([max(row["high"] - row["value"], row["value"] - row["low"]) for row in own], float)
+        estimate = np.array([row["value"] for row in own], float)
+        statement.state("positioning", f"run {run}", [row["figure"] for row in own], estimate, "um", told, half)
+    why = "nothing in campaign.toml declares it for positions of an axis"
+    statement.omitted("positioning", "wavelength and device, alignment of the beam, drift in a cycle", why)

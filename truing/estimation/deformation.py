@@ -1,0 +1,364 @@
+"""How attachments and targets shift, what their points have in common, and their models by actuators and drives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.measured_numbers import pose_numbers
+from truing.estimation.response import ResponseFit, fit_models, fit_response, gain_p_value, keep_consistent
+from truing.estimation.rigid_poses.body_frames import (
+    FramedPoints,
+    by_shapes,
+    follows_frame,
+    joint_frame,
+    relative_gain,
+    residual_covariance,
+    residual_gain,
+    survey_gain,
+)
+from truing.estimation.rigid_poses.points import FittedPoints, SurveyPoints
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_PLATFORM = "platform"
+_NOTHING = 1e-8  # share of the largest variance of a combination
+
+
+@dataclass(frozen=True)
+class CorrelatedShifts:
+    """Covariances of shifts in m^2: noise (B, L, L) of what differs from pose to pose, frame included; shared (L, L) of
+    what all poses share, the survey and the mean effect of cameras and bars; there (B,), where bodies had a joint fit.
+
+    whole (B, L, L): all that points bring to the shifts of a pose; with_poses (B, L, Q) its covariance with the numbers
+    of the poses of bodies; effects (B, L, K), m, of one standard deviation of each parameter common to all poses;
+    of_frames (Q + L, Q + L): what the survey brings to these numbers and, through the frame alone, to the shifts.
+    """
+
+    noise: Array
+    shared: Array
+    there: Mask
+    whole: Array
+    numbers: tuple[str, ...]
+    with_poses: Array
+    parameters: tuple[str, ...]
+    effects: Array
+    of_frames: Array
+
+
+def correlated_shifts(framed: FramedPoints, per_leg: Array) -> CorrelatedShifts | None:
+    """Return the covariances of the shifts along z that per_leg (B, L, T) averages; None where no platform was fitted.
+
+    A shift is linear in the errors of all points of its pose: its own, and through the frame those of every point that
+    the joint fit of the bodies weighed, each with all others of the pose.
+    """
+    errors, bodies, poses = framed.errors, framed.bodies, range(len(per_leg))
+    platform = next((b for b, body in enumerate(bodies) if body.name == _PLATFORM), None)
+    if platform is None:
+        return None
+    names = [body.name for body in bodies if body.name not in {other.parent for other in bodies}]
+    legs, first = per_leg.shape[1], np.cumsum([0, *(len(body.targets) for body in bodies)])
+    whole, there = np.zeros((len(poses), legs, legs)), np.zeros(len(poses), bool)
+    with_poses = np.full((len(poses), legs, len(names), 6), np.nan)
+    by_survey = np.zeros((len(poses), legs, first[-1], 3))
+    of_frames = np.full((len(poses), len(names), 6, 3 * first[-1]), np.nan)
+    of_shifts = np.full((len(poses), legs, 3 * first[-1]), np.nan)
+    effects = np.zeros((len(poses), legs, len(errors.parameters)))
+    for p in poses:
+        frame = joint_frame(p, bodies, errors)
+        if frame is None or platform not in frame.bodies:
+            continue
+        turns = np.array([body.R[p] for body in bodies])
+        along = per_leg[p][:, :, None] * turns[platform][:, 2]
+        found = residual_gain(p, bodies, frame, platform, along)
+        rows = found.rows(p, bodies)
+        by_points = found.gain @ errors.covariance(rows)
+        whole[p], effects[p] = by_points @ found.gain.T, found.gain @ errors.effects(rows)
+        seen, by_frame = relative_gain(p, bodies, frame, frame.gain)
+        at = [names.index(name) for name in seen]
+        with_poses[p][:, at] = (by_points[:, : by_frame.shape[1]] @ by_frame.T).reshape(legs, -1, 6)
+        moved = survey_gain(p, bodies, frame).reshape(len(frame.gain), -1)
+        of_frames[p, at] = relative_gain(p, bodies, frame, moved)[1].reshape(len(at), 6, -1)
+        of_shifts[p] = -follows_frame(p, bodies[platform], along) @ moved[6 * frame.bodies.index(platform) :][:6]
+        turned = np.einsum("lni,nij->lnj", found.gain.reshape(legs, -1, 3), turns[found.body])
+        by_survey[p][:, first[found.body] + found.target] = turned
+        there[p] = True
+    if not there.any():
+        return None
+    usual, cov = by_survey[there].mean(axis=0), np.concatenate([body.cov_source for body in bodies])
+    of_survey = np.einsum("lni,nij,mnj->lm", usual, cov, usual)
+    own, alike = apart(whole, effects, there, framed.correlation)
+    varied = by_survey[there] - usual
+    own[there] += np.einsum("blni,nij,bmnj->blm", varied, cov, varied, optimize=True)
+    numbers = tuple(str(number) for name in names for number in pose_numbers(name))
+    told = with_poses.reshape(len(poses), legs, -1)
+    frames = _mean([of_frames.reshape(len(poses), len(numbers), -1), of_shifts], cov)
+    return CorrelatedShifts(own, of_survey + alike, there, whole, numbers, told, errors.parameters, effects, frames)
+
+
+def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]], tuple[Array, Mask]]:
+    """Return what tells the covariance (B, 3T, 3T) of the residuals of a body's targets, in its own axes, as far as it
+    differs from pose to pose, and where (B,) bodies had a joint fit.
+
+    What a frame leaves of its own targets is little, and there it counts that an error of the shape turns the frames of
+    poses that weigh targets differently by different amounts.
+    """
+    errors, bodies, correlation = framed.errors, framed.bodies, framed.correlation
+    poses = range(len(bodies[0].t))
+    frames = [joint_frame(p, bodies, errors) for p in poses]
+
+    def found(body: str, targets: tuple[str, ...]) -> tuple[Array, Mask]:
+        number = next((n for n, one in enumerate(bodies) if one.name == body), -1)
+        known = {target: n for n, target in enumerate(bodies[number].targets)}
+        at = np.array([known.get(target, -1) for target in targets])
+        whole, there = np.zeros((len(poses), 3 * len(at), 3 * len(at))), np.zeros(len(poses), bool)
+        effects = np.zeros((len(poses), 3 * len(at), len(errors.parameters)))
+        by_shape = np.zeros((len(poses), 3 * len(at), 3 * sum(len(one.targets) for one in bodies)))
+        for p, frame in enumerate(frames):
+            if frame is None or number not in frame.bodies:
+                continue
+            each = np.zeros((len(at), 3, len(bodies[number].targets), 3))
+            seen = (at >= 0) & (bodies[number].row[p, at] >= 0)
+            each[np.flatnonzero(seen), :, at[seen]] = bodies[number].R[p].T
+            weight = each.reshape(3 * len(at), -1, 3)
+            followed = residual_gain(p, bodies, frame, number, weight)
+            rows = followed.rows(p, bodies)
+            whole[p] = followed.gain @ errors.covariance(rows) @ followed.gain.T
+            effects[p] = followed.gain @ errors.effects(rows)
+            by_shape[p] = by_shapes(p, bodies, frame, number, weight).reshape(len(weight), -1)
+            there[p] = True
+        if not there.any():
+            return whole, there
+        own, _ = apart(whole, effects, there, correlation)
+        varied = by_shape[there] - by_shape[there].mean(axis=0)
+        own[there] += varied @ np.swapaxes(varied, 1, 2)
+        return _without_rounding(own), there
+
+    return found
+
+
+def _without_rounding(covariance: Array) -> Array:
+    """Covariances (B, n, n) without what the fit of the frame to the same points leaves nothing of but rounding."""
+    values, vectors = np.linalg.eigh(covariance)
+    kept = np.where(values > _NOTHING * values[:, -1:], values, 0.0)
+    return np.asarray((vectors * kept[:, None]) @ np.swapaxes(vectors, 1, 2))
+
+
+def _mean(by_survey: Sequence[Array], cov: Array) -> Array:
+    """The covariance of what follows the survey's errors by (B, Q, 3T), NaN where a pose has none, in the mean of the
+    poses; cov (T, 3, 3)."""
+    found = np.concatenate(by_survey, axis=1)
+    there = np.isfinite(found)
+    mean = np.where(there, found, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    mean = mean.reshape(len(mean), -1, 3)
+    return np.asarray(np.einsum("pni,nij,qnj->pq", mean, cov, mean, optimize=True))
+
+
+def apart(whole: Array, effects: Array, there: Mask, correlation: Array) -> tuple[Array, Array]:
+    """What of the covariances (B, L, L) differs from pose to pose, and (L, L) what all poses share, of errors that are
+    common to all poses and do effects (B, L, K): the part of these that is the same everywhere."""
+    alike = effects[there].mean(axis=0)
+    own = whole.copy()
+    own[there] += _sandwich(effects[there] - alike, correlation) - _sandwich(effects[there], correlation)
+    return own, _sandwich(alike, correlation)
+
+
+def _sandwich(J: Array, C: Array) -> Array:
+    return J @ C @ np.swapaxes(J, -1, -2)
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """Shift of each leg's attachment along z of the platform.
+
+    shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y, which gross errors show;
+    noise (B, L, L) of the measurement, own (B, L) variance of what the attachment's own targets bring to it, survey
+    (L, L) of the survey, and of cameras and bars, which all poses share; attachments (L, 3);
+    modulo_plane: the frame was fitted to the attachments themselves; together: where points have errors in common.
+    """
+
+    shift: Array
+    across: Array
+    noise: Array
+    own: Array
+    survey: Array
+    attachments: Array
+    modulo_plane: bool
+    together: CorrelatedShifts | None
+
+
+@dataclass(frozen=True)
+class AttachmentModels:
+    """Fits of the shifts by model: none, linear, matrix, as far as anything of them is determined.
+
+    determined (L,) by model: legs whose coefficients are told; gains: p-value of each larger model over the next
+    smaller one; held (V, L) by model: what is left at poses that are held out; rejected, kept (B, L): gross errors, and
+    shifts in m without these, NaN elsewhere; fitted (B,): poses that models were fitted to.
+    """
+
+    fits: Mapping[str, ResponseFit]
+    determined: Mapping[str, NDArray[np.bool_]]
+    gains: Mapping[str, float]
+    held: Mapping[str, Array]
+    rejected: NDArray[np.bool_]
+    kept: Array
+    fitted: NDArray[np.bool_]
+
+
+def attachment_models(drive: Array, shifts: Shifts, heldout: NDArray[np.bool_]) -> AttachmentModels:
+    """Return the models of the shifts by drives (B, L), m (telescope report, eq. 1-4); heldout (B,) poses test them."""
+    fitted = ~heldout
+    prior = {"offset_cov": shifts.survey}
+    good = np.isfinite(shifts.shift) & _consistent_attachments(drive, shifts, fitted)
+    kept = np.where(good, shifts.shift, np.nan)
+    fits = fit_models(drive[fitted], kept[fitted], shifts.noise[fitted], ("none", "linear", "matrix"), **prior)
+    # All three with the same weights, as an F test asks.
+    gains = {
+        "linear": gain_p_value(fits["none"], fits["linear"]),
+        "matrix": gain_p_value(fits["linear"], fits["matrix"]),
+    }
+    fits["linear"] = _leg_by_leg(drive[fitted], kept[fitted], shifts.noise[fitted])
+    told = _determined(drive[fitted], kept[fitted])
+    fits = {name: fit for name, fit in fits.items() if told[name].any()}
+    held = {name: kept[heldout] - fit.offset.mean(0) - fit.predict(drive[heldout]) for name, fit in fits.items()}
+    return AttachmentModels(fits, told, gains, held, np.isfinite(shifts.shift) & ~good, kept, fitted)
+
+
+def _determined(drive: Array, shift: Array) -> dict[str, NDArray[np.bool_]]:
+    """(L,) legs whose coefficients the shifts (B, L) at drives (B, L) determine, by model.
+
+    The others would be the shortest of many solutions with a standard deviation that says nothing.
+    """
+    seen = [drive[rows] for rows in np.isfinite(shift).T]
+    moved = [len(u) > 1 and bool(np.ptp(u[:, leg]) > 0.0) for leg, u in enumerate(seen)]
+    spanned = [len(u) >= u.shape[1] and np.linalg.matrix_rank(u) == u.shape[1] for u in seen]
+    return {"none": np.ones(len(seen), bool), "linear": np.array(moved), "matrix": np.array(spanned)}
+
+
+def _leg_by_leg(drive: Array, shift: Array, noise: Array) -> ResponseFit:
+    """The linear model as eq. 1 has it, each leg regressed by itself with an offset of its own.
+
+    Where the other actuators move an attachment too, the model is wrong; weights that carry one leg's misfit into
+    another's coefficient, or an offset held to the survey, would then answer another question.
+    """
+    alone = noise * np.eye(noise.shape[1])
+    return fit_response(drive, shift, alone, form="linear")
+
+
+def attachment_shifts(survey: SurveyPoints, platform: FittedPoints, framed: FramedPoints | None, n_legs: int) -> Shifts:
+    """Shifts of the attachments from residuals of the platform's targets, which are those of its survey, in its axes.
+
+    framed: what points have in common, None where they are independent.
+    """
+    residual, used, noise = platform.residual, platform.used, platform.noise
+    seen = np.isfinite(residual[:, :, 2])
+    per_leg = _leg_average(survey, seen, noise, n_legs)
+    measured = _along_z(residual_covariance(survey.points, noise, used, seen))
+    surveyed = _along_z(_survey_covariance(survey, used))
+    shift = np.einsum("blt,bta->bla", per_leg, np.nan_to_num(residual))
+    shift[~per_leg.any(axis=2)] = np.nan
+    typical = _typical_average(survey, n_legs)
+    of_points, shared = np.einsum("blt,bts,bms->blm", per_leg, measured, per_leg), typical @ surveyed @ typical.T
+    together = None if framed is None else correlated_shifts(framed, per_leg)
+    if together is not None:  # a pose without a joint fit keeps what its points say one by one
+        of_points, shared = np.where(together.there[:, None, None], together.noise, of_points), together.shared
+    return Shifts(
+        shift[:, :, 2],
+        shift[:, :, :2],
+        of_points,
+        np.einsum("blt,bt->bl", per_leg**2, noise[:, :, 2, 2]),
+        shared,
+        typical @ survey.points,
+        bool((used & (survey.leg > 0)).any()),
+        together,
+    )
+
+
+def _consistent_attachments(drive: Array, shifts: Shifts, fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(B, L) attachments whose shift, along z and across it, agrees with a matrix model of its own direction.
+
+    The noise along z stands for that across: a gross error is many times either.
+    """
+    directions = (shifts.shift, shifts.across[:, :, 0], shifts.across[:, :, 1])
+    kept = [keep_consistent(drive, y, shifts.noise, offset_cov=shifts.survey, fitted=fitted) for y in directions]
+    return np.logical_and.reduce(kept)
+
+
+def _along_z(covariance: Array) -> Array:
+    return covariance[..., 2::3, 2::3]
+
+
+def _survey_covariance(survey: SurveyPoints, used: NDArray[np.bool_]) -> Array:
+    """(3T, 3T) covariance that the survey's own noise leaves in every pose's residuals alike."""
+    usual = used.mean(axis=0) > 0.5
+    everywhere = np.ones((1, len(survey.targets)), bool)
+    return residual_covariance(survey.points, survey.cov[None], usual[None], everywhere)[0]
+
+
+def _leg_average(survey: SurveyPoints, seen: NDArray[np.bool_], noise: Array, n_legs: int) -> Array:
+    """(B, L, T) weights that average the targets of each attachment, by their noise along z; zero rows where
+    none was seen."""
+    member = survey.leg[None, :] == np.arange(1, n_legs + 1)[:, None]
+    variance = np.where(noise[:, :, 2, 2] > 0.0, noise[:, :, 2, 2], np.inf)
+    weight = member[None] * np.where(seen, 1.0 / variance, 0.0)[:, None, :]
+    total = weight.sum(axis=2, keepdims=True)
+    return np.divide(weight, total, out=np.zeros_like(weight), where=total > 0.0)
+
+
+def _typical_average(survey: SurveyPoints, n_legs: int) -> Array:
+    member = (survey.leg[None, :] == np.arange(1, n_legs + 1)[:, None]).astype(float)
+    return member / np.maximum(member.sum(axis=1, keepdims=True), 1.0)
+
+
+@dataclass(frozen=True)
+class BodyShifts:
+    """One body: poses, targets, residuals (B, T, 3) in m in its own frame, NaN where not seen, and their covariance."""
+
+    body: str
+    poses: tuple[int | str, ...]
+    targets: tuple[str, ...]
+    shift: Array
+    noise: Array
+
+    @property
+    def flat(self) -> Array:
+        """(B, 3T) target by target, x y z."""
+        return self.shift.reshape(len(self.shift), -1)
+
+
+def body_shifts(body: str, found: FittedPoints) -> BodyShifts:
+    """Shifts of a body's targets with the covariance that its points and its frame give them, one by one."""
+    points, shift = found.points, found.residual
+    seen = np.isfinite(shift[:, :, 2])
+    place = _mean_shape(points.points, points.seen & seen, found.rotation, shift)
+    covariance = residual_covariance(place, found.noise, found.used & seen, seen)
+    return BodyShifts(body, points.poses, points.targets, shift, covariance)
+
+
+def with_common_errors(
+    found: BodyShifts, every: tuple[int | str, ...], noise: Array, there: NDArray[np.bool_]
+) -> BodyShifts:
+    """The shifts with the covariance of points that have errors in common, in poses where bodies had a joint fit."""
+    rows = np.array([every.index(pose) for pose in found.poses])
+    return replace(found, noise=np.where(there[rows, None, None], noise[rows], found.noise))
+
+
+def _mean_shape(points: Array, seen: NDArray[np.bool_], rotation: Array, shift: Array) -> Array:
+    """(T, 3) targets in the body's axes, up to a common shift: enough for how a frame's error reaches them."""
+    weight = seen.astype(float)
+    local = np.einsum("bji,btj->bti", rotation, points) - np.nan_to_num(shift)
+    centre = (local * weight[..., None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)[:, None]
+    centred = (local - centre[:, None]) * weight[..., None]
+    whole = weight.min(axis=1) > 0.0
+    chosen = whole if whole.any() else np.ones(len(whole), bool)
+    return centred[chosen].sum(axis=0) / np.maximum(weight[chosen].sum(axis=0), 1.0)[:, None]
+
+
+def target_models(found: BodyShifts, u: Array, fitted: NDArray[np.bool_]) -> dict[str, ResponseFit]:
+    """Return the models of a body's shifts by drives u (B, D), none and matrix, over the poses fitted (B,)."""
+    y, cov = found.flat[fitted], found.noise[fitted]
+    kept = keep_consistent(u[fitted], y, cov)
+    return fit_models(u[fitted], np.where(kept, y, np.nan), cov, ("none", "matrix"))

@@ -1,1 +1,0 @@
-"""How attachments and targets shift: against actuators, drives and loads, with what their points have in common."""
