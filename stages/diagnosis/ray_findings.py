@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.stages.declaration import Progress
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 # Of the probability of any false finding in a campaign, what rays may take of it; the rest is left to points.
 SHARE_OF_RAYS = 1.0 / 3.0

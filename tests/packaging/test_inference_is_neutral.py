@@ -1,12 +1,17 @@
-"""The inference speaks of epochs, channels and groups: what was measured, and on what, is the models' business."""
+"""The inference speaks of epochs, channels and groups, and hands models and causes on by their types.
+
+What was measured, and on what, is the models' business.
+"""
 
 from __future__ import annotations
 
+import ast
 import re
+import tomllib
 
 import pytest
 
-from tests.packaging.source_tree import modules
+from tests.packaging.source_tree import PROJECT, modules
 
 # Words of one mechanism or instrument, singular; plurals count as well.
 OF_ONE_INSTRUMENT = frozenset({"body", "leg", "load", "platform", "point", "pose", "ray", "target"})
@@ -32,3 +37,24 @@ def test_no_name_and_no_sentence_speaks_of_an_instrument(path) -> None:
     lines = path.read_text(encoding="utf-8").splitlines()
     found = {number: words for number, line in enumerate(lines, 1) if (words := instruments_words(line))}
     assert not found, f"{path.name}: " + "; ".join(f"line {n}: {', '.join(words)}" for n, words in found.items())
+
+
+# What `mypy --strict` asks for beside what the project asks of all modules.
+STRICT = frozenset({
+    "disallow_any_generics", "disallow_subclassing_any", "disallow_untyped_calls", "disallow_untyped_decorators",
+    "extra_checks", "no_implicit_reexport", "warn_return_any", "warn_unused_ignores",
+})  # fmt: skip
+
+
+def test_types_are_checked_strictly() -> None:
+    own = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"]["overrides"]
+    flags = next(override for override in own if override["module"] == ["truing.inference.*"])
+    assert {name for name, value in flags.items() if value is True} >= STRICT
+
+
+@pytest.mark.parametrize("path", modules("truing/inference"), ids=lambda path: path.stem)
+def test_nothing_is_of_any_type(path) -> None:
+    text = path.read_text(encoding="utf-8")
+    names = {getattr(node, "id", getattr(node, "attr", None)) for node in ast.walk(ast.parse(text))}
+    assert "Any" not in names
+    assert "type: ignore" not in text

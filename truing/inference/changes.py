@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+
+from truing.inference.arrays import Array
 
 # Combinations of which the later data take away less than this share of what was not known carry no test.
 _TOLD = 0.05
@@ -30,18 +31,18 @@ class Comparison:
     (r, n) are the combinations of which the later data tell more than both knew.
     """
 
-    difference: NDArray
-    covariance: NDArray
-    answers: NDArray
-    told: NDArray
+    difference: Array
+    covariance: Array
+    answers: Array
+    told: Array
 
     @property
-    def sigma(self) -> NDArray:
+    def sigma(self) -> Array:
         """Return one sigma (n,) of the difference."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @cached_property
-    def _whitened(self) -> tuple[NDArray, NDArray]:
+    def _whitened(self) -> tuple[Array, Array]:
         """Return difference (r,) and answers (r, n) along the directions that carry a test, in standard deviations."""
         white = np.linalg.solve(np.linalg.cholesky(self.told @ self.covariance @ self.told.T), self.told)
         return white @ self.difference, white @ self.answers
@@ -65,7 +66,7 @@ class Comparison:
             found.append(worst)
         return tuple(found)
 
-    def sizes(self, changed: tuple[int, ...]) -> tuple[NDArray, NDArray]:
+    def sizes(self, changed: tuple[int, ...]) -> tuple[Array, Array]:
         """Return by how much the changed numbers (c,) changed, were they the only ones, and one sigma of that."""
         away, answers = self._whitened
         own = answers[:, changed]
@@ -82,7 +83,7 @@ class Comparison:
         alike[place] = False
         return tuple(int(i) for i in np.flatnonzero(alike & (score > 0.0)))
 
-    def _scores(self, free: list[int]) -> tuple[NDArray, float]:
+    def _scores(self, free: list[int]) -> tuple[Array, float]:
         """Return how much (n,) each number's change explains of what changes of others leave, in standard deviations;
         zero where nothing of it is told; and the sum of squares that is left."""
         away, answers = self._whitened
@@ -105,12 +106,12 @@ class Comparison:
 
 
 def compare(
-    before: NDArray,
-    covariance: NDArray,
-    now: NDArray,
-    covariance_now: NDArray,
-    shared: NDArray,
-    apart: NDArray | float = 0.0,
+    before: Array,
+    covariance: Array,
+    now: Array,
+    covariance_now: Array,
+    shared: Array,
+    apart: Array | float = 0.0,
 ) -> Comparison:
     """Return the comparison of estimates (n,), covariance (n, n) each.
 
@@ -126,7 +127,7 @@ def compare(
     return Comparison(now - before, (spread + spread.T) / 2, np.eye(len(now)) - covariance_now @ shared, told)
 
 
-def _within(covariance: NDArray, root: NDArray) -> NDArray:
+def _within(covariance: Array, root: Array) -> Array:
     """Return a covariance (n, n) that is narrower everywhere than what was known before, of information root root'.
 
     One that was enlarged for the noise is wider than that where the data tell next to nothing, and differences have a

@@ -12,8 +12,8 @@ from functools import cached_property, lru_cache
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array
 from truing.inference.model import CauseT
 from truing.inference.search import Candidate, ChannelFamily, Search
 
@@ -38,15 +38,15 @@ class Rule:
     threshold: float
 
     @cached_property
-    def _table(self) -> NDArray:
+    def _table(self) -> Array:
         """Return the power at the tabulated signal-to-noise ratios."""
         from scipy.special import fdtri, ncfdtr
 
         left = max(self.freedom - self.rank, 1.0)
         critical = fdtri(self.rank, left, 1.0 - min(self.threshold, 1.0 - 1e-12))
-        return np.nan_to_num(1.0 - ncfdtr(self.rank, left, _ROOTS**2, critical), nan=1.0)
+        return np.asarray(np.nan_to_num(1.0 - ncfdtr(self.rank, left, _ROOTS**2, critical), nan=1.0))
 
-    def power(self, signal_to_noise: NDArray) -> NDArray:
+    def power(self, signal_to_noise: Array) -> Array:
         """Return the probability (...) of being accepted at a root of the non-centrality (...)."""
         return np.interp(signal_to_noise, _ROOTS, self._table, right=1.0)
 
@@ -59,7 +59,7 @@ class Sight(Generic[CauseT]):
     cause: CauseT  # a typical one of its sort
     kind: str
     rule: Rule
-    per_scale: NDArray
+    per_scale: Array
 
     def power(self, size: float) -> float:
         """Return the probability of being found at a size in plausible scales; none of what cannot be seen."""
@@ -82,13 +82,13 @@ class Sight(Generic[CauseT]):
         return size * float(np.sqrt(np.mean(self.per_scale**2)))
 
 
-def per_scale(strengths: NDArray, loadings: NDArray) -> NDArray:
+def per_scale(strengths: Array, loadings: Array) -> Array:
     """Return the signal-to-noise ratios (D,) of random patterns; strengths (r,), loadings (P, r) of a signature."""
     return np.asarray(np.linalg.norm(_patterns(len(loadings)) @ loadings * strengths, axis=1))
 
 
 @lru_cache(maxsize=256)
-def _patterns(parameters: int) -> NDArray:
+def _patterns(parameters: int) -> Array:
     """Return random patterns (D, P) whose root mean square is one."""
     pattern = np.random.default_rng(0).standard_normal((_PATTERNS if parameters > 1 else 1, parameters))
     return np.asarray(pattern * np.sqrt(parameters) / np.linalg.norm(pattern, axis=1, keepdims=True))
@@ -101,7 +101,7 @@ def sights(search: Search[CauseT], level: float) -> list[Sight[CauseT]]:
     """
     sorts: dict[tuple[object, ...], list[Sight[CauseT]]] = {}
     for sight in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
-        sorts.setdefault((sight.kind, *_sort(sight.cause)), []).append(sight)
+        sorts.setdefault((sight.kind, *_sort(sight.cause, search.part_count)), []).append(sight)
     return [_middling(own) for own in sorts.values()]
 
 
@@ -154,9 +154,9 @@ def _rule(search: Search[CauseT], kind: str, rank: int, level: float) -> Rule:
     return Rule(rank, search.noise.freedom(group.input_share), search.null.threshold(group, level))
 
 
-def _sort(cause: CauseT) -> tuple[object, ...]:
+def _sort(cause: CauseT, parts: int) -> tuple[object, ...]:
     """Return what effects of one sort have in common: their subject, and their parameters' names and units."""
-    return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(6)))
+    return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(parts)))
 
 
 def _middling(own: Sequence[Sight[CauseT]]) -> Sight[CauseT]:

@@ -11,7 +11,8 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
+
+from truing.inference.arrays import Array
 
 # Effects may be this many times as large as plausible, all equally likely beforehand.
 SIZES = (3.0, 1.0, 1 / 3, 1 / 10, 1 / 30)
@@ -24,9 +25,7 @@ _SPREADS = (0.15, 0.45)
 _ONE_SIGN, _MOST_SIGNS = 0.5, 8
 
 
-def log_evidence(
-    along: NDArray, strengths: NDArray, total: NDArray | float, freedom: float, stretch: float = 1.0
-) -> NDArray:
+def log_evidence(along: Array, strengths: Array, total: Array | float, freedom: float, stretch: float = 1.0) -> Array:
     """Return the log ratio of marginal likelihoods with and without an effect, (...).
 
     ``along`` (..., r) are a residual's parts along directions of strengths (..., r), ``total`` (...) its sum of squares
@@ -41,7 +40,7 @@ def log_evidence(
     return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))
 
 
-def log_possible(values: NDArray, covariance: NDArray, places: Sequence[int]) -> float:
+def log_possible(values: Array, covariance: Array, places: Sequence[int]) -> float:
     """Return what log evidence gains where parameters at some places are known to be no less than zero.
 
     Half of what is probable beforehand is not, so the gain is twice the probability that the data, values (P,) in units
@@ -62,7 +61,7 @@ def probabilities(log_evidence: Mapping[str, float]) -> dict[str, float]:
 
 
 def alike_log_evidence(
-    scores: NDArray, gram: NDArray, alike: Sequence[int], total: float, freedom: float, stretch: float = 1.0
+    scores: Array, gram: Array, alike: Sequence[int], total: float, freedom: float, stretch: float = 1.0
 ) -> float:
     """Return the log ratio of marginal likelihoods with and without an effect with parameters of like size.
 
@@ -93,7 +92,7 @@ def alike_log_evidence(
 
 
 @lru_cache(maxsize=64)
-def _patterns(parts: int) -> tuple[NDArray, NDArray]:
+def _patterns(parts: int) -> tuple[Array, Array]:
     """Return signs (N, parts) and their probabilities; either sign of all is as likely as the other."""
     if not 1 < parts <= _MOST_SIGNS:
         return np.array([[1.0], [-1.0]]) * np.ones(parts), np.full(2, 0.5)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array
 from truing.inference.linear_problem import Linearised, Whitened, whiten
 from truing.inference.model import Predict
 from truing.inference.observations import Frames, Observations
@@ -36,15 +36,15 @@ class FitState(StrEnum):
 class Fit:
     """The unknowns at the optimum, in prior sigmas, the frames, and the whitened problem there."""
 
-    shared: NDArray  # (G,)
-    local: NDArray  # (B, H) without the frames
+    shared: Array  # (G,)
+    local: Array  # (B, H) without the frames
     frames: Frames
     whitened: Whitened
     state: FitState
     iterations: int
 
 
-def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: NDArray, local: NDArray) -> Fit:
+def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: Array, local: Array) -> Fit:
     """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
     problem = linearise(predict, measured, frames, shared, local)
     for iteration in range(_MAX_ITERATIONS):
@@ -64,7 +64,7 @@ def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: 
 
 
 def linearise(
-    predict: Predict, measured: Observations, frames: Frames, shared: NDArray, local: NDArray, by_shared: bool = True
+    predict: Predict, measured: Observations, frames: Frames, shared: Array, local: Array, by_shared: bool = True
 ) -> Linearised:
     """Return the whitened problem at some values of the unknowns; the frames' six come first among the local ones.
 

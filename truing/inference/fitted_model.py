@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array, Mask
 from truing.inference.fit import Fit, fit_model
 from truing.inference.linear_problem import Contribution, rows_by_source
 from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, Model, Scene
@@ -68,7 +68,7 @@ class FittedModel(Generic[CauseT]):
         return self.model.scene.with_seen(self.measured.seen)
 
     @cached_property
-    def design_matrix(self) -> Callable[[CauseT], Mapping[str, NDArray]]:
+    def design_matrix(self) -> Callable[[CauseT], Mapping[str, Array]]:
         """Return what tells how a candidate acts at this fit."""
         return self.model.design_matrix(self.fit.shared, self.fit.local)
 
@@ -89,7 +89,7 @@ class FittedModel(Generic[CauseT]):
         found = self.noise
         return float(np.sqrt((found.observed_total + found.inputs_total) / (found.observed + found.inputs)))
 
-    def covariance(self) -> NDArray:
+    def covariance(self) -> Array:
         """Return the covariance (G, G) of the shared unknowns in prior sigmas, at the estimated noise level."""
         return self.fit.whitened.covariance() * self.noise_ratio**2
 
@@ -98,7 +98,7 @@ class FittedModel(Generic[CauseT]):
         motions = self.model.pathways(self.fit.shared, self.fit.local)
         return pathways_of(self.fit.whitened, self.measured, self.fit.frames, motions, self.input_rows)
 
-    def values(self, cause: CauseT) -> tuple[NDArray, NDArray]:
+    def values(self, cause: CauseT) -> tuple[Array, Array]:
         """Return the values (P,) and covariance (P, P), SI, of an accepted cause's parameters."""
         place, sigma = self.model.layout[cause.key], self.model.effect_sigma(cause)
         return self.fit.shared[place] * sigma, self.covariance()[place, place] * np.outer(sigma, sigma)
@@ -171,9 +171,9 @@ class Fitter(Generic[CauseT]):
         self._progress("fitting " + (", ".join(cause.id for cause in causes) or "the plain simulation"))
         model = self.model.with_causes(causes)
         measured, frames = self.calibration.measured, self.calibration.frames
-        if start is None:
-            shared, local = self.model.embedded(np.empty(0), model), np.zeros((len(frames.t), model.local_size))
-        else:
+        shared = self.model.embedded(np.empty(0), model)
+        local: Array = np.zeros((len(frames.t), model.local_size))
+        if start is not None:
             shared, local = start.model.embedded(start.fit.shared, model), start.fit.local
             frames = start.fit.frames
         fit = fit_model(model.predict, measured, frames, shared, local)
@@ -201,7 +201,7 @@ class Fitter(Generic[CauseT]):
             return None
         return merged([self._predicted_block(fitted, block == number) for number in range(count)], block, measured)
 
-    def _predicted_block(self, fitted: FittedModel[CauseT], own: NDArray) -> PredictionError[CauseT]:
+    def _predicted_block(self, fitted: FittedModel[CauseT], own: Mask) -> PredictionError[CauseT]:
         """Return the error of the prediction of epochs own (B,) by a fit without them."""
         model, measured, fit = fitted.model, fitted.measured, fitted.fit
         others = replace(measured, seen=measured.seen & ~own[:, None])
@@ -273,7 +273,7 @@ class Fitter(Generic[CauseT]):
         columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
         return noise_dependence(known, drivers(columns, scene.shape, fitted.model.channel_groups), level)
 
-    def reweight(self, factor: NDArray) -> None:
+    def reweight(self, factor: Array) -> None:
         """Take the observations' noise to be larger by factors (B, K)."""
         measured, square = self.calibration.measured, factor[..., None, None] ** 2
         self.declared = self.declared * square
@@ -284,10 +284,10 @@ class Fitter(Generic[CauseT]):
 
 def _height(measured: Observations) -> int:
     """Return how many rows the observations of an epoch are."""
-    return measured.seen.shape[1] * measured.size
+    return int(measured.seen.shape[1]) * measured.size
 
 
-def _screened(wrong: NDArray, rest: NDArray, *, held_out: bool) -> list[ScreenedValue]:
+def _screened(wrong: Mask, rest: Array, *, held_out: bool) -> list[ScreenedValue]:
     """Return the observations wrong (B, K) with the lengths of their whitened residuals (B, K, d)."""
     length = np.sqrt(np.sum(rest**2, -1))
     return [ScreenedValue(int(b), int(k), held_out, float(length[b, k])) for b, k in np.argwhere(wrong)]

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+
+from truing.inference.arrays import Array, Mask
 
 # Zero rows of missing observations are left out of products where more than the rest of them would be.
 _FEW_MISSING = 0.9
@@ -25,16 +26,16 @@ PLAUSIBLE, WIDE = "plausible", "wide"
 class Linearised:
     """Measured minus predicted, and derivatives, at some values of the unknowns; whitened, zero where missing."""
 
-    residual: NDArray  # (B, M) rows of each epoch
-    by_local: NDArray  # (B, M, H)
-    by_shared: NDArray  # (B, M, G)
-    local_value: NDArray  # (B, H) present distance from the prior's mean, in prior sigmas
-    shared_value: NDArray  # (G,)
-    extra_residual: NDArray  # (E,) rows that concern no epoch
-    extra_by_shared: NDArray  # (E, G)
-    present: NDArray  # (B, M) which rows were measured
-    local_known: NDArray  # (H,) whose prior is knowledge, and not merely there to keep the equations scaled
-    shared_known: NDArray  # (G,)
+    residual: Array  # (B, M) rows of each epoch
+    by_local: Array  # (B, M, H)
+    by_shared: Array  # (B, M, G)
+    local_value: Array  # (B, H) present distance from the prior's mean, in prior sigmas
+    shared_value: Array  # (G,)
+    extra_residual: Array  # (E,) rows that concern no epoch
+    extra_by_shared: Array  # (E, G)
+    present: Mask  # (B, M) which rows were measured
+    local_known: Mask  # (H,) whose prior is knowledge, and not merely there to keep the equations scaled
+    shared_known: Mask  # (G,)
 
     @property
     def squares(self) -> float:
@@ -48,13 +49,13 @@ class Whitened:
     """The problem with its local unknowns eliminated; rows: those of epochs with local priors, extra ones, priors."""
 
     problem: Linearised
-    local_basis: NDArray  # (B, M + H, H) orthonormal
-    local_factor: NDArray  # (B, H, H) triangular
-    rows: NDArray  # (N, G) shared derivatives
-    residual: NDArray  # (N,)
+    local_basis: Array  # (B, M + H, H) orthonormal
+    local_factor: Array  # (B, H, H) triangular
+    rows: Array  # (N, G) shared derivatives
+    residual: Array  # (N,)
 
     @cached_property
-    def _inverse(self) -> NDArray:
+    def _inverse(self) -> Array:
         """Return the inverse (G, G) of the rows' triangular factor: all that a step needs of them.
 
         The priors among the rows keep their products regular; the condition of these is the square of the rows', which
@@ -63,12 +64,12 @@ class Whitened:
         return _inverse_factor(self._telling)
 
     @cached_property
-    def _along(self) -> NDArray:
+    def _along(self) -> Array:
         """Return the parts (G,) of the residual along the basis."""
         return self._inverse.T @ (self.rows.T @ self.residual)
 
     @cached_property
-    def basis(self) -> NDArray:
+    def basis(self) -> Array:
         """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
         nearly = _times_upper(self._telling, self._inverse)
         told = _times_upper(nearly, _inverse_factor(nearly))
@@ -79,12 +80,12 @@ class Whitened:
         return basis
 
     @property
-    def _telling(self) -> NDArray:
+    def _telling(self) -> Array:
         """Return the rows (n, G) without those of missing observations, which are zero, where these are many."""
         return self.rows if self._tells.mean() > _FEW_MISSING else self.rows[self._tells]
 
     @cached_property
-    def _tells(self) -> NDArray:
+    def _tells(self) -> Mask:
         tells = np.ones(len(self.rows), bool)
         epochs, count = self.problem.local_value.shape
         own = np.concatenate([self.problem.present, np.ones((epochs, count), bool)], 1).ravel()
@@ -92,7 +93,7 @@ class Whitened:
         return tells
 
     @cached_property
-    def rest(self) -> NDArray:
+    def rest(self) -> Array:
         """Return the residual (N,) that is left after all unknowns were fitted."""
         return self.residual - self.basis @ (self.basis.T @ self.residual)
 
@@ -105,15 +106,15 @@ class Whitened:
         return float(np.sum(local**2) + np.sum(self._along**2))
 
     @cached_property
-    def leverage(self) -> NDArray:
+    def leverage(self) -> Array:
         """Return the share (N,) of each row that the unknowns follow; 1 where nothing of it is left to test."""
         local = np.sum(self.local_basis**2, -1).ravel()
         shared = np.sum(self.basis**2, -1)
         shared[: len(local)] += local
-        return np.minimum(shared, 1.0)
+        return np.asarray(np.minimum(shared, 1.0))
 
     @cached_property
-    def present(self) -> NDArray:
+    def present(self) -> Mask:
         """Return which rows (N,) say something: what was measured, and priors that are knowledge."""
         priors = np.broadcast_to(self.problem.local_known, self.problem.local_value.shape)
         epoch_rows = np.concatenate([self.problem.present, priors], 1).ravel()
@@ -125,26 +126,26 @@ class Whitened:
         """Return the degrees of freedom of `rest`."""
         return float(np.sum((1.0 - self.leverage)[self.present]))
 
-    def step(self) -> tuple[NDArray, NDArray]:
+    def step(self) -> tuple[Array, Array]:
         """Return the least-squares step of the shared (G,) and local (B, H) unknowns, in prior sigmas."""
         shared = self._inverse @ self._along
         left = _with_priors(self.problem.residual - self.problem.by_shared @ shared, -self.problem.local_value)
         local = np.linalg.solve(self.local_factor, np.einsum("bmh,bm->bh", self.local_basis, left)[..., None])
         return shared, local[..., 0]
 
-    def fitted(self, rows: NDArray) -> NDArray:
+    def fitted(self, rows: Array) -> Array:
         """Return the shared unknowns (G, ...) that fit rows (N, ...) best, in prior sigmas."""
         return self._inverse @ (self._inverse.T @ (self.rows.T @ rows))
 
-    def from_basis(self, parts: NDArray) -> NDArray:
+    def from_basis(self, parts: Array) -> Array:
         """Return the shared unknowns (G, ...) whose rows are the basis times parts (G, ...), in prior sigmas."""
         return self._inverse @ parts
 
-    def covariance(self) -> NDArray:
+    def covariance(self) -> Array:
         """Return the covariance (G, G) of the shared unknowns, in prior sigmas squared."""
         return self._inverse @ self._inverse.T
 
-    def covariance_from(self, rows: Mapping[str, NDArray], place: slice) -> dict[str, NDArray]:
+    def covariance_from(self, rows: Mapping[str, Mask], place: slice) -> dict[str, Array]:
         """Return the covariance (P, P) of shared unknowns that the errors of each group of rows (N,) give to them.
 
         Rows err independently, each by one; groups that hold every row sum to `covariance`.
@@ -152,7 +153,7 @@ class Whitened:
         follows = (self._inverse[place] @ self._inverse.T) @ self.rows.T
         return {name: follows[:, own] @ follows[:, own].T for name, own in rows.items()}
 
-    def without_local(self, columns: NDArray) -> NDArray:
+    def without_local(self, columns: Array) -> Array:
         """Return columns (B, M + H, P) less what the local unknowns explain of them."""
         explained = self.local_basis @ (np.swapaxes(self.local_basis, 1, 2) @ columns)
         return np.subtract(columns, explained, out=explained)
@@ -170,7 +171,7 @@ def whiten(problem: Linearised) -> Whitened:
     return Whitened(problem, basis, factor, rows, stacked)
 
 
-def _shared_rows(problem: Linearised, basis: NDArray) -> NDArray:
+def _shared_rows(problem: Linearised, basis: Array) -> Array:
     """Return the derivatives (N, G) by the shared unknowns less what the local ones explain; they are the largest array
     of all, so that each is written in its place at once."""
     epochs, height, size = problem.by_shared.shape
@@ -184,21 +185,21 @@ def _shared_rows(problem: Linearised, basis: NDArray) -> NDArray:
     return rows
 
 
-def _inverse_factor(rows: NDArray) -> NDArray:
+def _inverse_factor(rows: Array) -> Array:
     """Return the inverse (G, G) of the upper triangular factor of rows (N, G)."""
     from scipy.linalg.lapack import dtrtri
 
     return np.asarray(dtrtri(np.linalg.cholesky(rows.T @ rows).T)[0])
 
 
-def _times_upper(rows: NDArray, upper: NDArray) -> NDArray:
+def _times_upper(rows: Array, upper: Array) -> Array:
     """Return rows (N, G) times an upper triangular matrix (G, G), at half the cost of any other."""
     from scipy.linalg.blas import dtrmm
 
     return np.asarray(dtrmm(1.0, upper, rows.T, trans_a=1)).T
 
 
-def _with_priors(rows: NDArray, priors: NDArray) -> NDArray:
+def _with_priors(rows: Array, priors: Array) -> Array:
     return np.concatenate([rows, priors], 1)
 
 
@@ -207,13 +208,11 @@ class Contribution:
     """What one source gives to the covariance (P, P) of some parameters, SI, and what a fit leaves of its rows."""
 
     source: str
-    covariance: NDArray
+    covariance: Array
     freedom: float
 
 
-def rows_by_source(
-    whitened: Whitened, layout: Mapping[str, slice], causes: Set[str], inputs: slice
-) -> dict[str, NDArray]:
+def rows_by_source(whitened: Whitened, layout: Mapping[str, slice], causes: Set[str], inputs: slice) -> dict[str, Mask]:
     """Return which rows (N,) of a whitened problem are of each source; every row is of one.
 
     Priors of causes are ``PLAUSIBLE`` sizes, those that are no knowledge ``WIDE``, others are called as in the layout.

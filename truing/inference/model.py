@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, Self, TypeVar
 
-from numpy.typing import NDArray
+from truing.inference.arrays import Array, Integers, Mask
 
 # The pathway on which a cause acts on the observations themselves, whose motions are the identity.
 OBSERVED = "observed"
@@ -69,13 +69,13 @@ class Cause(Protocol):
     def refined(self) -> Self:
         """Return the form that is fitted once it is chosen, with its shape among the parameters."""
 
-    def with_fixed_shape(self, shape: NDArray, /) -> Self | None:
+    def with_fixed_shape(self, shape: Array, /) -> Self | None:
         """Return the form with its shape held; None where that need not be asked."""
 
-    def narrowed(self, values: NDArray, covariance: NDArray, parts: int, /) -> Self:
+    def narrowed(self, values: Array, covariance: Array, parts: int, /) -> Self:
         """Return the cause without the parts that clearly do nothing once it is fitted."""
 
-    def covers(self, covariates: Mapping[str, NDArray], epochs: int, /) -> NDArray:
+    def covers(self, covariates: Mapping[str, Array], epochs: int, /) -> Mask:
         """Return at which epochs (B,) it claims to hold."""
 
 
@@ -86,7 +86,7 @@ class Conditions(Protocol):
     """What is known of some epochs, and all that a model needs there."""
 
     @property
-    def covariates(self) -> Mapping[str, NDArray]:
+    def covariates(self) -> Mapping[str, Array]:
         """Columns (B,) or (B, L), by name."""
 
 
@@ -104,26 +104,26 @@ class ChannelCandidates(Generic[CauseT]):
     ``patterns`` each shifts n channels together, and its parameters, q for every column, are those of the pattern.
     """
 
-    values: NDArray  # (S, B, m), without dimension: what a shift is multiplied with
-    channels: NDArray  # (T,) places of the channels; (T, n) with patterns
-    usable: NDArray  # (S, T) whether that channel was seen often enough for that shape
+    values: Array  # (S, B, m), without dimension: what a shift is multiplied with
+    channels: Integers  # (T,) places of the channels; (T, n) with patterns
+    usable: Mask  # (S, T) whether that channel was seen often enough for that shape
     scale: float  # one sigma of a plausible shift, SI
     member: Callable[[int, int], CauseT]
-    patterns: NDArray | None = None  # (T, n, d, q), shifts over a plausible one
+    patterns: Array | None = None  # (T, n, d, q), shifts over a plausible one
 
 
 class Scene(Protocol[CauseT]):
     """What a campaign offers to causes of one sort: which candidates are worth testing there."""
 
     @property
-    def covariates(self) -> Mapping[str, NDArray]:
+    def covariates(self) -> Mapping[str, Array]:
         """Columns (B,) or (B, L) known at every epoch; of these, ``order`` ranks the epochs in time."""
 
     @property
-    def shape(self) -> NDArray:
+    def shape(self) -> Array:
         """Places (K, 0 to 3) of the channels on their groups, m."""
 
-    def with_seen(self, seen: NDArray) -> Self:
+    def with_seen(self, seen: Mask) -> Self:
         """Return the scene of which so many observations (B, K) were seen."""
 
     def candidates(self, kind: CauseT, /) -> Sequence[CauseT]:
@@ -144,38 +144,38 @@ class Predicted(Protocol):
     epoch."""
 
     @property
-    def values(self) -> NDArray:
+    def values(self) -> Array:
         """Observations (B, K, d), SI, in the model's frame."""
 
     @property
-    def by_shared(self) -> NDArray:
+    def by_shared(self) -> Array:
         """Their derivatives (B, K, d, G) by the shared unknowns."""
 
     @property
-    def by_local(self) -> NDArray:
+    def by_local(self) -> Array:
         """Their derivatives (B, K, d, H) by the local unknowns."""
 
     @property
-    def known_residual(self) -> NDArray:
+    def known_residual(self) -> Array:
         """Rows (E,) of knowledge, known minus predicted."""
 
     @property
-    def known_by_shared(self) -> NDArray:
+    def known_by_shared(self) -> Array:
         """Their derivatives (E, G)."""
 
     @property
-    def shared_known(self) -> NDArray:
+    def shared_known(self) -> Mask:
         """Which shared unknowns (G,) have a prior that is knowledge, and not merely wide."""
 
     @property
-    def local_known(self) -> NDArray:
+    def local_known(self) -> Mask:
         """Which local unknowns (H,) have such a prior."""
 
 
 class Predict(Protocol):
     """Observations as a function of unknowns, which are counted in standard deviations of their priors."""
 
-    def __call__(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Predicted:
+    def __call__(self, shared: Array, local: Array, by_shared: bool = True) -> Predicted:
         """Return observations and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked
         for."""
 
@@ -185,8 +185,8 @@ class Split:
     """Shared unknowns (P,) that split into what is common to all like parts and each part's own: their places, which of
     them are common, and the share of their variance that is."""
 
-    places: NDArray
-    common: NDArray
+    places: Integers
+    common: Mask
     share: float
 
 
@@ -210,7 +210,7 @@ class Model(Protocol[CauseT]):
         """Return the number of local unknowns H."""
 
     @property
-    def unpredicted(self) -> NDArray:
+    def unpredicted(self) -> Mask:
         """Return which local unknowns (H,) the model does not claim to predict."""
 
     @property
@@ -226,7 +226,7 @@ class Model(Protocol[CauseT]):
         """Return what each channel (K,) belongs to, or what sort of channel it is; none where none is told."""
 
     @property
-    def channel_groups(self) -> NDArray:
+    def channel_groups(self) -> Integers:
         """Return the number of each channel's group (K,)."""
 
     @property
@@ -234,12 +234,12 @@ class Model(Protocol[CauseT]):
         """Return the number of like parts L, each of which has parameters of its own in some causes."""
 
     @property
-    def zero_groups(self) -> NDArray | None:
+    def zero_groups(self) -> Integers | None:
         """Return which observations (B, K) share a zero, by number, -1 for none; None where observations have
         frames."""
 
     @property
-    def error_groups(self) -> NDArray | None:
+    def error_groups(self) -> Integers | None:
         """Return which epochs (B,) err together, by number: those of a run; None where each stands for itself."""
 
     @property
@@ -248,7 +248,7 @@ class Model(Protocol[CauseT]):
         do."""
 
     @property
-    def blocks(self) -> NDArray | None:
+    def blocks(self) -> Integers | None:
         """Return which epochs (B,) can be left out of a fit together, by number in time; None where none can be, since
         they would have to be predicted from others before and after."""
 
@@ -265,19 +265,19 @@ class Model(Protocol[CauseT]):
     def with_share(self, share: float, /) -> Self:
         """Return the model with another share of what splits in common."""
 
-    def embedded(self, shared: NDArray, model: Self, /) -> NDArray:
+    def embedded(self, shared: Array, model: Self, /) -> Array:
         """Return shared unknowns of this model as those of another."""
 
-    def pathways(self, shared: NDArray, local: NDArray) -> Mapping[str, NDArray]:
+    def pathways(self, shared: Array, local: Array) -> Mapping[str, Array]:
         """Return how the observations (B, K, d, C) follow each pathway."""
 
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[CauseT], Mapping[str, NDArray]]:
+    def design_matrix(self, shared: Array, local: Array) -> Callable[[CauseT], Mapping[str, Array]]:
         """Return what tells a cause's change (B or 1, C, P) of each pathway that it acts on, per plausible scale."""
 
-    def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
+    def rotations(self, shared: Array, local: Array) -> Array:
         """Return the rotations (B, K, d, d) from the axes of the channels' groups to those of the observations."""
 
-    def effect_sigma(self, cause: CauseT, /) -> NDArray:
+    def effect_sigma(self, cause: CauseT, /) -> Array:
         """Return the prior sigma (P,), SI, that a cause's parameters are fitted with."""
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
 from truing.inference.observations import Observations
 
@@ -78,7 +78,7 @@ def components(whitened: Whitened, observed: int, inputs: slice) -> NoiseCompone
     )
 
 
-def _by_row(whitened: Whitened) -> tuple[NDArray, NDArray]:
+def _by_row(whitened: Whitened) -> tuple[Array, Array]:
     """Return the squared residual and the degrees of freedom (N,) of every row that says something."""
     present = whitened.present
     return np.where(present, whitened.rest**2, 0.0), np.where(present, 1.0 - whitened.leverage, 0.0)
@@ -93,7 +93,7 @@ def input_ratio(whitened: Whitened, observed: int, inputs: slice, used: float) -
     return _ratio(float(own[0]), float(own[1]), used)
 
 
-def survey_ratio(whitened: Whitened, places: NDArray, used: float) -> float:
+def survey_ratio(whitened: Whitened, places: Integers, used: float) -> float:
     """Return the survey's noise over the declared one, from its rows' places among all rows (N,)."""
     squares, freedom = _by_row(whitened)
     robust = np.minimum(squares[places], 9.0 * freedom[places])  # a channel that was moved is no noise
@@ -106,7 +106,7 @@ def _ratio(squares: float, freedom: float, used: float) -> float:
     return float(np.clip(np.sqrt(variance), 1.0 / _MOST_OFF, _MOST_OFF))
 
 
-def rescaled_noise(whitened: Whitened, measured: Observations, groups: NDArray) -> Observations:
+def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers) -> Observations:
     """Return the observations with their covariances brought to what a fit found, group by group, in the measurement's
     axes.
 
@@ -124,13 +124,13 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: NDArray) 
     return replace(measured, covariance=np.where(measured.seen[..., None, None], covariance, measured.covariance))
 
 
-def told_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[NDArray, NDArray]:
+def told_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[Array, Array]:
     """Return the observations' whitened residuals, of shape (B, K, d), and how much of each observation's noise they
     tell (B, K, d, d)."""
     epochs, count, size = shape
     height, width = size * count + whitened.problem.local_value.shape[1], whitened.basis.shape[1]
 
-    def of_observations(rows: NDArray, width: int) -> NDArray:
+    def of_observations(rows: Array, width: int) -> Array:
         own = rows[: epochs * height].reshape(epochs, height, width)[:, : size * count]
         return own.reshape(epochs, count, size, width)
 
@@ -140,7 +140,7 @@ def told_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[NDA
     return of_observations(whitened.rest, 1)[..., 0], told
 
 
-def _scatter(rest: NDArray, told: NDArray, prior: NDArray) -> NDArray:
+def _scatter(rest: Array, told: Array, prior: Array) -> Array:
     """Return the scatter matrix of the noise behind residuals (n, d), of which they tell ``told`` (n, d, d); robust.
 
     The prior counts as `NOISE_PRIOR_FREEDOM` values. Where residuals tell nothing (across a group of three channels),
@@ -187,7 +187,7 @@ class NoiseLevel:
 
 
 def noise_level(
-    whitened: Whitened, measured: Observations, declared: NDArray, channels: NDArray | None = None
+    whitened: Whitened, measured: Observations, declared: Array, channels: Mask | None = None
 ) -> NoiseLevel:
     """Return the level of the noise that a fit leaves in the observations over the declared covariances (B, K, d, d).
 
@@ -199,7 +199,7 @@ def noise_level(
     size = measured.size
     height = size * count + whitened.problem.local_value.shape[1]
 
-    def of_observations(rows: NDArray) -> NDArray:
+    def of_observations(rows: Array) -> Array:
         own = rows[: epochs * height].reshape(epochs, height)[:, : size * count]
         return np.asarray(own.reshape(epochs, count, size)[seen])
 
@@ -222,8 +222,8 @@ class Driver:
     """
 
     name: str
-    values: NDArray
-    within: NDArray
+    values: Array
+    within: Integers
     column: str = ""
     channels: tuple[int, ...] = ()
 
@@ -240,10 +240,10 @@ class NoiseDependence:
     p_value: float
     ratio: float
     sigma: float
-    factor: NDArray
+    factor: Array
 
 
-def standardised(rest: NDArray, told: NDArray) -> NDArray:
+def standardised(rest: Array, told: Array) -> Array:
     """Return residuals (B, K, d) brought to unit noise, NaN where a fit leaves too little of an observation.
 
     ``told`` (B, K, d, d) is the covariance of the whitened residuals ``rest`` where noise is unit noise.
@@ -255,7 +255,7 @@ def standardised(rest: NDArray, told: NDArray) -> NDArray:
 
 
 def drivers(
-    covariates: Mapping[str, NDArray], shape: NDArray, groups: NDArray, distance: NDArray | None = None
+    covariates: Mapping[str, Array], shape: Array, groups: Integers, distance: Array | None = None
 ) -> list[Driver]:
     """Return what the noise may follow: columns (B,) and their squares, the place on the group, the distance, a
     channel.
@@ -281,7 +281,7 @@ def drivers(
     return found
 
 
-def noise_dependence(rest: NDArray, candidates: Sequence[Driver], level: float) -> NoiseDependence | None:
+def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) -> NoiseDependence | None:
     """Return what the noise behind standardised residuals (B, K, d) follows; None where p exceeds the level.
 
     NaN where an observation was not seen. p-values are corrected for the number of candidates (Bonferroni).
@@ -323,7 +323,7 @@ def _log_moments(size: int) -> tuple[float, float]:
     return slope, (second - first**2) / slope**2
 
 
-def _slope(logs: NDArray, known: NDArray, driver: Driver, spread: float) -> tuple[float, float]:
+def _slope(logs: Array, known: Mask, driver: Driver, spread: float) -> tuple[float, float]:
     """Return the slope of the logarithms (B, K) along a driver, and its standard deviation; they scatter by no less
     than the variance ``spread``."""
     y, x = _within(logs, known, driver.within), _within(driver.values, known, driver.within)
@@ -340,7 +340,7 @@ def _strength(score: tuple[float, float], driver: Driver) -> float:
     return ratio if driver.channels else abs(ratio)
 
 
-def _within(values: NDArray, known: NDArray, groups: NDArray) -> NDArray:
+def _within(values: Array, known: Mask, groups: Integers) -> Array:
     """Return values (B, K) less the mean of their group of channels; zero where not known."""
     left = np.where(known, values, 0.0)
     for group in np.unique(groups):
@@ -350,7 +350,7 @@ def _within(values: NDArray, known: NDArray, groups: NDArray) -> NDArray:
     return np.where(known, left, 0.0)
 
 
-def _following(driver: Driver, score: tuple[float, float], known: NDArray, p_value: float) -> NoiseDependence:
+def _following(driver: Driver, score: tuple[float, float], known: Mask, p_value: float) -> NoiseDependence:
     x = _within(driver.values, known, driver.within)
     away = np.where(np.isfinite(driver.values), driver.values, 0.0) - driver.values[known].mean()
     reach = 0.5 * float(np.ptp(x[known]))
@@ -359,7 +359,7 @@ def _following(driver: Driver, score: tuple[float, float], known: NDArray, p_val
     return NoiseDependence(driver, p_value, ratio, ratio * score[1] * reach, factor)
 
 
-def estimated_share(shift: NDArray, covariance: NDArray, common: NDArray, share: float) -> float:
+def estimated_share(shift: Array, covariance: Array, common: Mask, share: float) -> float:
     """Return the share in common that a fit speaks for, on average over all; the present one where it is nearly that.
 
     Parameters, of which ``common`` (P,) are those of all parts, moved by shift (P,) and are known to covariance (P, P),
@@ -378,12 +378,12 @@ def _angle(share: float) -> float:
     return float(np.arccos(np.sqrt(share)))
 
 
-def _widths(common: NDArray, angle: float, present: float) -> NDArray:
+def _widths(common: Mask, angle: float, present: float) -> Array:
     """Return the prior sigmas (P,) at an angle over those at the present one."""
-    return np.where(common, np.cos(angle) / np.cos(present), np.sin(angle) / np.sin(present))
+    return np.asarray(np.where(common, np.cos(angle) / np.cos(present), np.sin(angle) / np.sin(present)))
 
 
-def _log_evidence(told: NDArray, moved: NDArray, width: NDArray) -> float:
+def _log_evidence(told: Array, moved: Array, width: Array) -> float:
     """Return the log evidence for prior sigmas (P,), of data that tell ``told`` (P, P) and whose score is ``moved``."""
     posterior = np.eye(len(width)) + width[:, None] * told * width
     score = width * moved

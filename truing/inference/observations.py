@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import Generic, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, skew
+from truing.inference.arrays import Array, Mask
 from truing.inference.model import ConditionsT_co
 
 _SPACE, _FRAME = 3, 6
@@ -21,9 +21,9 @@ _FRAME_SIGMA = np.array([0.1] * 3 + [0.1] * 3)  # m, rad
 class Observations:
     """Observations (B, K, d), SI, each epoch in its own frame, with covariance (B, K, d, d); seen (B, K)."""
 
-    values: NDArray
-    covariance: NDArray
-    seen: NDArray
+    values: Array
+    covariance: Array
+    seen: Mask
 
     @property
     def size(self) -> int:
@@ -31,7 +31,7 @@ class Observations:
         return int(self.values.shape[-1])
 
     @cached_property
-    def whitener(self) -> NDArray:
+    def whitener(self) -> Array:
         """Return the matrices (B, K, d, d) that make the noise unit and white; zero where an observation is missing."""
         covariance = np.where(self.seen[..., None, None], self.covariance, np.eye(self.size))
         return np.linalg.inv(np.linalg.cholesky(covariance)) * self.seen[..., None, None]
@@ -44,8 +44,8 @@ class Frames:
     They are fitted unless ``free`` is false: then the measurement has one frame for the campaign, the model's.
     """
 
-    R: NDArray
-    t: NDArray
+    R: Array
+    t: Array
     free: bool = True
 
     @classmethod
@@ -58,7 +58,7 @@ class Frames:
         """Return how many unknowns a frame is: six, or none where observations are numbers."""
         return _FRAME if self.t.shape[1] == _SPACE else 0
 
-    def columns(self, arms: NDArray) -> NDArray:
+    def columns(self, arms: Array) -> Array:
         """Return how observations (B, K, d) move with their frames, (B, K, d, size), in units of the frame's scale;
         arms are the observations from their frame's origin, in the measurement's axes."""
         if not self.size:
@@ -66,7 +66,7 @@ class Frames:
         moved = np.concatenate([np.broadcast_to(np.eye(_SPACE), (*arms.shape, _SPACE)), -skew(arms)], -1)
         return np.asarray(moved * _FRAME_SIGMA * self.free)
 
-    def moved(self, step: NDArray) -> Frames:
+    def moved(self, step: Array) -> Frames:
         """Return the frames after a step (B, size) in units of the frame's scale."""
         if not self.size:
             return self
@@ -84,18 +84,18 @@ class Epochs(Generic[ConditionsT_co]):
     measured: Observations
     conditions: ConditionsT_co
     frames: Frames
-    kept: NDArray | None = None
+    kept: Mask | None = None
 
-    def removable(self, wrong: NDArray) -> NDArray:
+    def removable(self, wrong: Mask) -> Mask:
         """Return which observations (B, K) are to be taken out, of those that look grossly wrong."""
         return wrong if self.kept is None else wrong & ~self.kept
 
-    def without(self, wrong: NDArray) -> Self:
+    def without(self, wrong: Mask) -> Self:
         """Return the epochs without some observations (B, K)."""
         return replace(self, measured=replace(self.measured, seen=self.measured.seen & ~wrong))
 
 
-def whitened_columns(measured: Observations, frames: Frames, columns: NDArray) -> NDArray:
+def whitened_columns(measured: Observations, frames: Frames, columns: Array) -> Array:
     """Return motions of the observations (B, K, d, P), in the model's frame, as whitened rows (B, d K, P)."""
     epochs, count, size, parameters = columns.shape
     return (measured.whitener @ frames.R[:, None] @ columns).reshape(epochs, count * size, parameters)

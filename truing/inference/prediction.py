@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.fit import Fit, linearise
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseT, Model
@@ -37,49 +37,49 @@ class PredictionError(Generic[CauseT]):
     epoch (B, M, h) are those at the prediction, whitened; ``model`` predicted, with ``shared`` unknowns (G,).
     """
 
-    gap: NDArray
+    gap: Array
     measured: Observations
-    whitened: NDArray  # (B, K, d) the same in units of the noise
+    whitened: Array  # (B, K, d) the same in units of the noise
     frames: Frames
-    local: NDArray
-    by_shared: NDArray
-    by_fitted: NDArray
+    local: Array
+    by_shared: Array
+    by_fitted: Array
     model: Model[CauseT]
-    shared: NDArray
+    shared: Array
 
     @cached_property
-    def pathways(self) -> Mapping[str, NDArray]:
+    def pathways(self) -> Mapping[str, Array]:
         """Return how the observations (B, K, d, C) follow each pathway at the prediction."""
         return self.model.pathways(self.shared, self.local)
 
     @cached_property
-    def design_matrix(self) -> Callable[[CauseT], Mapping[str, NDArray]]:
+    def design_matrix(self) -> Callable[[CauseT], Mapping[str, Array]]:
         """Return what tells a cause's change of each pathway at the prediction."""
         return self.model.design_matrix(self.shared, self.local)
 
     @property
-    def seen(self) -> NDArray:
+    def seen(self) -> Mask:
         """Return which observations (B, K) were measured."""
         return self.measured.seen
 
-    def less(self, columns: NDArray) -> PredictionError[CauseT]:
+    def less(self, columns: Array) -> PredictionError[CauseT]:
         """Return the error where the prediction moves by columns (B, M), whitened, and each epoch is fitted anew."""
-        left = self.whitened.reshape(columns.shape) - columns
-        left = _freed(left[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
+        moved = self.whitened.reshape(columns.shape) - columns
+        left = _freed(moved[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
         return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
     @property
-    def squares(self) -> NDArray:
+    def squares(self) -> Array:
         """Return the whitened sum of squares of each epoch (B,)."""
-        return np.sum(self.whitened**2, (1, 2))
+        return np.asarray(np.sum(self.whitened**2, (1, 2)))
 
     @property
-    def rms_by_epoch(self) -> NDArray:
+    def rms_by_epoch(self) -> Array:
         """Return the root mean square per coordinate of each epoch (B,) in m, zero where nothing was seen."""
         return np.asarray(np.sqrt(np.sum(self.gap**2, (1, 2)) / np.maximum(self.measured.size * self.seen.sum(1), 1)))
 
     @property
-    def largest_by_epoch(self) -> NDArray:
+    def largest_by_epoch(self) -> Array:
         """Return the largest distance of an observation in each epoch (B,) in m."""
         return np.asarray(np.sqrt(np.max(np.sum(self.gap**2, -1), 1)))
 
@@ -88,7 +88,7 @@ class PredictionError(Generic[CauseT]):
         """Return the root mean square per coordinate in m, None where nothing was seen."""
         return self.rms_of(slice(None))
 
-    def rms_of(self, channels: NDArray | slice) -> float | None:
+    def rms_of(self, channels: Integers | slice) -> float | None:
         """Return the root mean square per coordinate of some channels, None where nothing of them was seen."""
         count = self.measured.size * int(self.seen[:, channels].sum())
         return float(np.sqrt(np.sum(self.gap[:, channels] ** 2) / count)) if count else None
@@ -100,12 +100,12 @@ class PredictionError(Generic[CauseT]):
 
 
 def merged(
-    errors: Sequence[PredictionError[CauseT]], block: NDArray, measured: Observations
+    errors: Sequence[PredictionError[CauseT]], block: Integers, measured: Observations
 ) -> PredictionError[CauseT]:
     """Return the error of every epoch as it is in the one of errors that block (B,) names."""
     each = np.arange(len(block))
 
-    def chosen(arrays: list[NDArray]) -> NDArray:
+    def chosen(arrays: list[Array]) -> Array:
         return np.asarray(np.stack(arrays)[block, each])
 
     frames = replace(errors[0].frames, R=chosen([e.frames.R for e in errors]), t=chosen([e.frames.t for e in errors]))
@@ -125,7 +125,7 @@ def prediction_error(
     model: Model[CauseT],
     measured: Observations,
     frames: Frames,
-    shared: NDArray,
+    shared: Array,
     by_shared: bool = True,
 ) -> PredictionError[CauseT]:
     """Return the error of the prediction from inputs; local unknowns that the model does not predict are fitted.
@@ -151,7 +151,7 @@ def prediction_error(
 def predicts_worse(
     before: PredictionError[CauseT] | None,
     after: PredictionError[CauseT] | None,
-    covered: NDArray,
+    covered: Mask,
 ) -> bool:
     """Return whether held-out epochs that a cause covers (B,) are predicted significantly worse, epoch against epoch.
 
@@ -175,7 +175,7 @@ def predicts_worse(
     return bool(worse.mean() > stdtrit(freedom, 1.0 - _WORSE) * np.sqrt(variance / len(worse)))
 
 
-def _unwhitened(measured: Observations, rows: NDArray) -> NDArray:
+def _unwhitened(measured: Observations, rows: Array) -> Array:
     """Return whitened rows (B, M) as distances (B, K, d), SI, zero where an observation is missing."""
     gap = np.linalg.solve(_square(measured), rows.reshape(*measured.values.shape, 1))[..., 0]
     return np.where(measured.seen[..., None], gap, 0.0)
@@ -186,17 +186,17 @@ class NoiseFloor:
     """What noise alone leaves in a prediction error: the mean square (K,) per coordinate of each channel, SI, and how
     often it was seen (K,)."""
 
-    square: NDArray
-    seen: NDArray
+    square: Array
+    seen: Integers
 
-    def rms_of(self, channels: NDArray | slice = slice(None)) -> float:
+    def rms_of(self, channels: Integers | slice = slice(None)) -> float:
         """Return the root mean square per coordinate of some channels."""
         count = self.seen[channels]
         return float(np.sqrt(np.sum(self.square[channels] * count) / max(count.sum(), 1)))
 
 
 def noise_floor(
-    fit: Fit, measured: Observations, unpredicted: NDArray, zero_groups: NDArray | None, rng: np.random.Generator
+    fit: Fit, measured: Observations, unpredicted: Mask, zero_groups: Integers | None, rng: np.random.Generator
 ) -> NoiseFloor:
     """Return what declared noise alone leaves in the prediction error of a fitted model; zeros as in `PredictionError`.
 
@@ -210,14 +210,14 @@ def noise_floor(
     left = noise - problem.by_shared @ error
     actuators = np.concatenate([np.zeros(fit.frames.size, bool), ~unpredicted])
     left -= problem.by_local[..., actuators] @ prior[:, actuators]
-    left = _freed(left, problem.by_local[..., ~actuators], measured, zero_groups)
-    gap = np.linalg.solve(_square(measured), left.reshape(*measured.values.shape, _FLOOR_DRAWS))
+    freed = _freed(left, problem.by_local[..., ~actuators], measured, zero_groups)
+    gap = np.linalg.solve(_square(measured), freed.reshape(*measured.values.shape, _FLOOR_DRAWS))
     seen = measured.seen.sum(0)
     square = np.sum(np.mean(gap**2, (2, 3)) * measured.seen, 0) / np.maximum(seen, 1)
     return NoiseFloor(square, seen)
 
 
-def _freed(rows: NDArray, columns: NDArray, measured: Observations, zero_groups: NDArray | None) -> NDArray:
+def _freed(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:
     """Return whitened rows (B, M, D) without what columns (B, M, h) of each epoch, or the zeros of runs, explain."""
     if zero_groups is None:
         return np.asarray(rows - columns @ _fit(columns, rows))
@@ -225,7 +225,7 @@ def _freed(rows: NDArray, columns: NDArray, measured: Observations, zero_groups:
     return _without_zeros(rows.reshape(len(weight), -1), weight, np.maximum(zero_groups, 0).ravel()).reshape(rows.shape)
 
 
-def _without_zeros(rows: NDArray, weight: NDArray, zero_groups: NDArray) -> NDArray:
+def _without_zeros(rows: Array, weight: Array, zero_groups: Integers) -> Array:
     """Return rows (N, D) of inputs less the zero that those with one number (N,) share, weight (N,) times it."""
     norm = np.bincount(zero_groups, weight**2)
     found = np.stack([np.bincount(zero_groups, weight * column) for column in rows.T], -1)
@@ -233,7 +233,7 @@ def _without_zeros(rows: NDArray, weight: NDArray, zero_groups: NDArray) -> NDAr
     return np.asarray(rows - weight[:, None] * shared[zero_groups])
 
 
-def _shared_error(whitened: Whitened, noise: NDArray, prior: NDArray, rng: np.random.Generator) -> NDArray:
+def _shared_error(whitened: Whitened, noise: Array, prior: Array, rng: np.random.Generator) -> Array:
     """Return the errors (G, D) of the shared unknowns that noise (B, M, D) and prior noise (B, H, D) lead to."""
     own = whitened.without_local(np.concatenate([noise, prior], 1)).reshape(-1, noise.shape[-1])
     others = rng.standard_normal((len(whitened.rows) - len(own), noise.shape[-1]))
@@ -241,7 +241,7 @@ def _shared_error(whitened: Whitened, noise: NDArray, prior: NDArray, rng: np.ra
     return whitened.fitted(np.concatenate([own, others]))
 
 
-def _fit(columns: NDArray, rows: NDArray) -> NDArray:
+def _fit(columns: Array, rows: Array) -> Array:
     """Return coefficients (B, h, D) of rows (B, M, D) on columns (B, M, h), held finite where an epoch lacks
     channels."""
     size = columns.shape[-1]
@@ -252,6 +252,6 @@ def _fit(columns: NDArray, rows: NDArray) -> NDArray:
     return np.linalg.solve(factor, np.swapaxes(basis[:, : columns.shape[1]], 1, 2) @ rows)
 
 
-def _square(measured: Observations) -> NDArray:
+def _square(measured: Observations) -> Array:
     """Return the whitener (B, K, d, d) with the identity where an observation is missing."""
     return np.where(measured.seen[..., None, None], measured.whitener, np.eye(measured.size))

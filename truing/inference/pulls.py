@@ -10,7 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from truing.inference.arrays import Array, Mask
 
 # What the data tell has at least this share of its prior variance taken away by them.
 TOLD = 0.5
@@ -25,8 +26,8 @@ class Pulls:
     hold 95 % of such sums, and p_value is the probability of a larger one.
     """
 
-    pull: NDArray
-    identifiable: NDArray  # (P,)
+    pull: Array
+    identifiable: Mask  # (P,)
     chi_square: float
     freedom: int
     lower: float
@@ -34,7 +35,7 @@ class Pulls:
     p_value: float
 
 
-def pulls(shift: NDArray, prior: NDArray, posterior: NDArray) -> Pulls:
+def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     """Return the pulls of parameters that moved by shift (P,), with prior and posterior covariance (P, P).
 
     Units are any, the same in all three. A combination counts as identifiable as a parameter does: where the data took

@@ -9,8 +9,8 @@ from itertools import combinations
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array
 from truing.inference.evidence import alike_log_evidence, log_evidence, log_possible, probabilities
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import Cause, CauseT
@@ -223,7 +223,7 @@ class Round(Generic[CauseT]):
         signs = self._signs(pair, values, covariance)
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
 
-    def _signs(self, pair: Sequence[Candidate[CauseT]], values: NDArray, covariance: NDArray) -> float:
+    def _signs(self, pair: Sequence[Candidate[CauseT]], values: Array, covariance: Array) -> float:
         """Return what the evidence of candidates together owes to signs, from all their parameters (P,)."""
         parts, first, found = self.fitted.model.part_count, 0, 0.0
         for candidate in pair:
@@ -279,7 +279,7 @@ class Score:
     squares: float  # by which it lowers the sum of squares
     log_evidence: float  # marginal likelihood over that of the model without it
     log_posterior: float  # the same with what was probable beforehand
-    along: NDArray  # (r,) scores along its directions
+    along: Array  # (r,) scores along its directions
     log_signs: float = 0.0  # what of the evidence is owed to signs that nature does not have
 
     @property
@@ -288,7 +288,7 @@ class Score:
         return float(np.sqrt(self.squares))
 
 
-def score_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], pathways: Pathways, along: NDArray) -> Score:
+def score_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], pathways: Pathways, along: Array) -> Score:
     own = candidate.signature
     if not own.rank:
         return Score(0.0, 0.0, float(np.log(candidate.prior)), np.zeros(0))
@@ -298,7 +298,7 @@ def score_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], pathways
     return Score(float(parts @ parts), odds, odds + float(np.log(max(candidate.prior, 1e-300))), parts, signs)
 
 
-def signs_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: NDArray) -> float:
+def signs_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: Array) -> float:
     """Return what a candidate's log evidence owes to the signs of parameters that nature makes on one side only."""
     places = candidate.cause.one_sided(fitted.model.part_count)
     if not places:
@@ -309,7 +309,7 @@ def signs_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: N
 
 
 def log_evidence_of(
-    candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: NDArray, stretch: float = 1.0
+    candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: Array, stretch: float = 1.0
 ) -> float:
     """Return a candidate's log evidence: of parameters of like size where there are such, or independent ones."""
     own, (total, freedom) = candidate.signature, total_of(fitted)
@@ -323,6 +323,6 @@ def log_evidence_of(
     return float(np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + independent))
 
 
-def raw_scores(own: Signature, score: Score) -> NDArray:
+def raw_scores(own: Signature, score: Score) -> Array:
     """Return the scores (P,) of a candidate's parameters, from those along its directions."""
     return np.asarray(own.loadings @ (score.along * own.strengths))

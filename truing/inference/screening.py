@@ -4,7 +4,8 @@ that."""
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from truing.inference.arrays import Array, Integers, Mask
 
 # Unit normals are longer than the limit once in some 1e6 observations.
 _BY_CHANCE = 1.2e-6
@@ -20,12 +21,12 @@ _ALIKE = 0.25
 
 
 def gross_errors(
-    rest: NDArray,
-    seen: NDArray,
-    axes: NDArray | None = None,
-    order: NDArray | None = None,
-    zero_groups: NDArray | None = None,
-) -> NDArray:
+    rest: Array,
+    seen: Mask,
+    axes: Array | None = None,
+    order: Array | Integers | None = None,
+    zero_groups: Integers | None = None,
+) -> Mask:
     """Return which observations (B, K) are grossly wrong, from whitened residuals rest (B, K, d).
 
     A channel's spread is its median length over the epochs, and at least that of unit noise; a channel that was seen in
@@ -52,7 +53,7 @@ def least_gross(size: int) -> float:
     return float(np.sqrt(chdtri(size, _BY_CHANCE)))
 
 
-def _by_run(rest: NDArray, seen: NDArray, axes: NDArray | None, order: NDArray | None, zero_groups: NDArray) -> NDArray:
+def _by_run(rest: Array, seen: Mask, axes: Array | None, order: Array | Integers | None, zero_groups: Integers) -> Mask:
     """Return the gross errors (B, K) where every run's values of a channel count as a channel of their own."""
     step, channel = np.nonzero(seen & (zero_groups >= 0))
     in_time = np.lexsort((step if order is None else order[step], zero_groups[step, channel]))
@@ -74,12 +75,12 @@ def _by_run(rest: NDArray, seen: NDArray, axes: NDArray | None, order: NDArray |
     return wrong
 
 
-def _far(rest: NDArray, seen: NDArray) -> NDArray:
+def _far(rest: Array, seen: Mask) -> Mask:
     length, limit = lengths(rest, seen)
     return np.asarray(np.nan_to_num(length) > limit)
 
 
-def lengths(rest: NDArray, seen: NDArray) -> tuple[NDArray, NDArray]:
+def lengths(rest: Array, seen: Mask) -> tuple[Array, Array]:
     """Return the lengths (B, K) of whitened residuals rest (B, K, d), NaN where unseen, and the limits (K,) on them."""
     length = np.where(seen, np.sqrt(np.sum(rest**2, -1)), np.nan)
     if not seen.any():
@@ -94,7 +95,7 @@ def lengths(rest: NDArray, seen: NDArray) -> tuple[NDArray, NDArray]:
     return length, gross * np.maximum(spread, 1.0)
 
 
-def alone_in_time(values: NDArray, order: NDArray, suspect: NDArray, least: float = 1e-6) -> NDArray:
+def alone_in_time(values: Array, order: Array | Integers, suspect: Mask, least: float = 1e-6) -> Mask:
     """Return which observations (B, T) agree with no others of their channel just before or just after them.
 
     values (B, T, d): where each channel was, less where it should be, along the group's axes, m; NaN where it was not
@@ -103,7 +104,7 @@ def alone_in_time(values: NDArray, order: NDArray, suspect: NDArray, least: floa
     count.
     """
     alone = np.zeros(suspect.shape, bool)
-    known = np.isfinite(values).all(-1)
+    known = np.all(np.isfinite(values), -1)
     in_time = np.argsort(order, kind="stable")
     for channel in range(values.shape[1]):
         rows = in_time[known[in_time, channel]]
@@ -112,7 +113,7 @@ def alone_in_time(values: NDArray, order: NDArray, suspect: NDArray, least: floa
     return alone
 
 
-def _alone(own: NDArray, doubted: NDArray, least: float) -> NDArray:
+def _alone(own: Array, doubted: Mask, least: float) -> Mask:
     """Return which of a channel's observations (N, d), in time order, are alone."""
     from scipy.special import chdtri
 
@@ -132,5 +133,5 @@ def _alone(own: NDArray, doubted: NDArray, least: float) -> NDArray:
     return np.asarray((agree < _AGREE).all(0) & ~between)
 
 
-def _lengths(vectors: NDArray) -> NDArray:
-    return np.sqrt(np.sum(vectors**2, -1))
+def _lengths(vectors: Array) -> Array:
+    return np.asarray(np.sqrt(np.sum(vectors**2, -1)))

@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array, Integers
 from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import OBSERVED, CauseT, ChannelCandidates
@@ -89,6 +89,7 @@ class Search(Generic[CauseT]):
     shares: dict[str, float]
     draws: int
     rng: np.random.Generator
+    part_count: int = 0  # of the model: how many like parts have parameters of their own in some causes
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
@@ -106,7 +107,7 @@ class Search(Generic[CauseT]):
         return [candidate for candidate in self.candidates if candidate.signature.rank]
 
     @cached_property
-    def _banks(self) -> list[tuple[NDArray | slice, list[tuple[NDArray, list[int]]]]]:
+    def _banks(self) -> list[tuple[Integers | slice, list[tuple[Array, list[int]]]]]:
         """Return where candidates on the same pathways stand, and, for those of them of one rank r, all unit designs
         (r * n, B * C), first directions first, and which candidates (n,)."""
         by_index: dict[bytes, dict[int, list[int]]] = {}
@@ -118,11 +119,11 @@ class Search(Generic[CauseT]):
             for ranks in by_index.values()
         ]
 
-    def _bank(self, numbers: list[int]) -> tuple[NDArray, list[int]]:
+    def _bank(self, numbers: list[int]) -> tuple[Array, list[int]]:
         designs = np.stack([self._seen[n].signature.unit_design.T.astype(np.float32) for n in numbers], 1)
         return designs.reshape(-1, designs.shape[-1]), numbers
 
-    def squares(self, along: NDArray) -> NDArray:
+    def squares(self, along: Array) -> Array:
         """Return by how much each candidate that can be seen lowers the sum of squares, (D, candidates)."""
         found = np.empty((len(along), len(self._seen)))
         for place, banks in self._banks:
@@ -133,17 +134,17 @@ class Search(Generic[CauseT]):
                 found[:, numbers] = scores.reshape(len(along), -1, len(numbers)).sum(1)
         return found
 
-    def maxima(self, along: NDArray) -> NDArray:
+    def maxima(self, along: Array) -> Array:
         """Return the largest square of every group, (D, groups)."""
         squares = self.squares(along)
         columns = [squares[:, members].max(1) for members in self._members]
         columns += self._of_families(along[:, :, self.pathways.places[OBSERVED]])
         return np.column_stack(columns) if columns else np.zeros((len(along), 0))
 
-    def _of_families(self, parts: NDArray) -> list[NDArray]:
+    def _of_families(self, parts: Array) -> list[Array]:
         """Return the largest square (D,) of every family of channels, from parts (D, B, C) along the pathway of
         observations."""
-        found: list[NDArray] = []
+        found: list[Array] = []
         last, along = None, parts
         for own in (families.signatures for families in self.families):
             if own.rotated is not last:
@@ -158,7 +159,7 @@ class Search(Generic[CauseT]):
             found.setdefault((candidate.kind, candidate.signature.rank), []).append(number)
         return list(found.values())
 
-    def by_kind(self, maxima: NDArray, noise: tuple[NDArray, NDArray]) -> NDArray:
+    def by_kind(self, maxima: Array, noise: tuple[Array, Array]) -> Array:
         """Return the smallest p of every kind (D, kinds), not corrected; noise levels of observations and inputs
         (D,)."""
         kinds = kinds_of(self.groups)
@@ -184,19 +185,19 @@ class Search(Generic[CauseT]):
             self.__dict__.pop(needed_no_more, None)
         return NullDistribution(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
 
-    def _drawn(self, count: int, height: int) -> NDArray:
+    def _drawn(self, count: int, height: int) -> Array:
         rows = self.rng.standard_normal((count, height), np.float32)
         rows *= self.pathways.whitened.present
         levels = tuple(self.rng.chisquare(nu, count) / nu for nu in (self.noise.observed, self.noise.inputs))
         return self.by_kind(self.maxima(self.pathways.along(rows)), (levels[0], levels[1]))
 
-    def _flipped(self, count: int) -> NDArray:
+    def _flipped(self, count: int) -> Array:
         rows = _signs(self.rng, count, len(self._standard)) * self._standard.astype(np.float32)
         level = np.full(count, self._flipped_level)
         return self.by_kind(self.maxima(self.pathways.along(rows)), (level, level))
 
     @cached_property
-    def _standard(self) -> NDArray:
+    def _standard(self) -> Array:
         """Return standardised residuals without what the best candidate explains, as noise would leave them.
 
         An effect would else widen its own null distribution.
@@ -205,10 +206,10 @@ class Search(Generic[CauseT]):
         rest = whitened.rest - rows @ (rows.T @ whitened.rest)
         leverage = whitened.leverage + np.sum(rows**2, 1)
         standard = np.where(leverage < 0.999, rest / np.sqrt(np.maximum(1.0 - leverage, 1e-3)), 0.0)
-        return np.clip(standard * whitened.present, -_LARGEST, _LARGEST)
+        return np.asarray(np.clip(standard * whitened.present, -_LARGEST, _LARGEST))
 
     @cached_property
-    def _best_rows(self) -> NDArray:
+    def _best_rows(self) -> Array:
         """Return the directions (N, r) of the candidate that the residual speaks for most by itself."""
         along = self.pathways.along(self.pathways.whitened.rest[None])
         squares, found = self.squares(along)[0], []
@@ -227,12 +228,12 @@ class Search(Generic[CauseT]):
         return float(np.mean(self._standard[tested] ** 2))
 
 
-def _place(index: NDArray) -> NDArray | slice:
+def _place(index: Integers) -> Integers | slice:
     """Return where pathways stand (n,) as a slice where they are neighbours, which are picked without a copy."""
     return slice(index[0], index[-1] + 1) if np.all(np.diff(index) == 1) else index
 
 
-def _signs(rng: np.random.Generator, count: int, size: int) -> NDArray:
+def _signs(rng: np.random.Generator, count: int, size: int) -> Array:
     bits = np.unpackbits(rng.integers(0, 256, (count, (size + 7) // 8), np.uint8), axis=1, count=size)
     return bits.astype(np.float32) * 2.0 - 1.0
 
@@ -254,20 +255,20 @@ class NullDistribution:
     groups: tuple[Group, ...]
     noise: NoiseComponents
     shares: dict[str, float]
-    drawn: NDArray
-    flipped: NDArray
+    drawn: Array
+    flipped: Array
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
         """Return the kinds of cause of which the campaign could see any."""
         return kinds_of(self.groups)
 
-    def raw(self, squares: NDArray | float, group: Group, noise: NDArray | float) -> NDArray:
+    def raw(self, squares: Array | float, group: Group, noise: Array | float) -> Array:
         """Return the F test's p of squares (...) of a group, at a level of the noise estimated without them."""
         return f_test(squares, group, noise, self.noise)
 
     @cached_property
-    def cost(self) -> NDArray:
+    def cost(self) -> Array:
         """Return what the choice among its candidates costs each kind, over its share of the budget, (kinds,)."""
         quantile = (
             np.quantile(self.drawn, _QUANTILE, axis=0) if len(self.drawn) else np.full(len(self.kinds), _QUANTILE)
@@ -276,7 +277,7 @@ class NullDistribution:
         return np.array([_QUANTILE / q for q in quantile]) * [whole / self.shares[kind] for kind in self.kinds]
 
     @cached_property
-    def _minima(self) -> tuple[NDArray, NDArray]:
+    def _minima(self) -> tuple[Array, Array]:
         return np.min(self.drawn * self.cost, 1), np.min(self.flipped * self.cost, 1)
 
     def corrected(self, squares: float, group: Group) -> float:
@@ -300,7 +301,7 @@ def kinds_of(groups: Sequence[Group]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(group.kind for group in groups))
 
 
-def f_test(squares: NDArray | float, group: Group, noise: NDArray | float, components: NoiseComponents) -> NDArray:
+def f_test(squares: Array | float, group: Group, noise: Array | float, components: NoiseComponents) -> Array:
     """Return the F test's p of squares (...) of a group's candidates, at a level of the noise."""
     from scipy.special import fdtrc
 
@@ -308,7 +309,7 @@ def f_test(squares: NDArray | float, group: Group, noise: NDArray | float, compo
     return np.asarray(fdtrc(group.rank, max(freedom - group.rank, 1.0), np.asarray(squares) / group.rank / noise))
 
 
-def _share(minima: NDArray, statistic: float) -> float:
+def _share(minima: Array, statistic: float) -> float:
     """Return how often a null search finds as much; beyond what was drawn, in proportion to the statistic.
 
     It is a p-value up to what correlations between candidates and tails of the noise make of it, which the lowest
@@ -331,7 +332,7 @@ def search_of(
     for own in families:
         candidates += _best_members(fitted, pathways, own, along)
     shares = {kind.id: kind.share for kind in kinds}
-    return Search(pathways, fitted.noise, candidates, families, shares, draws, rng)
+    return Search(pathways, fitted.noise, candidates, families, shares, draws, rng, fitted.model.part_count)
 
 
 def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[Candidate[CauseT]]:
@@ -375,7 +376,7 @@ def _families(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
 
 
 def _best_members(
-    fitted: FittedModel[CauseT], pathways: Pathways, own: ChannelFamily[CauseT], along: NDArray
+    fitted: FittedModel[CauseT], pathways: Pathways, own: ChannelFamily[CauseT], along: Array
 ) -> list[Candidate[CauseT]]:
     """Return the candidates over single channels with the most evidence, each channel at its best shape."""
     signatures = own.signatures

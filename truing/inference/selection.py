@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array, Mask
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
 from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
@@ -233,7 +233,7 @@ class Acceptance(Generic[CauseT]):
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=())
 
-    def _covered(self, cause: CauseT, after: FittedModel[CauseT]) -> NDArray:
+    def _covered(self, cause: CauseT, after: FittedModel[CauseT]) -> Mask:
         """Return at which held-out epochs (B,) a cause claims to hold."""
         held = self._fitter.held_out
         if held is None:
@@ -421,7 +421,7 @@ def _other_subjects(current: Round[CauseT], chosen: Candidate[CauseT]) -> tuple[
     return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])
 
 
-def both_sides(fitter: Fitter[CauseT], final: FittedModel[CauseT], cause: CauseT, size: int) -> NDArray:
+def both_sides(fitter: Fitter[CauseT], final: FittedModel[CauseT], cause: CauseT, size: int) -> Array:
     """Return factors (P, P) on the covariance of a cause in the final model, all of whose parameters but the first
     ``size`` are its shape: those that make sigmas of shapes what the wider side's rise of the sum of squares says."""
     values, covariance = final.values(cause)

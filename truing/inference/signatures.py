@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import OBSERVED
 from truing.inference.observations import Frames, Observations, whitened_columns
@@ -28,9 +28,9 @@ _MOVED = 1e-3
 class _Part:
     """Some pathways: what shared unknowns explain of them, their products, and those in the inputs' rows."""
 
-    shared: NDArray  # (B, n, G)
-    gram: NDArray  # (B, n, n)
-    input_gram: NDArray
+    shared: Array  # (B, n, G)
+    gram: Array  # (B, n, n)
+    input_gram: Array
 
 
 @dataclass(frozen=True)
@@ -43,27 +43,27 @@ class Pathways:
 
     whitened: Whitened
     places: dict[str, slice]
-    columns: NDArray
-    shared: NDArray
-    gram: NDArray
-    input_gram: NDArray
+    columns: Array
+    shared: Array
+    gram: Array
+    input_gram: Array
 
-    def along(self, rows: NDArray) -> NDArray:
+    def along(self, rows: Array) -> Array:
         """Return the parts (D, B, C) of residuals (D, N) along the pathways, to the precision of the residuals."""
         columns, shared, basis = self._of_precision(rows.dtype)
         epochs, height, _ = columns.shape
         own = rows[:, : epochs * height].reshape(len(rows), epochs, height)
         part = np.matmul(own.transpose(1, 0, 2), columns)
         explained = ((rows @ basis) @ shared).reshape(len(rows), epochs, -1)
-        return np.subtract(part.transpose(1, 0, 2), explained, out=explained)
+        return np.asarray(np.subtract(part.transpose(1, 0, 2), explained, out=explained))
 
-    def _of_precision(self, kind: np.dtype[np.generic]) -> tuple[NDArray, NDArray, NDArray]:
+    def _of_precision(self, kind: np.dtype[np.generic]) -> tuple[Array, Array, Array]:
         """Return columns, what is shared of them and its basis: draws need half the digits, and half the time."""
         exact = self.columns, self._shared_wide, self.whitened.basis
         return exact if kind == np.float64 else self._rough
 
     @cached_property
-    def _rough(self) -> tuple[NDArray, NDArray, NDArray]:
+    def _rough(self) -> tuple[Array, Array, Array]:
         return (
             self.columns.astype(np.float32),
             self._shared_wide.astype(np.float32),
@@ -71,14 +71,14 @@ class Pathways:
         )
 
     @cached_property
-    def _shared_wide(self) -> NDArray:
+    def _shared_wide(self) -> Array:
         return self.shared.transpose(1, 0, 2).reshape(self.shared.shape[1], -1)
 
-    def index(self, names: tuple[str, ...]) -> NDArray:
+    def index(self, names: tuple[str, ...]) -> Integers:
         """Return where the named pathways stand, in that order."""
         return np.concatenate([np.arange(self.places[name].start, self.places[name].stop) for name in names])
 
-    def part(self, index: NDArray) -> _Part:
+    def part(self, index: Integers) -> _Part:
         """Return what concerns the pathways that an index names."""
         key = index.tobytes()
         if key not in self._parts:
@@ -88,11 +88,11 @@ class Pathways:
         return self._parts[key]
 
     @cached_property
-    def shared_by_pathway(self) -> NDArray:
+    def shared_by_pathway(self) -> Array:
         """Return what the shared unknowns explain, (B, C, G): pathways are picked by the thousand."""
         return np.ascontiguousarray(np.swapaxes(self.shared, 1, 2))
 
-    def _products(self, gram: NDArray, index: NDArray) -> NDArray:
+    def _products(self, gram: Array, index: Integers) -> Array:
         """Return the rows and columns (B, n, n) of products that an index names: a copy unless they are neighbours."""
         if len(index) and np.all(np.diff(index) == 1):
             return gram[:, index[0] : index[-1] + 1, index[0] : index[-1] + 1]
@@ -107,7 +107,7 @@ def pathways_of(
     whitened: Whitened,
     measured: Observations,
     frames: Frames,
-    motions: Mapping[str, NDArray],
+    motions: Mapping[str, Array],
     input_rows: slice,
 ) -> Pathways:
     """Return a fit's pathways from their motions (B, K, d, C_i) of the observations; the observations themselves come
@@ -134,7 +134,7 @@ def pathways_of(
     return Pathways(whitened, places, columns, shared, gram, np.swapaxes(inputs, 1, 2) @ inputs)
 
 
-def _products(whitened: Whitened, moved: NDArray, each: NDArray) -> tuple[NDArray, NDArray]:
+def _products(whitened: Whitened, moved: Array, each: Array) -> tuple[Array, Array]:
     """Return the products (B, G, C) of the shared basis, which is free of local unknowns, with pathways, and those
     (B, C, C) of these with each other, local unknowns included; the pathways are motions moved (B, d K, m), then
     observations one by one, each (B, K, d, d)."""
@@ -153,7 +153,7 @@ def _products(whitened: Whitened, moved: NDArray, each: NDArray) -> tuple[NDArra
     return np.swapaxes(shared, 1, 2), gram
 
 
-def _blocks(blocks: NDArray) -> NDArray:
+def _blocks(blocks: Array) -> Array:
     """Return the matrices (B, d K, d K) with blocks (B, K, d, d) on their diagonals."""
     epochs, count, size, _ = blocks.shape
     full = np.zeros((epochs, count, size, count, size))
@@ -172,12 +172,12 @@ class Signature:
     inputs.
     """
 
-    index: NDArray
-    design: NDArray
-    explained: NDArray
-    gram: NDArray  # (P, P)
-    strengths: NDArray
-    loadings: NDArray
+    index: Integers
+    design: Array
+    explained: Array
+    gram: Array  # (P, P)
+    strengths: Array
+    loadings: Array
     input_share: float
 
     @property
@@ -191,11 +191,11 @@ class Signature:
         return len(self.gram)
 
     @property
-    def unit_design(self) -> NDArray:
+    def unit_design(self) -> Array:
         """Return the design (B * C, r) whose scores have unit variance where there is no effect."""
         return self.design @ (self.loadings / self.strengths)
 
-    def rows(self, pathways: Pathways) -> NDArray:
+    def rows(self, pathways: Pathways) -> Array:
         """Return its directions as orthonormal rows (N, r) of the whitened problem, free of what nuisances explain."""
         epochs = len(pathways.columns)
         own = pathways.columns[:, :, self.index] @ self.unit_design.reshape(epochs, len(self.index), -1)
@@ -209,13 +209,13 @@ class Signature:
         shared = mine[theirs > _MOVED * theirs.max(initial=0.0)].sum()
         return float(shared / max(float(mine.sum()), 1e-300))
 
-    def _moved_squares(self, pathways: Pathways) -> NDArray:
+    def _moved_squares(self, pathways: Pathways) -> Array:
         """Return by how much it moves each coordinate of the observations at every epoch (B, d K), in squares."""
         place = pathways.places[OBSERVED]
         rows = pathways.columns[:, : place.stop - place.start, self.index]
         return np.asarray(np.sum((rows @ self.design.reshape(len(rows), len(self.index), -1)) ** 2, -1))
 
-    def fitted(self, along: NDArray) -> NDArray:
+    def fitted(self, along: Array) -> Array:
         """Return the parameters (P,), in plausible scales, that fit scores along the unit design (r,) best."""
         return np.asarray(self.loadings @ (along / self.strengths))
 
@@ -225,7 +225,7 @@ _UNSEEN = Signature(
 )
 
 
-def signature(pathways: Pathways, designs: Mapping[str, NDArray]) -> Signature:
+def signature(pathways: Pathways, designs: Mapping[str, Array]) -> Signature:
     """Return the signature of a candidate from its designs (B or 1, C_i, P) by pathway, per plausible scale."""
     epochs = len(pathways.columns)
     names = tuple(name for name in pathways.places if name in designs)
@@ -257,13 +257,13 @@ def signature(pathways: Pathways, designs: Mapping[str, NDArray]) -> Signature:
     )
 
 
-def _extent(acting: NDArray) -> slice:
+def _extent(acting: Array) -> slice:
     """Return the epochs from the first to the last at which a candidate acts: many do so from an epoch on only."""
     epochs = np.flatnonzero(acting)
     return slice(epochs[0], epochs[-1] + 1) if len(epochs) else slice(0)
 
 
-def joint(pathways: Pathways, first: Signature, second: Signature) -> tuple[NDArray, NDArray]:
+def joint(pathways: Pathways, first: Signature, second: Signature) -> tuple[Array, Array]:
     """Return strengths (r,) and loadings (P1 + P2, r) of two candidates together, after nuisances."""
     cross = _cross(pathways, first, second) - first.explained.T @ second.explained
     gram = np.block([[first.gram, cross], [cross.T, second.gram]])
@@ -272,7 +272,7 @@ def joint(pathways: Pathways, first: Signature, second: Signature) -> tuple[NDAr
     return np.sqrt(values[kept]), vectors[:, kept]
 
 
-def _cross(pathways: Pathways, first: Signature, second: Signature) -> NDArray:
+def _cross(pathways: Pathways, first: Signature, second: Signature) -> Array:
     epochs = len(pathways.columns)
     grid = np.ix_(np.arange(epochs), first.index, second.index)
     left = first.design.reshape(epochs, -1, first.design.shape[-1])
@@ -289,12 +289,12 @@ class RotatedChannels:
     the shared unknowns explain, ``gram`` (B, T, q, q) are their products.
     """
 
-    channels: NDArray  # (T, n)
-    rotations: NDArray
-    shared: NDArray
-    gram: NDArray
+    channels: Integers  # (T, n)
+    rotations: Array
+    shared: Array
+    gram: Array
 
-    def along(self, parts: NDArray) -> NDArray:
+    def along(self, parts: Array) -> Array:
         """Return the parts (B, T, q, D) of residuals along these ways, from those along the pathway (D, B, C)."""
         (count, members), (height, _) = self.channels.shape, self.rotations.shape[2:]
         own = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.channels]
@@ -303,7 +303,7 @@ class RotatedChannels:
 
 
 def rotated_channels(
-    pathways: Pathways, channels: NDArray, rotations: NDArray, patterns: NDArray | None = None
+    pathways: Pathways, channels: Integers, rotations: Array, patterns: Array | None = None
 ) -> RotatedChannels:
     """Return the pathway of observations of channels (T,) along the axes that turns (B, K, d, d) of all channels
     say, or of channels (T, n) that hold together, along patterns (T, n, d, q) in these axes."""
@@ -328,27 +328,27 @@ class ChannelSignatures:
     """
 
     rotated: RotatedChannels
-    values: NDArray
-    gram: NDArray
-    usable: NDArray  # (S, T) where the channel was seen often enough
+    values: Array
+    gram: Array
+    usable: Mask  # (S, T) where the channel was seen often enough
 
     @property
     def parameters(self) -> int:
         """Return the number of parameters of each."""
-        return self.gram.shape[-1]
+        return int(self.gram.shape[-1])
 
     @cached_property
-    def seen(self) -> NDArray:
+    def seen(self) -> Mask:
         """Return which of them (S, T) the campaign sees in all directions."""
         return np.asarray(np.linalg.eigvalsh(self.gram)[..., 0] > _INFORMATIVE**2) & self.usable
 
     @cached_property
-    def inverse(self) -> NDArray:
+    def inverse(self) -> Array:
         """Return the inverse of the gram (S, T, d m, d m); zero where a candidate is not seen."""
         safe = np.where(self.seen[..., None, None], self.gram, np.eye(self.parameters))
         return np.linalg.inv(safe) * self.seen[..., None, None]
 
-    def scores(self, along: NDArray) -> NDArray:
+    def scores(self, along: Array) -> Array:
         """Return the scores (S, T, d m, D) of residuals given by their parts (B, T, d, D) along the observations'
         axes."""
         epochs, channels, size, draws = along.shape
@@ -356,13 +356,13 @@ class ChannelSignatures:
         found = (shapes @ along.reshape(epochs, -1)).reshape(len(self.values), -1, channels, size, draws)
         return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws)
 
-    def squares(self, along: NDArray) -> NDArray:
+    def squares(self, along: Array) -> Array:
         """Return by how much each candidate lowers the sum of squares, (D, S, T); along as in `scores`."""
         scores = self.scores(along)
         return np.asarray(np.sum(scores * (self.inverse @ scores), 2).transpose(2, 0, 1))
 
 
-def channel_signatures(rotated: RotatedChannels, values: NDArray, usable: NDArray) -> ChannelSignatures:
+def channel_signatures(rotated: RotatedChannels, values: Array, usable: Mask) -> ChannelSignatures:
     """Return the signatures of observations with shapes values (S, B, m).
 
     ``usable`` (S, T) tells which channels were seen often enough for which shapes.

@@ -7,8 +7,8 @@ from enum import StrEnum
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import OBSERVED, CauseT, Conditions
 from truing.inference.observations import Epochs, Observations, whitened_columns
@@ -46,8 +46,8 @@ class Verdict(Generic[CauseT]):
     after: PredictionError[CauseT]
     held_out: tuple[PredictionError[CauseT] | None, PredictionError[CauseT] | None]
     floor: NoiseFloor
-    values: NDArray  # (P,) SI
-    covariance: NDArray  # (P, P)
+    values: Array  # (P,) SI
+    covariance: Array  # (P, P)
     candidates: int  # how many were tried together
     own: FittedModel[CauseT] | None = (
         None  # the model with it: of a found cause when it was found, of a rival in place of that one
@@ -96,7 +96,7 @@ def first_order(
 
 
 def _held_out(
-    fitted: FittedModel[CauseT], candidate: Candidate[CauseT], values: NDArray, held_out: Epochs[Conditions] | None
+    fitted: FittedModel[CauseT], candidate: Candidate[CauseT], values: Array, held_out: Epochs[Conditions] | None
 ) -> tuple[PredictionError[CauseT] | None, PredictionError[CauseT] | None]:
     """Return what is predicted wrongly of held-out epochs, without and with a candidate; of blocks only fits tell."""
     after = held_out_after_first_step(fitted, candidate.cause, candidate.signature, values, held_out)
@@ -156,7 +156,7 @@ def certain(cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[Conditio
 
 
 def after_first_step(
-    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: NDArray
+    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: Array
 ) -> PredictionError[CauseT]:
     """Return the error on calibration epochs once a candidate's parameters (P,), in plausible scales, are taken in."""
     step = _shared_step(fitted, own, values)
@@ -164,7 +164,7 @@ def after_first_step(
 
 
 def held_out_after_first_step(
-    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: NDArray, held_out: Epochs[Conditions] | None
+    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: Array, held_out: Epochs[Conditions] | None
 ) -> PredictionError[CauseT] | None:
     """Return the same on held-out epochs, None where there are none."""
     if held_out is None or fitted.held_out is None:
@@ -172,23 +172,25 @@ def held_out_after_first_step(
     return _moved(fitted.held_out, held_out.measured, cause, values, _shared_step(fitted, own, values))
 
 
-def _shared_step(fitted: FittedModel[CauseT], own: Signature, values: NDArray) -> NDArray:
+def _shared_step(fitted: FittedModel[CauseT], own: Signature, values: Array) -> Array:
     """Return by how much the shared unknowns (G,) give way to a candidate, in prior sigmas."""
     return -fitted.fit.whitened.from_basis(own.explained @ values)
 
 
 def _moved(
-    error: PredictionError[CauseT], measured: Observations, cause: CauseT, values: NDArray, step: NDArray
+    error: PredictionError[CauseT], measured: Observations, cause: CauseT, values: Array, step: Array
 ) -> PredictionError[CauseT]:
     motion = _motion(error, cause) @ values
     columns = whitened_columns(measured, error.frames, motion[..., None])[..., 0]
     return error.less(columns + error.by_shared @ step)
 
 
-def _motion(error: PredictionError[CauseT], cause: CauseT) -> NDArray:
+def _motion(error: PredictionError[CauseT], cause: CauseT) -> Array:
     """Return how the observations (B, K, d, P) follow a candidate's parameters, per plausible scale."""
     designs, epochs, size = error.design_matrix(cause), len(error.local), error.measured.size
-    parts = [error.pathways[name] @ design[:, None] for name, design in designs.items() if name != OBSERVED]
+    parts: list[Array] = [
+        error.pathways[name] @ design[:, None] for name, design in designs.items() if name != OBSERVED
+    ]
     if OBSERVED in designs:
         own = designs[OBSERVED]
         parts.append(np.broadcast_to(own, (epochs, *own.shape[1:])).reshape(epochs, -1, size, own.shape[-1]))
