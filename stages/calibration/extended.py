@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from truing.calibration.accuracy import ESTIMATOR, MODEL, Extended, error_figures, errors_at, identifiable
 from truing.calibration.measured import Gathered, Measured
 from truing.inference.pulls import pulls
-from truing.simulation.mechanisms.extended_model import ExtendedModel, read_model, some_of
-from truing.simulation.mechanisms.identified import name_and_leg
+from truing.simulation.mechanisms.extended_model import ExtendedModel, name_and_leg, read_model, some_of
 from truing.stages.calibration.model_rows import accuracy_rows, add_correlations, add_figures, requirement_rows
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.common.pose_conditions import pose_conditions

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, angular_rows, linear_rows
-from truing.simulation.bench.optics import Optics
+from truing.simulation.bench.known_readings import Optics
 
 if TYPE_CHECKING:
     from truing.schemas.interferometer import Axis, Beams, Interferometer

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.pulls import Pulls, pulls
-from truing.simulation.mechanisms.identified import IdentifiedGeometry, identified_geometry
+from truing.simulation.mechanisms.extended_model import IdentifiedGeometry, identified_geometry
 from truing.simulation.mechanisms.model import PointModel
 from truing.stages.common.rows import Rows
 

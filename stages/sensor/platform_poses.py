@@ -12,7 +12,7 @@ from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPo
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, READING_UNITS, RecordedSteps
 from truing.report.numbers import count as counted
 from truing.schemas.artifacts import ARTIFACTS
-from truing.simulation.bench.optics import BeamGeometry
+from truing.simulation.bench.known_readings import BeamGeometry
 from truing.stages.common.declared_optics import beam_optics
 from truing.stages.common.nominal_sensor import simulated_compliance
 from truing.stages.common.overruled import Decided, decided, excluded_words, matched, without_excluded

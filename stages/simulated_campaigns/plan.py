@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.schemas.artifacts import ARTIFACTS
-from truing.simulation.bench.simulation import draw_readings
 from truing.simulation.cause import Effect, Scene
+from truing.simulation.drawn_campaigns import Layout, draw_campaign, draw_readings
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.model import Known, PointModel
 from truing.simulation.mechanisms.recording import Conditions
-from truing.simulation.mechanisms.simulation import Layout, draw_campaign
 from truing.simulation.photographs.causes.ray_causes import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns

@@ -213,7 +213,9 @@ def sensor(rng: np.random.Generator, changed: float = 0.0) -> ExtendedSensor:
     covariance = np.outer(SPREAD, SPREAD) * (mixed @ mixed.T)
     drawn = COMPLIANCE.ravel() + SPREAD * (mixed @ rng.normal(size=36)) + changed * (np.arange(36) == 7)
     ones = np.ones(6)
-    return ExtendedSensor(drawn.reshape(6, 6), COMPLIANCE, (), (), covariance, ones, 633e-9, 20.0, {})
+    return ExtendedSensor(
+        drawn.reshape(6, 6), COMPLIANCE, ones, 633e-9, 20.0, effects=(), covariance=covariance, context={}
+    )
 
 
 def test_an_entry_of_the_compliance_that_changed_is_named() -> None:

@@ -16,8 +16,8 @@ from truing.schemas.interferometer import Interferometer
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.load_path import LoadEccentricity
 from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, PERIOD, SO_FAR, WAY, NonparametricReadingEffect
+from truing.simulation.bench.known_readings import Optics
 from truing.simulation.bench.load_steps import AIR
-from truing.simulation.bench.optics import Optics
 from truing.simulation.catalogue import catalogue_of_readings
 from truing.simulation.cause import Cause
 from truing.stages.common.declared_optics import declared_optics

@@ -18,8 +18,14 @@ from truing.estimation.rotation import log_so3
 from truing.inference.pulls import TOLD
 from truing.simulation.cause import Effect
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.extended_model import ExtendedModel, acts_on_poses, predict_poses, some_of
-from truing.simulation.mechanisms.identified import IdentifiedGeometry, identified_geometry
+from truing.simulation.mechanisms.extended_model import (
+    ExtendedModel,
+    IdentifiedGeometry,
+    acts_on_poses,
+    identified_geometry,
+    predict_poses,
+    some_of,
+)
 from truing.simulation.mechanisms.parameters import ParameterSet
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, reached_poses
 

@@ -10,13 +10,16 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Protocol, TypeVar
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.schemas.settings_text import parsed_toml
 from truing.simulation.cause import CauseT, Effect
+from truing.simulation.effects_model import laid_out
 
 FORMAT = 2
 Read = TypeVar("Read")
@@ -39,6 +42,38 @@ class IdentifiedModel(Protocol[CauseT]):
 
     def covariance_of(self, cause: CauseT) -> NDArray:
         """Return the covariance (P, P) of an effect's parameters, SI."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifiedInSI(Generic[CauseT]):
+    """Numbers of its own and effects, as identified, with the covariance (G, G) of both in that order, SI.
+
+    ``context`` says, for people, what the model was made from. The covariance is that at the noise found.
+    """
+
+    effects: tuple[Effect[CauseT], ...]
+    covariance: NDArray
+    context: dict[str, str]
+
+    @property
+    def causes(self) -> tuple[CauseT, ...]:
+        """Return the causes of the effects."""
+        return tuple(effect.cause for effect in self.effects)
+
+    @cached_property
+    def layout(self) -> dict[str, slice]:
+        """Return where its own numbers and the parameters of each effect, by its key, stand in the covariance."""
+        sizes = {effect.cause.key: len(effect.values) for effect in self.effects}
+        return laid_out({"own": len(self.covariance) - sum(sizes.values()), **sizes})
+
+    def places(self, causes: Sequence[CauseT]) -> NDArray:
+        """Return where its own numbers and the parameters of some effects stand in the covariance."""
+        return np.concatenate([np.r_[self.layout[name]] for name in ("own", *(cause.key for cause in causes))])
+
+    def covariance_of(self, cause: CauseT) -> NDArray:
+        """Return the covariance (P, P) of an effect's parameters, SI."""
+        part = self.layout[cause.key]
+        return self.covariance[part, part]
 
 
 def model_text(
@@ -72,6 +107,12 @@ def read_document(text: str, made: Callable[[dict[str, Any]], Read]) -> Read:
         return made(document)
     except (KeyError, TypeError, IndexError, AttributeError) as error:
         raise ValueError(f"model: found no usable {error}, expected what `truing run` writes as model.toml") from error
+
+
+def describes(document: dict[str, Any], mechanism: str) -> bool:
+    """Return whether a parsed text is that of a kind of mechanism."""
+    about = document.get("model", {})
+    return isinstance(about, dict) and about.get("mechanism") == mechanism
 
 
 def effects_of(document: dict[str, Any], known: Mapping[str, CauseT]) -> tuple[Effect[CauseT], ...]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.inference.changes import LEVEL, Comparison
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.identified import identified_geometry, name_and_leg
+from truing.simulation.mechanisms.extended_model import identified_geometry, name_and_leg
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.prior_campaign import CampaignPrior, Part
 

@@ -25,9 +25,9 @@ from truing.simulation.bench.causes.stiffness import (
     StiffnessNonlinear,
     StiffnessScale,
 )
+from truing.simulation.bench.known_readings import Optics
 from truing.simulation.bench.load_steps import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
 from truing.simulation.bench.model import ReadingModel
-from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.catalogue import catalogue_of_readings

@@ -11,7 +11,7 @@ from tests.simulation.mechanisms.telescope import MATRIX, sample_model
 from tests.tolerance import assert_between
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.simulation.cause import Effect
-from truing.simulation.mechanisms.simulation import Drawn, Layout, draw_campaign
+from truing.simulation.drawn_campaigns import Drawn, Layout, draw_campaign
 from truing.simulation.targets import BASE
 
 POSES, SIGMA = 30, 5e-6

@@ -17,8 +17,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain
 from truing.simulation.mechanisms.causes.warmth import LegThermal
-from truing.simulation.mechanisms.extended_model import read_model
-from truing.simulation.mechanisms.identified import identified_geometry
+from truing.simulation.mechanisms.extended_model import identified_geometry, read_model
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.stages import diagnose
 from truing.stages.diagnosis.earlier_campaign import changes_table, started, with_earlier

@@ -9,7 +9,7 @@ from tests.simulation.bench.sensor_benches import SIGMA, bench
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.pulls import pulls
-from truing.simulation.bench.simulation import draw_readings
+from truing.simulation.drawn_campaigns import draw_readings
 
 
 def _fitted(share: float, seed: int) -> FittedModel:

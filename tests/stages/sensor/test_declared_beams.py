@@ -17,7 +17,7 @@ from tests.stages.benches import DEFORMATION, Bench, case_errors, entry_errors, 
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.schemas.interferometer import Interferometer
-from truing.simulation.bench.optics import BeamGeometry, Optics
+from truing.simulation.bench.known_readings import BeamGeometry, Optics
 from truing.stages.common.declared_optics import channel_rows, declared_optics
 
 ANGLE = 0.02

@@ -20,6 +20,7 @@ from tests.stages.line import settings_of
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.causes.load_path import LoadEccentricity as OffItsLine
 from truing.simulation.bench.extended_model import ExtendedSensor, write_sensor
+from truing.simulation.cause import Effect
 from truing.stages import calibrate
 
 WHOLE = ("ingest", "pose", "calibrate")
@@ -184,13 +185,12 @@ def test_loads_are_taken_as_the_diagnosis_has_them(tmp_path):
     found = ExtendedSensor(
         made.compliance,
         made.compliance,
-        (OffItsLine("fz"),),
-        (np.array(off[:2]),),
-        1e-12 * np.eye(38),
         np.repeat([1e4, 5e3], 3),
         632.990577e-9,
         20.0,
-        {"campaign": "bench"},
+        effects=(Effect(OffItsLine("fz"), np.array(off[:2])),),
+        covariance=1e-12 * np.eye(38),
+        context={"campaign": "bench"},
     )
     outcome = calibrate.run(made.tables | {"model": write_sensor(found)}, settings_of(made.folder), lambda *_: None)
     rows = outcome.artifacts["sensor_matrix"].to_pandas().query("matrix == 'G_B'")

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from truing.inference.changes import compare
 from truing.runs.comparison.step import LEVEL, NAMES, Step, beyond_chance, held_at_zero, not_judged
 from truing.simulation.cause import Cause
-from truing.simulation.mechanisms.extended_model import ExtendedModel
-from truing.simulation.mechanisms.identified import identified_geometry, name_and_leg
+from truing.simulation.mechanisms.extended_model import ExtendedModel, identified_geometry, name_and_leg
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.reported_numbers import TOLD, Told, figures, told_numbers

@@ -32,8 +32,8 @@ def sensor_numbers(found: ExtendedSensor) -> pd.DataFrame:
         ("compliance", None, None, name, value, spread, unit)
         for (name, unit), value, spread in zip(names, found.compliance.ravel(), sigma, strict=False)
     ]
-    for cause, values in zip(found.causes, found.values, strict=True):
-        rows += effect_rows(cause, values, sigma[found.layout[cause.key]], _LEGS)
+    for effect in found.effects:
+        rows += effect_rows(effect.cause, effect.values, sigma[found.layout[effect.cause.key]], _LEGS)
     return pd.DataFrame(rows, columns=[*NAMES, "value", "sigma", "unit"])
 
 
@@ -98,7 +98,7 @@ def _unit(channel: str, load: str) -> str:
 
 def _common(found: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
     """Return compliance and common effects, by key, with their sigmas and what other effects leave open."""
-    every = np.concatenate([found.compliance.ravel(), *found.values])
+    every = np.concatenate([found.compliance.ravel(), *(effect.values for effect in found.effects)])
     rest = [cause for cause in sorted(found.causes, key=_key) if cause.key not in keys and cause.is_persistent]
     own, others = found.places(_kept(found, keys)), [np.r_[found.layout[cause.key]] for cause in rest]
     spread = found.covariance[np.ix_(own, own)] + held_at_zero(every, found.covariance, own, others)

@@ -12,10 +12,11 @@ from truing.simulation.axis.causes import AxisCause
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import Axis, AxisRows
 from truing.simulation.catalogue import catalogue_of_axes
-from truing.simulation.cause import Effect
 from truing.simulation.model_text import (
+    IdentifiedInSI,
     context_of,
     covariance_from,
+    describes,
     effects_of,
     exact,
     model_text,
@@ -28,24 +29,11 @@ _OWN = ("mechanism", "kind", "loop", "least_move", "encoders")
 
 
 @dataclass(frozen=True)
-class ExtendedAxis:
-    """An axis with its encoders' zeros (K,), the effects that were found, and the covariance of all of them, SI."""
+class ExtendedAxis(IdentifiedInSI[AxisCause]):
+    """An axis with its encoders' zeros (K,), rad or m, which lead the covariance."""
 
     axis: Axis
     zeros: NDArray
-    effects: tuple[Effect[AxisCause], ...]
-    covariance: NDArray
-    context: dict[str, str]
-
-    def covariance_of(self, cause: AxisCause) -> NDArray:
-        """Return the covariance (P, P) of an effect's parameters, SI."""
-        first = len(self.zeros)
-        for effect in self.effects:
-            last = first + len(effect.values)
-            if effect.cause.key == cause.key:
-                return self.covariance[first:last, first:last]
-            first = last
-        raise KeyError(cause.key)
 
 
 def extended_axis(model: AxisModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedAxis:
@@ -54,8 +42,8 @@ def extended_axis(model: AxisModel, shared: NDArray, covariance: NDArray, contex
     scale[model.layout["zero"]] = model.zero_sigma
     for cause in model.causes:
         scale[model.layout[cause.key]] = model.effect_sigma(cause)
-    zeros = shared[model.layout["zero"]] * model.zero_sigma
-    return ExtendedAxis(model.axis, zeros, model.effects(shared), covariance * np.outer(scale, scale), context)
+    zeros, covariance = shared[model.layout["zero"]] * model.zero_sigma, covariance * np.outer(scale, scale)
+    return ExtendedAxis(model.axis, zeros, effects=model.effects(shared), covariance=covariance, context=context)
 
 
 def predict_axis(extended: ExtendedAxis, rows: AxisRows) -> tuple[NDArray, NDArray]:
@@ -87,8 +75,7 @@ def write_axis(extended: ExtendedAxis) -> str:
 
 def is_axis(document: dict[str, Any]) -> bool:
     """Return whether a parsed model.toml is that of an axis."""
-    about = document.get("model", {})
-    return isinstance(about, dict) and about.get("mechanism") == MECHANISM
+    return describes(document, MECHANISM)
 
 
 def read_axis(text: str) -> ExtendedAxis:
@@ -101,4 +88,5 @@ def _from_document(document: dict[str, Any]) -> ExtendedAxis:
     axis = Axis(str(about["kind"]), tuple(about["encoders"]), str(about["loop"]), float(about["least_move"]))
     zeros = np.array([document["zeros"][name] for name in axis.encoders], float)
     size = len(zeros) + sum(len(effect.values) for effect in effects)
-    return ExtendedAxis(axis, zeros, effects, covariance_from(document, size), context_of(document, _OWN))
+    covariance, context = covariance_from(document, size), context_of(document, _OWN)
+    return ExtendedAxis(axis, zeros, effects=effects, covariance=covariance, context=context)

@@ -8,24 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.reading_causes import ReadingCause
-from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
+from truing.simulation.bench.known_readings import KnownReadings, Optics, ReadingConditions, SignalGains, Zeros
 from truing.simulation.bench.load_steps import CHANNELS, LOADS
 from truing.simulation.bench.model import ReadingModel
-from truing.simulation.bench.optics import Optics
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.catalogue import catalogue_of_readings
-from truing.simulation.cause import Effect, Step
-from truing.simulation.effects_model import laid_out
+from truing.simulation.cause import Step
 from truing.simulation.model_text import (
+    IdentifiedInSI,
     context_of,
     covariance_from,
+    describes,
     effects_of,
     exact,
     model_text,
@@ -37,51 +36,21 @@ _AXES = 6
 
 
 @dataclass(frozen=True)
-class ExtendedSensor:
-    """A sensor as identified: compliance (6, 6), SI, effects with their values, and the covariance of both together.
+class ExtendedSensor(IdentifiedInSI[ReadingCause]):
+    """A sensor as identified: its compliance (6, 6), SI, which leads the covariance row by row.
 
-    ``covariance`` (36 + P, 36 + P) is that of the compliance row by row, then of the effects' parameters, SI;
-    ``nominal`` the compliance as it was simulated, ``largest`` (6,) the largest load of each axis. ``context`` says,
-    for people, what the model was made from. ``rows`` (6, 6): how the bench's channels follow the motion; ``share`` of
-    the elastic parameters' variance: what all legs had in common. The covariance is that at the noise found.
+    ``nominal`` is the compliance as it was simulated, ``largest`` (6,) the largest load of each axis. ``rows`` (6, 6):
+    how the bench's channels follow the motion; ``share`` of the elastic parameters' variance: what all legs had in
+    common.
     """
 
     compliance: NDArray
     nominal: NDArray
-    causes: tuple[ReadingCause, ...]
-    values: tuple[NDArray, ...]
-    covariance: NDArray
     largest: NDArray
     wavelength_m: float
     reference_temperature_c: float
-    context: dict[str, str]
     rows: NDArray = field(default_factory=lambda: np.eye(_AXES))
     share: float = 0.5
-
-    @cached_property
-    def layout(self) -> dict[str, slice]:
-        """Return where the compliance and the parameters of each effect, by its key, stand in the covariance."""
-        sizes = {cause.key: len(own) for cause, own in zip(self.causes, self.values, strict=True)}
-        return laid_out({"compliance": _AXES * _AXES, **sizes})
-
-    def places(self, causes: Sequence[ReadingCause]) -> NDArray:
-        """Return where the compliance and the parameters of some effects stand in the covariance."""
-        parts = ("compliance", *(cause.key for cause in causes))
-        return np.concatenate([np.r_[self.layout[name]] for name in parts])
-
-    @property
-    def effects(self) -> tuple[Effect[ReadingCause], ...]:
-        """Return the effects that were found."""
-        return tuple(map(Effect, self.causes, self.values))
-
-    def covariance_of(self, cause: ReadingCause) -> NDArray:
-        """Return the covariance (P, P) of an effect's parameters, SI."""
-        part = self.layout[cause.key]
-        return self.covariance[part, part]
-
-    def value_of(self, cause: ReadingCause) -> NDArray:
-        """Return the values (P,) of an effect's parameters, SI."""
-        return self.values[self.causes.index(cause)]
 
 
 @dataclass(frozen=True)
@@ -97,18 +66,17 @@ def extended_sensor(
 ) -> ExtendedSensor:
     """Return the extended model of a fit; shared (G,) with covariance (G, G), in prior sigmas."""
     known = model.known
-    causes = tuple(cause for cause in model.causes if not concerns_signals(cause))
-    by_unknown = np.zeros((_AXES * _AXES + sum(len(c.parameters(_AXES)) for c in causes), len(shared)))
+    effects = tuple(effect for effect in model.effects(shared) if not concerns_signals(effect.cause))
+    sigmas = [np.zeros((_AXES * _AXES, len(shared)))]
+    for effect in effects:
+        own = np.zeros((len(effect.values), len(shared)))
+        own[:, model.layout[effect.cause.key]] = np.diag(model.effect_sigma(effect.cause))
+        sigmas.append(own)
+    by_unknown = np.concatenate(sigmas)
     sensor = known.sensor
     stiffness = shared[model.layout["stiffness"]]
     for name, response in (("geometry", sensor.by_geometry), ("stiffness", sensor.by_stiffness(stiffness))):
         by_unknown[: _AXES * _AXES, model.layout[name]] = response.compliance.reshape(-1, _AXES * _AXES).T
-    values, row = [], _AXES * _AXES
-    for cause in causes:
-        part, sigma = model.layout[cause.key], model.effect_sigma(cause)
-        by_unknown[row : row + len(sigma), part] = np.diag(sigma)
-        values.append(shared[part] * sigma)
-        row += len(sigma)
     identified = sensor.at(shared[model.layout["geometry"]], stiffness).compliance
     rows = known.optics.rows_at(shared[model.layout["optics"]])
     # angles and arms change readings as a change of the compliance would
@@ -119,15 +87,14 @@ def extended_sensor(
     return ExtendedSensor(
         identified,
         nominal,
-        causes,
-        tuple(values),
-        by_unknown @ covariance @ by_unknown.T,
         known.largest,
         known.wavelength_m,
         known.reference_temperature_c,
-        context,
         rows,
         sensor.share,
+        effects=effects,
+        covariance=by_unknown @ covariance @ by_unknown.T,
+        context=context,
     )
 
 
@@ -165,8 +132,7 @@ def _at(
     """Return the model with some of the effects at load steps, and its shared unknowns (G,)."""
     model = _model(extended, extended.compliance, conditions).with_causes(causes)
     shared = np.zeros(model.shared_size)
-    for cause in causes:
-        shared[model.layout[cause.key]] = extended.value_of(cause) / model.effect_sigma(cause)
+    model.set_effects(shared, (effect for effect in extended.effects if effect.cause in causes))
     return model, shared
 
 
@@ -242,8 +208,7 @@ def _rows(matrix: NDArray) -> list[str]:
 
 def is_sensor(document: dict[str, Any]) -> bool:
     """Return whether a parsed model.toml is that of a sensor."""
-    about = document.get("model", {})
-    return isinstance(about, dict) and about.get("mechanism") == MECHANISM
+    return describes(document, MECHANISM)
 
 
 def read_sensor(text: str) -> ExtendedSensor:
@@ -256,15 +221,14 @@ def _from_document(document: dict[str, Any]) -> ExtendedSensor:
     return ExtendedSensor(
         _matrix(document["compliance"]["identified"]),
         _matrix(document["compliance"]["nominal"]),
-        tuple(effect.cause for effect in effects),
-        tuple(effect.values for effect in effects),
-        covariance_from(document, _AXES * _AXES + sum(len(effect.values) for effect in effects)),
         np.array(about["largest_load"], float),
         float(about["wavelength_nm"]) * 1e-9,
         float(about["reference_temperature_c"]),
-        context_of(document, _OWN),
         _matrix(document["beams"]["rows"]) if "beams" in document else np.eye(_AXES),
         float(about.get("common_share", _HALF)),
+        effects=effects,
+        covariance=covariance_from(document, _AXES * _AXES + sum(len(effect.values) for effect in effects)),
+        context=context_of(document, _OWN),
     )
 
 

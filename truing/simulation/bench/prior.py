@@ -81,7 +81,7 @@ def sensor_prior(found: ExtendedSensor, model: ReadingModel) -> SensorPrior:
     told = np.linalg.inv(turn @ found.covariance[np.ix_(places, places)] @ turn.T)
     spread = block_diagonal(along, np.eye(len(told) - len(along)))
     information = clipped(spread.T @ clipped(told - np.eye(len(told))) @ spread)
-    values = [found.value_of(cause) / sigma for cause, sigma in zip(causes, sigmas, strict=True)]
+    values = [effect.values / model.effect_sigma(effect.cause) for effect in found.effects if effect.cause in causes]
     mean, identity = np.concatenate([along.T @ (along @ start), *values]), np.eye(len(information))
     behind = {"along": along, "back": back, "compliance": found.compliance.ravel(), "start": along @ start}
     return SensorPrior.of(

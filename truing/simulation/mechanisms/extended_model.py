@@ -1,6 +1,6 @@
-"""The extended model: a mechanism as identified, with the effects that were found; its poses, and its text.
+"""The extended model: a mechanism as identified, with the effects that were found; its numbers, its poses, its text.
 
-In the text, model.toml, lengths are mm. PointModel come in the order of their names: a, b, u, l leg by leg (u as two
+In the text, model.toml, lengths are mm. Unknowns come in the order of their names: a, b, u, l leg by leg (u as two
 tilts across the nominal direction), effects.
 """
 
@@ -18,8 +18,10 @@ from truing.simulation.catalogue import catalogue, of_photographed_points
 from truing.simulation.cause import Effect, Step
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.mechanisms.recording import COMMON, Conditions
+from truing.simulation.mechanisms.structures.structure import Machine
 from truing.simulation.model_text import (
     context_of,
     covariance_from,
@@ -322,3 +324,74 @@ def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
         kind, lengths("a_mm"), lengths("b_mm"), [leg["u"] for leg in legs], lengths("length_mm"), lengths("rho0_mm")
     )
     return found.replace(u=np.array([leg["u"] for leg in legs], float))
+
+
+_TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class IdentifiedGeometry:
+    """P numbers of the geometry, SI: nominal and identified (P,), covariance and prior covariance (P, P).
+
+    known (P,): whose prior is a tolerance, and not merely wide. by_shared (P, G): how they follow the model's unknowns.
+    """
+
+    parameters: tuple[Parameter, ...]
+    nominal: NDArray
+    values: NDArray
+    covariance: NDArray
+    prior: NDArray
+    known: NDArray
+    by_shared: NDArray
+
+    @property
+    def sigma(self) -> NDArray:
+        """Return the standard deviations (P,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def tolerance(self) -> NDArray:
+        """Return one sigma (P,) of manufacturing and assembly; NaN where nothing is known."""
+        return np.where(self.known, np.sqrt(np.diag(self.prior)), np.nan)
+
+
+def identified_geometry(model: PointModel, shared: NDArray, covariance: NDArray) -> IdentifiedGeometry:
+    """Return the geometry at shared unknowns (G,) with covariance (G, G); derivatives by complex step, exact."""
+    every = full_set(_bare_machine(model.nominal), "none").entries
+    entries = ParameterSet(tuple(entry for entry in every if _part(entry) in model.layout))
+    by_shared = np.zeros((len(entries), model.shared_size))
+    for name in ("a", "b", "u", "l"):
+        for i in range(*model.layout.get(name, slice(0)).indices(model.shared_size)):
+            nudged = shared + 1j * _TINY * (np.arange(len(shared)) == i)
+            by_shared[:, i] = _values_of(entries, model.legs(nudged)).imag / _TINY
+    return IdentifiedGeometry(
+        entries.entries,
+        _values_of(entries, model.nominal),
+        _values_of(entries, model.legs(shared)),
+        by_shared @ covariance @ by_shared.T,
+        by_shared @ by_shared.T,
+        np.array([_part(entry) not in model.known.open_geometry for entry in entries.entries], bool),
+        by_shared,
+    )
+
+
+def _part(entry: Parameter) -> str:
+    return entry.name.partition("_")[0]
+
+
+def _bare_machine(legs: Legs) -> Machine:
+    return Machine(legs, np.zeros((legs.count, legs.count)), None, None, None)
+
+
+def _values_of(entries: ParameterSet, legs: Legs) -> NDArray:
+    return entries.values(_bare_machine(legs)) if len(entries) else np.zeros(0)
+
+
+def name_and_leg(name: str) -> tuple[str, int | None]:
+    """Return the name of an effect's parameter and its leg: ``gain_3`` is leg 3's gain, ``K12`` of leg 1 stays K12."""
+    head, _, leg = name.rpartition("_")
+    if head and leg.isdigit() and not head.startswith("K"):
+        return head, int(leg)
+    if name.startswith("K") and name[1:].replace("_", "").isdigit():
+        return name, int(head[1:] if head else name[1])
+    return name, None

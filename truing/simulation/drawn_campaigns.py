@@ -1,6 +1,6 @@
-"""A whole campaign drawn anew: geometry within its tolerances, the survey, the actuators, the points, gross errors.
+"""Whole campaigns drawn anew: machine or sensor within tolerances, readings or loads, what is measured, gross errors.
 
-The nonlinear chain itself predicts the points, with any effects hidden in it; nothing is linearised.
+The nonlinear chain itself predicts what is measured, with any effects hidden in it; nothing is linearised.
 """
 
 from __future__ import annotations
@@ -12,12 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
+from truing.simulation.bench.causes.reading_causes import ReadingCause
+from truing.simulation.bench.model import ReadingModel
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.point_causes import PointCause
 
 # Gross errors are some tenths of a millimetre: far beyond noise, not always beyond what an effect may do.
 _GROSS_M = 5e-4
+# Those of readings are so many times the noise.
+_GROSS_NOISE = 100.0
 
 
 @dataclass(frozen=True)
@@ -68,8 +72,7 @@ def _truth(
     shared = plain.embedded(rng.standard_normal(plain.shared_size), model)
     for name in ("seat", *model.known.open_geometry):
         shared[model.layout[name]] = 0.0
-    for effect in effects:
-        shared[model.layout[effect.cause.key]] = effect.values / model.effect_sigma(effect.cause)
+    model.set_effects(shared, effects)
     local = rng.standard_normal((len(model.conditions.readings), model.local_size))
     local[:, model.unpredicted] = 0.0
     return shared, local
@@ -94,3 +97,24 @@ def _survey(model: PointModel, shared: NDArray, rng: np.random.Generator) -> NDA
         noise = model.known.survey.attachment_factor @ rng.standard_normal(3 * int(own.sum()))
         survey[own] = model.legs(shared).b[model.targets.leg[own]] + noise.reshape(-1, 3)
     return survey
+
+
+def draw_readings(
+    model: ReadingModel, effects: Sequence[Effect[ReadingCause]], rng: np.random.Generator, gross: float = 0.0
+) -> NDArray:
+    """Return readings (B, K), SI, of a campaign of the plain model's layout, with effects hidden in it.
+
+    All but the effects is drawn alike whatever is hidden; ``gross`` is the share of readings with gross errors.
+    """
+    hidden = model.with_causes([effect.cause for effect in effects])
+    plain = model.with_causes(())
+    local_shape = len(model.conditions.load), model.local_size
+    is_known = plain.predict(np.zeros(plain.shared_size), np.zeros(local_shape)).shared_known
+    shared = plain.embedded(np.where(is_known, rng.standard_normal(plain.shared_size), 0.0), hidden)
+    hidden.set_effects(shared, effects)
+    local = rng.standard_normal(local_shape)
+    exact = hidden.points(shared, local)[..., 0]
+    sigma = model.known.sigma
+    noise = sigma * rng.standard_normal(exact.shape)
+    wrong = rng.random(exact.shape) < gross
+    return np.asarray(exact + noise + wrong * _GROSS_NOISE * sigma * rng.standard_normal(exact.shape))
