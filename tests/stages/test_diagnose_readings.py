@@ -139,7 +139,7 @@ def test_uncertainty_of_a_prediction_is_that_of_the_compliance_and_the_effect(ta
     values, vectors = np.linalg.eigh(extended.covariance / np.outer(sigma, sigma))
     factor = sigma[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     draws = np.random.default_rng(3).standard_normal((400, 38)) @ factor.T
-    offset = extended.values[0] + draws[:, 36:]
+    offset = extended.effects[0].values + draws[:, 36:]
     force = there.load[0, 2]
     compliance = extended.compliance + draws[:, :36].reshape(-1, 6, 6)
     wrench = np.zeros((400, 6))

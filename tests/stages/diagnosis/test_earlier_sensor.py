@@ -90,7 +90,7 @@ def test_what_the_first_found_is_not_found_again_and_goes_on(first: dict[str, An
     assert [cause.key for cause in now.causes] == [cause.key for cause in before.causes] == [FZ.key]
     sigmas = [np.sqrt(np.diag(model.covariance)) for model in (before, now)]
     assert (sigmas[1][36:] < 0.85 * sigmas[0][36:]).all()
-    assert_close(now.values[0], np.array(OFFSET_M)[:2], atol=4 * sigmas[1][36:].max())
+    assert_close(now.effects[0].values, np.array(OFFSET_M)[:2], atol=4 * sigmas[1][36:].max())
     assert not second["changes"].to_pandas()["changed"].any()
     assert not ARTIFACTS["changes"].faults(second["changes"])
 
@@ -116,7 +116,7 @@ def test_one_after_the_other_they_tell_what_both_tell_together(home: Path, first
     after = _extended(Fitter(started.model, started.calibration, None, 0).fitted(()))
     both = _extended(whole)
     sigma, sigma_after = (np.sqrt(np.diag(model.covariance)) for model in (both, after))
-    assert_close(after.values[0], both.values[0], atol=0.01 * sigma[36:].min())
+    assert_close(after.effects[0].values, both.effects[0].values, atol=0.01 * sigma[36:].min())
     assert_close((after.compliance - both.compliance).ravel() / sigma[:36], np.zeros(36), atol=0.01)
     assert_close(sigma_after / sigma, np.ones(len(sigma)), atol=0.01)
 
