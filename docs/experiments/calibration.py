@@ -151,9 +151,9 @@ def table_of_kappa() -> str:
 
 def directions() -> NDArray:
     """Directions (6, 3) of the nominal legs at home."""
-    from truing.simulation.mechanisms.legs.kinematics import home_pose
+    from truing.simulation.mechanisms.legs.kinematics import reference_pose
 
-    home: NDArray = home_pose(nominal().legs).z[0]
+    home: NDArray = reference_pose(nominal().legs).z[0]
     return home
 
 

@@ -14,7 +14,7 @@ from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_machine import MODEL, stand, with_deformation
 from truing.estimation.design.observability import indices, observe
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.mechanisms.legs.kinematics import home_pose, inverse, inverse_jacobian, leg_vectors, unit
+from truing.simulation.mechanisms.legs.kinematics import inverse, inverse_jacobian, leg_vectors, reference_pose, unit
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
 from truing.simulation.mechanisms.structures.beam_model import circle_distance
 from truing.simulation.mechanisms.structures.structure import Machine
@@ -33,7 +33,7 @@ def rigid() -> Machine:
 def travel(moved: NDArray) -> NDArray:
     """Return the displacements (B, 6), m, of the actuators for moves from home (B, 6), m and rad."""
     legs = rigid().legs
-    home = home_pose(legs)
+    home = reference_pose(legs)
     return inverse(legs, home.p + moved[:, :3], exp_so3(moved[:, 3:]) @ home.R) - legs.rho0
 
 
@@ -100,7 +100,7 @@ class Excursion:
 def excursion(p: NDArray, R: NDArray, rho: NDArray) -> Excursion:
     """Return the extremes over poses p (B, 3), R (B, 3, 3) with readings rho (B, 6)."""
     legs = rigid().legs
-    home = home_pose(legs)
+    home = reference_pose(legs)
     z = unit(leg_vectors(legs, p, R, rho))
     moved, angle = np.abs(p - home.p), np.abs(log_so3(R @ np.swapaxes(home.R, -1, -2)))
     leg = _between(z, home.z)
@@ -126,7 +126,7 @@ def excursion_of_table(number: int) -> Excursion:
 def excursion_of_workspace() -> Excursion:
     """Return the excursion of the corners of Table 1's workspace."""
     legs, moved = rigid().legs, corners_of_workspace()
-    home = home_pose(legs)
+    home = reference_pose(legs)
     return excursion(home.p + moved[:, :3], exp_so3(moved[:, 3:]) @ home.R, legs.rho0 + travel(moved))
 
 
@@ -148,7 +148,7 @@ class Sensitivity:
 def sensitivity() -> Sensitivity:
     """Return the worst pose error, over all signs of the actuators' errors, at home and at the workspace's corners."""
     legs = rigid().legs
-    home = home_pose(legs)
+    home = reference_pose(legs)
     moved = np.concatenate([np.zeros((1, 6)), corners_of_workspace()])
     p, R = home.p + moved[:, :3], exp_so3(moved[:, 3:]) @ home.R
     twist = np.linalg.inv(inverse_jacobian(legs, p, R, legs.rho0 + travel(moved)))

@@ -133,12 +133,12 @@ def _named(names: tuple[Parameter, ...], wanted: Sequence[str]) -> list[int]:
 
 
 def _residual_noise(settings: Campaign, regressors: PoseRegressors, survey: pa.Table | None) -> tuple[NDArray, str]:
-    """Return one sigma (L,), m, of the legs' residuals at home, and where it comes from, in words."""
+    """Return one sigma (L,), m, of the legs' residuals at the reference pose, and where it comes from, in words."""
     point, reading = (settings.noise.point_mm or 0.0) * 1e-3, settings.noise.actuator_mm * 1e-3
-    home, machine = regressors.home, regressors.machine
-    closing = regressors.structure.close(machine, home.p, home.R, np.atleast_2d(machine.legs.rho0), Change({}, 0))
+    pose, machine = regressors.reference, regressors.machine
+    closing = regressors.structure.close(machine, pose.p, pose.R, np.atleast_2d(machine.legs.rho0), Change({}, 0))
     own = reading * np.diagonal(closing.by_rho[0])
-    covariance = None if survey is None or not point else _pose_covariance(survey, home.p[0], home.R[0], point)
+    covariance = None if survey is None or not point else _pose_covariance(survey, pose.p[0], pose.R[0], point)
     if covariance is not None:
         seen = np.einsum("li,ij,lj->l", closing.by_twist[0], covariance, closing.by_twist[0])
         return np.sqrt(seen + own**2), "noise of points on the surveyed targets, and of readings"
@@ -148,7 +148,7 @@ def _residual_noise(settings: Campaign, regressors: PoseRegressors, survey: pa.T
 
 
 def _pose_covariance(survey: pa.Table, p: NDArray, R: NDArray, sigma: float) -> NDArray | None:
-    """Return the covariance (6, 6) of the platform in the base from points of noise sigma, at home; None without."""
+    """Return the covariance (6, 6) of the platform in the base from points of noise sigma, at a pose; None without."""
     parts = []
     for body in ("platform", "base"):
         found = survey_points(survey, body)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import exp_so3, log_so3, skew
+from truing.estimation.rotation import exp_so3, log_so3, rigid_motions
 from truing.schemas.covariates import stand_in
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def _steps(body: BodyTargets, level: NDArray[np.int64], order: Array) -> Array:
 def _of_noise(body: BodyTargets) -> Array:
     """The covariance (6, 6) that the points' noise gives a pose."""
     arms = (body.shape - body.shape.mean(0)) @ body.R[np.flatnonzero(body.ok)[0]].T
-    design = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -skew(arms)], -1).reshape(-1, 6)
+    design = rigid_motions(arms).reshape(-1, 6)
     return np.asarray(np.linalg.pinv(design.T @ design / body.sigma**2))
 
 

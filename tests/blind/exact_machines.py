@@ -92,7 +92,7 @@ def model_of(campaign: Campaign, make: Callable[[float, float], Cause] | None) -
     }
     conditions = Conditions(readings, covariates, tuple(schedule.pose))
     model = PointModel(targets, conditions, legs, known)
-    axes = np.stack([rotate(with_axis(model.upright), np.tile(axis, (count, 1))) for axis in np.eye(3)], -1)
+    axes = np.stack([rotate(with_axis(model.nominal_direction), np.tile(axis, (count, 1))) for axis in np.eye(3)], -1)
     start, end = schedule.time_s.min(), schedule.time_s.max()
     model = replace(model, known=replace(known, seat_rotation=axes))
     return model.with_causes(() if make is None else (make(float(start), float(end - start)),))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions, skew
 
 _POSES_AT_ONCE = 5000  # keeps intermediate matrices small
 
@@ -65,7 +65,7 @@ def survey_frame_covariance(
 
 def fit_gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:
     """Return how each point's error moves the fitted pose: (B, N, 6, 3) of ``(sum J' W J)^-1 J' W``."""
-    J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -skew(arm)], axis=-1)
+    J = rigid_motions(arm)
     JW = np.swapaxes(J, -1, -2) @ W
     normal = np.where(ok[:, None, None], np.sum(JW @ J, axis=1), np.eye(6))
     return np.linalg.inv(normal)[:, None] @ JW

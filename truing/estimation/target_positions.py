@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions
 
 # So many points in a row that agree are a place of the target.
 RUN = 3
@@ -32,7 +32,7 @@ def looseness(shape: NDArray, trusted: NDArray) -> NDArray:
     """
     middle = shape.mean(0)
     radius = max(float(np.sqrt(np.mean(np.sum((shape - middle) ** 2, -1)))), 1e-300)
-    moves = np.concatenate([np.broadcast_to(np.eye(3), (len(shape), 3, 3)), -skew((shape - middle) / radius)], -1)
+    moves = rigid_motions((shape - middle) / radius)
     normal = np.einsum("bk,kip,kiq->bpq", trusted.astype(float), moves, moves)
     variance = np.einsum("kip,bpq,kiq->bk", moves, np.linalg.pinv(normal, rcond=1e-12, hermitian=True), moves) / 3
     return np.where(trusted, 1.0, np.sqrt(1.0 + variance))

@@ -8,7 +8,7 @@ from typing import Generic, Self
 
 import numpy as np
 
-from truing.estimation.rotation import exp_so3, skew
+from truing.estimation.rotation import exp_so3, rigid_motions
 from truing.inference.arrays import Array, Mask
 from truing.inference.model import ConditionsT_co
 
@@ -63,7 +63,7 @@ class Frames:
         arms are the observations from their frame's origin, in the measurement's axes."""
         if not self.size:
             return np.zeros((*arms.shape, 0))
-        moved = np.concatenate([np.broadcast_to(np.eye(_SPACE), (*arms.shape, _SPACE)), -skew(arms)], -1)
+        moved = rigid_motions(arms)
         return np.asarray(moved * _FRAME_SIGMA * self.free)
 
     def moved(self, step: Array) -> Frames:

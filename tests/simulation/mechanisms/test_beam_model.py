@@ -17,7 +17,7 @@ from tests.simulation.mechanisms.flexure_telescope import (
     vector,
 )
 from tests.tolerance import assert_between, assert_close
-from truing.simulation.mechanisms.legs.kinematics import Home, forward, home_pose, inverse
+from truing.simulation.mechanisms.legs.kinematics import ReferencePose, forward, inverse, reference_pose
 from truing.simulation.mechanisms.structures.beam_model import BeamModel, arc_distance, bent, circle_distance
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, readings_at
@@ -35,7 +35,7 @@ def _shift_um(machine: Machine, model: BeamModel = MODEL) -> np.ndarray:
 
 
 def test_home_is_that_of_the_reference() -> None:
-    found, expected = home_pose(flexure_telescope().legs), REFERENCE["home"]
+    found, expected = reference_pose(flexure_telescope().legs), REFERENCE["reference_rotation"]
     assert_close(found.p[0] * 1e3, expected["p0"], atol=1e-9 * 500.0, what="p0, mm")
     assert_close(found.R[0], expected["R0"], atol=1e-9, what="R0")
     assert_close(found.z[0], expected["z0"], atol=1e-9, what="z0")
@@ -45,7 +45,7 @@ def test_readings_are_those_of_the_reference() -> None:
     inputs, outputs = vector("eq18")
     machine, (p, R) = flexure_telescope(), pose(inputs)
     asked = readings_at(MODEL, machine, p, R)
-    found = bent(circle_distance, machine, home_pose(machine.legs), p, R, asked.rho)
+    found = bent(circle_distance, machine, reference_pose(machine.legs), p, R, asked.rho)
     assert asked.converged.all()
     assert_close(asked.rho[0] * 1e3, outputs["rho_mm"], atol=1e-9 * 10.0, what="rho, mm")
     assert_close(found.z[0], outputs["z"], atol=1e-9, what="z")
@@ -56,16 +56,16 @@ def test_readings_are_those_of_the_reference() -> None:
 
 
 def test_closing_is_that_of_the_reference() -> None:
-    """Leg 1 with parameters off, its flexures straight along the nominal home direction."""
+    """Leg 1 with parameters off, its flexures straight along the nominal reference direction."""
     (inputs, _), (own, outputs) = vector("eq30"), vector("eq32")
     legs = flexure_telescope().legs
     given = {name: getattr(legs, name).copy() for name in ("a", "b", "u", "l")}
     for name, si in (("a", 1e-3), ("b", 1e-3), ("u", 1.0), ("l", 1e-3)):
         given[name][0] = np.array(inputs[name]) * si
     machine = replace(flexure_telescope(), legs=legs.replace(**given))
-    home = Home(np.zeros((1, 3)), np.eye(3)[None], np.tile(own["z0"], (1, 6, 1)))
+    reference = ReferencePose(np.zeros((1, 3)), np.eye(3)[None], np.tile(own["z0"], (1, 6, 1)))
     rho = np.full((1, 6), inputs["rho_mm"] * 1e-3)
-    found = bent(circle_distance, machine, home, *pose(inputs), rho).value[0, 0] * 1e3
+    found = bent(circle_distance, machine, reference, *pose(inputs), rho).value[0, 0] * 1e3
     assert_close(found, outputs["f_mm"], atol=1e-9 * outputs["f_mm"], what="f, mm")
 
 

@@ -20,7 +20,7 @@ from tests.simulation.mechanisms.flexure_telescope import (
 from tests.simulation.mechanisms.telescope import K, readings
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.mechanisms.legs.kinematics import forward, home_change, home_pose
+from truing.simulation.mechanisms.legs.kinematics import forward, reference_change, reference_pose
 from truing.simulation.mechanisms.parameters import full_set
 from truing.simulation.mechanisms.structures.beam_model import BeamModel, arc_distance
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
@@ -61,16 +61,16 @@ def test_derivatives_agree_with_a_complex_step(model: Structure, field: str, kin
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_home_pose_follows_as_a_complex_step_says(kind: str) -> None:
+def test_the_reference_pose_follows_as_a_complex_step_says(kind: str) -> None:
     machine = crooked(np.random.default_rng(6), kind)
-    home = home_pose(machine.legs)
-    assert np.abs(log_so3(home.R)).max() > 0.1, "the home pose is turned"
+    reference = reference_pose(machine.legs)
+    assert np.abs(log_so3(reference.R)).max() > 0.1, "the reference pose is turned"
     for field in ("a", "b", "u", "l", "rho0"):
         change, tiny = one_field(field), 1j * 1e-30
-        found = home_change(machine.legs, home, change)
+        found = reference_change(machine.legs, reference, change)
         for j, entry in enumerate(np.eye(change.size)):
-            moved = home_pose(nudged(machine, field, tiny * entry.reshape(change.fields[field].shape[:-1])).legs)
-            turned = log_so3(moved.R @ np.swapaxes(home.R, -1, -2))
+            moved = reference_pose(nudged(machine, field, tiny * entry.reshape(change.fields[field].shape[:-1])).legs)
+            turned = log_so3(moved.R @ np.swapaxes(reference.R, -1, -2))
             twist = np.concatenate([moved.p, turned], -1).imag / 1e-30
             assert_close(found.twist[..., j], twist, atol=1e-11, what=f"twist by {field}")
             assert_close(found.z[..., j], moved.z.imag / 1e-30, atol=1e-11, what=f"z0 by {field}")
@@ -92,8 +92,8 @@ def test_readings_and_poses_undo_each_other(model: Structure, kind: str) -> None
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
 def test_at_home_everything_is_straight(model: Structure, kind: str) -> None:
     machine = replace(crooked(np.random.default_rng(9), kind), load=np.zeros(6))
-    home = home_pose(machine.legs)
-    found = model.close(machine, home.p, home.R, machine.legs.rho0[None], NO_CHANGE)
+    reference = reference_pose(machine.legs)
+    found = model.close(machine, reference.p, reference.R, machine.legs.rho0[None], NO_CHANGE)
     assert_close(found.value, np.zeros((1, 6)), atol=1e-14, what="closing, m")
 
 
@@ -153,7 +153,7 @@ def _with_legs(count: int) -> Machine:
 
 
 @pytest.mark.parametrize(("model", "fitting"), [(BEAM, (6, 7)), (STIFFNESS, (6,))])
-def test_legs_that_leave_the_home_pose_or_the_readings_open_are_not_for_them(
+def test_legs_that_leave_the_reference_pose_or_the_readings_open_are_not_for_them(
     model: Structure, fitting: tuple[int, ...]
 ) -> None:
     assert tuple(count for count in (3, 5, 6, 7) if model.fits(_with_legs(count))) == fitting

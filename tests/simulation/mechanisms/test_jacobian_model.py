@@ -1,4 +1,4 @@
-"""The linear model: reference values, what linearity costs, and exact derivatives through the home pose."""
+"""The linear model: reference values, what linearity costs, and exact derivatives through the reference pose."""
 
 from __future__ import annotations
 
@@ -72,11 +72,11 @@ def test_any_frames_give_the_same_closing() -> None:
     rho = readings(np.random.default_rng(3), 4)
     straight = MODEL.close(_rigid(), *_at(telescope(), rho), rho, NO_CHANGE).value
     p, R = _at(telescope(), rho)
-    home = _at(legs, legs.rho0[None])[1]
-    assert np.abs(log_so3(home[0])).max() > 0.1, "the home pose is turned"
+    reference = _at(legs, legs.rho0[None])[1]
+    assert np.abs(log_so3(reference[0])).max() > 0.1, "the reference pose is turned"
     level = _at(telescope(), telescope().rho0[None])[1]
     turned = MODEL.close(
-        _rigid(legs), p @ base.T, base @ R @ level.swapaxes(1, 2) @ base.T @ home, rho, NO_CHANGE
+        _rigid(legs), p @ base.T, base @ R @ level.swapaxes(1, 2) @ base.T @ reference, rho, NO_CHANGE
     ).value
     assert_close(turned, straight, atol=1e-14, what="f, m")
 

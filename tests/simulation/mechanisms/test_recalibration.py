@@ -220,7 +220,7 @@ def test_an_actuator_direction_that_swallows_the_deformation_has_two_minima() ->
     start = np.repeat(nominal_values(machine, parameters)[None], 40, 0)
     start[..., u_x] = np.linspace(-0.6, 0.6, 40)[:, None]
     found = minima_from(machine, parameters, p, R, rho, start)
-    slope = np.array([0.216, -0.216, -0.042, 0.174, -0.174, 0.042])  # z_x / z_z at home
+    slope = np.array([0.216, -0.216, -0.042, 0.174, -0.174, 0.042])  # z_x / z_z at the reference
     for minima, ratio in zip(found, slope, strict=True):
         directions = minima.x[:2, u_x]
         assert len(minima.x) == 2

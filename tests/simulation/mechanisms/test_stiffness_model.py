@@ -24,7 +24,7 @@ from tests.simulation.mechanisms.telescope import K
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import log_so3
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.kinematics import forward, home_pose
+from truing.simulation.mechanisms.legs.kinematics import forward, reference_pose
 from truing.simulation.mechanisms.structures.beams import assembled, condensed
 from truing.simulation.mechanisms.structures.catalogue import departure
 from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel
@@ -151,7 +151,7 @@ def test_a_leg_that_grows_is_a_leg_whose_root_moves() -> None:
 def test_a_reading_moves_the_root_along_the_actuator_or_along_the_leg(kind: str) -> None:
     legs = crooked(np.random.default_rng(4), kind).legs
     rest = at_rest(replace(flexure_telescope(kind), legs=legs))
-    expected = {"6-pus": legs.u, "ups": rest.home.z}[kind]
+    expected = {"6-pus": legs.u, "ups": rest.reference.z}[kind]
     assert_close(rest.drive, np.broadcast_to(expected, rest.drive.shape), atol=1e-15, what="m per m")
 
 
@@ -171,8 +171,8 @@ def test_a_load_presses_the_platform_where_it_points() -> None:
 @given(seed=SEEDS, kind=st.sampled_from(["6-pus", "ups"]))
 def test_at_home_work_done_is_energy_stored(seed: int, kind: str) -> None:
     machine = replace(crooked(np.random.default_rng(seed), kind), load=np.zeros(6))
-    home, at = home_pose(machine.legs), machine.legs.rho0[None]
-    found = compliance(machine, home.p, home.R, at)[0]
+    reference, at = reference_pose(machine.legs), machine.legs.rho0[None]
+    found = compliance(machine, reference.p, reference.R, at)[0]
     size = np.repeat([1.0, 10.0], 3)  # a lever of 0.1 m
     scaled = found * np.outer(size, size)
     assert_close(scaled, scaled.T, atol=1e-9 * np.abs(scaled).max(), what="asymmetry")
@@ -180,7 +180,7 @@ def test_at_home_work_done_is_energy_stored(seed: int, kind: str) -> None:
     load = np.random.default_rng(seed).normal(size=6) / size
     twist = found @ load
     rest = at_rest(machine)
-    arm = balance(machine, rest, home.p, home.R, at).arm[0]
+    arm = balance(machine, rest, reference.p, reference.R, at).arm[0]
     strain = np.concatenate([twist[:3] + np.cross(twist[3:], arm), np.tile(twist[3:], (6, 1))], -1)
     stored = 0.5 * np.einsum("li,lij,lj", strain, rest.stiffness[0], strain)
     assert_close(0.5 * load @ twist, stored, atol=1e-9 * stored, what="energy, J")

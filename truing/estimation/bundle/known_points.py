@@ -14,7 +14,7 @@ import numpy as np
 from truing.estimation.bundle.intersection import Mask
 from truing.estimation.bundle.network import Array
 from truing.estimation.rigid_poses.umeyama import umeyama
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions
 
 LEVEL = 1e-3  # probability that a good pose has any point that is called wrong
 _TRIPLES = 400
@@ -146,7 +146,7 @@ def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, in
         sigma[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] += known_cov[n]
     placed = scale * points @ R.T + shift
     arms = placed - placed[inside].mean(0)
-    of_similarity = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), -skew(arms), arms[..., None]], -1)
+    of_similarity = np.concatenate([rigid_motions(arms), arms[..., None]], -1)
     A = [of_similarity.reshape(3 * count, 7)]
     A += [np.eye(3 * count)[:, 3 * n : 3 * n + 3] for n in np.flatnonzero(~inside).tolist()]
     design, P = np.concatenate(A, 1), np.linalg.inv(sigma)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.estimation.bundle.network import Array
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions
 
 # A pattern in which points err together is told where its variance is so many times that of points by themselves.
 _TOGETHER = 2.0
@@ -29,7 +29,7 @@ def shared_errors(covariance: Array, points: Array, most: int) -> SharedErrors:
     """
     count = len(points)
     arms = points - points.mean(0)
-    moved = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), -skew(arms)], -1).reshape(3 * count, 6)
+    moved = rigid_motions(arms).reshape(3 * count, 6)
     held = np.linalg.qr(moved / np.linalg.norm(moved, axis=0))[0]
     left = covariance - held @ (held.T @ covariance)
     left = left - (left @ held) @ held.T

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.estimation.covariance import apply_rotation, relative_slope
 from truing.estimation.rigid_poses.correlated_poses import PointsOfBodies, by_survey, joint_motions
 from truing.estimation.rigid_poses.points import PointErrors, PosePoints
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,7 +26,7 @@ def frame_covariance(points: Array, noise: Array, used: NDArray[np.bool_]) -> Ar
     used targets leave free (fewer than three, or in line) come out as zero, not as infinite: check the fit's
     status first.
     """
-    lever = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=2)
+    lever = rigid_motions(points)
     weight = _inverse(noise) * used[:, :, None, None]
     information = np.einsum("tia,btij,tjc->bac", lever, weight, lever, optimize=True)
     return np.linalg.pinv(information, rcond=1e-12, hermitian=True)
@@ -40,7 +40,7 @@ def residual_covariance(points: Array, noise: Array, used: NDArray[np.bool_], se
     residuals what the frame swallowed. Rows of targets not seen are zero.
     """
     batch, count = used.shape
-    lever = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), -skew(points)], axis=2)
+    lever = rigid_motions(points)
     frame = frame_covariance(points, noise, used)
     swallowed = np.einsum("tia,bac,sjc->btisj", lever, frame, lever, optimize=True)
     sign = 1.0 - used[:, :, None].astype(float) - used[:, None, :]
@@ -55,7 +55,7 @@ def redundancy(points: Array, used: NDArray[np.bool_]) -> Array:
     """(B, T, 3) share of each coordinate's own error that a fit to the used targets (B, T), equally weighted,
     leaves in its residual (Baarda's redundancy number); zero where not used. Sums to 3 n - 6 per entry of the batch.
     """
-    lever = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=2)
+    lever = rigid_motions(points)
     information = np.einsum("tia,bt,tic->bac", lever, used.astype(float), lever, optimize=True)
     frame = np.linalg.pinv(information, rcond=1e-12, hermitian=True)
     return (1.0 - np.einsum("tia,bac,tic->bti", lever, frame, lever, optimize=True)) * used[:, :, None]
@@ -166,7 +166,7 @@ def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body:
 def follows_frame(p: int, body: FramedBody, weight: Array) -> Array:
     """How sums of what lies at a body's targets, weight (Q, T, 3), follow its motion (t, theta), (Q, 6)."""
     arm = apply_rotation(body.R[p], body.source)
-    lever = np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), -skew(arm)], axis=2)
+    lever = rigid_motions(arm)
     return np.einsum("qti,tij->qj", weight, lever)
 
 

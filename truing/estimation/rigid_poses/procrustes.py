@@ -17,7 +17,7 @@ from truing.estimation.covariance import apply_rotation, symmetric
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, masked_fit
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama
-from truing.estimation.rotation import exp_so3, skew
+from truing.estimation.rotation import exp_so3, rigid_motions, skew
 
 # Noise ratios at which poses are taken in: bodies may flex by more than their noise.
 _RATIOS = (1.0, 3.0, 10.0, 30.0)
@@ -310,7 +310,7 @@ def _shape_covariance(reduced: NDArray, shape: NDArray, known: NDArray, unknown:
     regular = reduced + np.diag(np.where(unknown, typical, 0.0))
     inner = np.zeros((len(reduced), len(reduced)))
     if free:
-        G = np.concatenate([np.broadcast_to(np.eye(3), (len(shape), 3, 3)), -skew(shape)], axis=-1)
+        G = rigid_motions(shape)
         G = np.where(unknown[:, None], 0.0, G.reshape(-1, 6))
         basis = np.linalg.svd(G / np.linalg.norm(G, axis=0), full_matrices=False)[0]
         inner = basis @ basis.T

@@ -12,7 +12,7 @@ from truing.estimation.rigid_poses.haralick import MEDIAN_LENGTH, residual_scale
 from truing.estimation.rigid_poses.likelihood import maximum_likelihood
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits, mask_entries
 from truing.estimation.rigid_poses.robust import consensus
-from truing.estimation.rotation import skew
+from truing.estimation.rotation import rigid_motions
 
 # Probability that a pose without gross errors loses any of its points.
 FALSE_ALARM = 1e-4
@@ -84,7 +84,7 @@ def squared_residuals(
     arm = source @ np.swapaxes(R, -1, -2)
     r = np.where(ok[:, None, None], target - arm - fit.t[:, None], 0.0)
     noise = cov_target + R[:, None] @ cov_source @ np.swapaxes(R, -1, -2)[:, None]
-    J = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -skew(arm)], axis=-1)
+    J = rigid_motions(arm)
     pose = J @ np.where(ok[:, None, None], fit.covariance, 0.0)[:, None] @ np.swapaxes(J, -1, -2)
     spread = symmetric(noise + np.where(kept, -1.0, 1.0)[..., None, None] * pose)
     floor = 1e-6 * np.trace(noise, axis1=-2, axis2=-1)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import exp_so3, skew
+from truing.estimation.rotation import exp_so3, rigid_motions
 from truing.estimation.scans.local_surface import Heights, Patches, Surface, heights_over, workers_for
 
 _GATE = 4.5
@@ -201,7 +201,7 @@ def _motions(scene: Scene, view: _View, t: NDArray) -> tuple[NDArray, NDArray]:
     scale = np.r_[np.ones(3), np.full(3, 1 / np.sqrt(np.mean(np.sum(arm**2, -1))))]
     normal = view.J[view.used, :3]
     J = np.concatenate([normal, np.cross(arm, normal)], axis=1) * scale
-    move = np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), -skew(arm)], axis=2) * scale
+    move = rigid_motions(arm) * scale
     across = (move - normal[:, :, None] * J[:, None]).reshape(-1, 6)
     tilt = view.heights.slope_variance[view.used] * scene.sigma_reference**2 + _SHAPE_ERROR**2
     feigned = across.T @ (np.repeat(tilt, 3)[:, None] * across)

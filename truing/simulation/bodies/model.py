@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, rigid_motions
 from truing.simulation.cause import OBSERVED, Step
 from truing.simulation.effects_model import Prediction
 from truing.simulation.mechanisms.forward_pass import Passage, moved_by_shape
@@ -272,9 +272,8 @@ class BodyModel(RecordedModel):
             own = self.channel_groups == body
             arms = np.einsum("bkij,bkj->bki", turn[:, own], places[:, own] - centre)
             jacobian = left_jacobian_so3(self._pose(body, shared, local)[:, 3:])
-            slope = np.empty((*arms.shape, _POSE))
-            slope[..., :3] = np.eye(3)
-            slope[..., 3:] = -skew(arms) @ jacobian[:, None]
+            slope = rigid_motions(arms)
+            slope[..., 3:] = slope[..., 3:] @ jacobian[:, None]
             yield body, own, slope
 
     def _fill_structure(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:

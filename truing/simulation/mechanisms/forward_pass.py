@@ -18,7 +18,7 @@ from truing.estimation.rotation import skew
 from truing.simulation.cause import Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import Legs
-from truing.simulation.mechanisms.legs.kinematics import forward, home_pose, pose_change
+from truing.simulation.mechanisms.legs.kinematics import forward, pose_change, reference_pose
 from truing.simulation.mechanisms.point_causes import PointCause, applied
 from truing.simulation.mechanisms.state import State
 from truing.simulation.trace import Trace
@@ -26,7 +26,7 @@ from truing.simulation.trace import Trace
 Met = tuple[Effect[PointCause], State]
 POSE = "pose"
 _OF_LEGS = ("a", "b", "u", "l")
-REFERENCE = ("straight", "home")
+REFERENCE = ("reference_direction", "reference_rotation")
 # An effect that depends on the pose moves it by less than a hundredth of what moved it: six rounds reach rounding.
 _ROUNDS = 6
 _TINY = 1e-30
@@ -60,9 +60,18 @@ def simulate(
     covariates: Mapping[str, NDArray] | None = None,
 ) -> State:
     """Return the state at indicated positions rho (B, L), m, with the effects in force and the platform's poses."""
-    home = home_pose(legs)
-    start = State(legs, rho, np.zeros_like(rho), indicated=rho, covariates=covariates or {})
-    return passed(replace(start, upright=home.z[0], straight=home.z[0], home=home.R[0]), effects).state
+    pose = reference_pose(legs)
+    start = State(
+        legs,
+        rho,
+        np.zeros_like(rho),
+        indicated=rho,
+        covariates=covariates or {},
+        nominal_direction=pose.z[0],
+        reference_direction=pose.z[0],
+        reference_rotation=pose.R[0],
+    )
+    return passed(start, effects).state
 
 
 def passed(start: State, effects: Sequence[Effect[PointCause]]) -> Passage:

@@ -25,7 +25,11 @@ from truing.simulation.mechanisms.forward_pass import (
     simulate,
 )
 from truing.simulation.mechanisms.legs.closures import Legs
-from truing.simulation.mechanisms.legs.kinematics import Forward, forward, home_change, home_pose, leg_vectors, unit
+from truing.simulation.mechanisms.legs.kinematics import (
+    reference_change,
+    reference_pose,
+    unit,
+)
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.recording import (
     FREE_ANGLE_RAD,
@@ -49,8 +53,8 @@ class Known:
 
     ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies'
     frames and ``survey`` what it leaves unknown. ``ridden`` are the legs that carry targets; ``seat_rotation``
-    (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the upright leg, as a start. ``pitch_m`` of the
-    leadscrews and ``flexure_length_m`` are None where they are not known.
+    (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the leg in its nominal direction, as a start.
+    ``pitch_m`` of the leadscrews and ``flexure_length_m`` are None where they are not known.
     """
 
     geometry: dict[str, float]
@@ -78,14 +82,9 @@ class PointModel(RecordedModel):
     known: Known
 
     @cached_property
-    def home(self) -> Forward:
-        """Return the platform's pose in the nominal reference configuration, a batch of one."""
-        return forward(self.nominal, self.nominal.rho0[None])
-
-    @cached_property
-    def upright(self) -> NDArray:
+    def nominal_direction(self) -> NDArray:
         """Return the legs' directions (L, 3) in the nominal reference configuration."""
-        return unit(leg_vectors(self.nominal, self.home.p, self.home.R, self.nominal.rho0[None]))[0]
+        return reference_pose(self.nominal).z[0]
 
     @property
     def _sizes(self) -> dict[str, int]:
@@ -345,7 +344,7 @@ class PointModel(RecordedModel):
         """Return how the readings pass drive and structure."""
         rho = self.conditions.readings + self._actuators(local) * self.known.reading_sigma
         shape, legs = self.shape(shared), self.legs(shared)
-        reference = home_pose(legs)
+        reference = reference_pose(legs)
         start = State(
             legs,
             rho,
@@ -356,9 +355,9 @@ class PointModel(RecordedModel):
             shape=shape,
             moved=np.zeros((1, *shape.shape)),
             reference_temperature_c=self.known.reference_temperature_c,
-            upright=self.upright,
-            straight=reference.z[0],
-            home=reference.R[0],
+            nominal_direction=self.nominal_direction,
+            reference_direction=reference.z[0],
+            reference_rotation=reference.R[0],
         )
         return passed(start, self.effects(shared))
 
@@ -366,7 +365,7 @@ class PointModel(RecordedModel):
         passage = self._passage(shared, local)
         roll = np.zeros(self.conditions.readings.shape, local.dtype)
         roll[:, self.known.ridden] = local[:, self._rolls] * FREE_ANGLE_RAD
-        frames = leg_frames(passage.state, self.upright, roll, self._seats(shared)[0])
+        frames = leg_frames(passage.state, self.nominal_direction, roll, self._seats(shared)[0])
         state = passage.state
         points, turn = positions(state, self.targets, frames), turns(state, self.targets, frames)
         return record(passage, self.targets, frames, self.effects(shared), points, turn)
@@ -396,10 +395,10 @@ class PointModel(RecordedModel):
         if not any(cause.reads.intersection(REFERENCE) for cause in self.causes):
             return change
         legs = self.legs(shared)
-        home = home_pose(legs)
-        moved = home_change(legs, home, change)
-        turned = np.einsum("aij,bjk,bap->bikp", skew(np.eye(3)), home.R, moved.twist[:, 3:])
-        return Change({**change.fields, "straight": moved.z, "home": turned}, change.size)
+        reference = reference_pose(legs)
+        moved = reference_change(legs, reference, change)
+        turned = np.einsum("aij,bjk,bap->bikp", skew(np.eye(3)), reference.R, moved.twist[:, 3:])
+        return Change({**change.fields, "reference_direction": moved.z, "reference_rotation": turned}, change.size)
 
     def _fill_shape(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         """Fill in the derivatives by the bodies' shapes and by the seats of the legs' survey frames."""
@@ -412,11 +411,11 @@ class PointModel(RecordedModel):
         for place, leg in enumerate(self.known.ridden):
             own, seat = self._riding(leg), seat_rotation[leg]
             first = self.layout["seat"].start + 6 * place
-            upright = turn[:, own] @ seat.T
+            seated = turn[:, own] @ seat.T
             pushed = follows[:, own] @ seat.T
             arms = self._arms(recording.state, own) @ seat.T - offset[leg]
-            turned = (pushed @ skew(offset[leg]) - upright @ skew(arms)) @ jacobian[place]
-            by_shared[:, own, :, first : first + 3] = (upright + pushed) * FREE_LENGTH_M
+            turned = (pushed @ skew(offset[leg]) - seated @ skew(arms)) @ jacobian[place]
+            by_shared[:, own, :, first : first + 3] = (seated + pushed) * FREE_LENGTH_M
             by_shared[:, own, :, first + 3 : first + 6] = turned
 
     def _fill_rolls(self, by_local: NDArray, recording: Recording) -> None:
@@ -435,13 +434,6 @@ class PointModel(RecordedModel):
         return np.broadcast_to(state.shape + state.moved, (len(state.rho), *state.shape.shape))[:, own]
 
 
-def upright_directions(legs: Legs) -> NDArray:
-    """Return the legs' directions (L, 3) in their reference configuration."""
-    rho0 = legs.rho0[None]
-    home = forward(legs, rho0)
-    return unit(leg_vectors(legs, home.p, home.R, rho0))[0]
-
-
 def nominal_leg_frames(legs: Legs, readings: NDArray) -> LegFrames:
     """Return the frames of the legs as the plain mechanism has them at readings (B, L), m."""
-    return leg_frames(simulate(legs, readings), upright_directions(legs), np.zeros_like(readings))
+    return leg_frames(simulate(legs, readings), reference_pose(legs).z[0], np.zeros_like(readings))

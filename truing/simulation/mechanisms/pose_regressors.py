@@ -1,7 +1,7 @@
-"""What each leg of a mechanism tells about its own parameters at a configuration, over the poses around home.
+"""What each leg of a mechanism tells about its own parameters at a configuration.
 
-A configuration is six coordinates x of the platform's displacement from home: (p - p0; log R R0^T) = scale @ x.
-Readings follow by the mechanism's own closure, so any number of legs from six on is as good as any other.
+A configuration is six coordinates x of the platform's displacement from the reference pose: (p - p0; log R R0^T) =
+scale @ x. Readings follow by the mechanism's own closure, so any number of legs from six on is as good as any other.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, log_so3, skew
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.kinematics import Home, home_pose
+from truing.simulation.mechanisms.legs.kinematics import ReferencePose, reference_pose
 from truing.simulation.mechanisms.parameters import ParameterSet
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, readings_at
 
@@ -41,19 +41,19 @@ class PoseRegressors:
     structure: Structure
     machine: Machine
     change: Change
-    home: Home
+    reference: ReferencePose
     scale: NDArray
 
     def at(self, x: NDArray) -> Placed:
         """Return the configurations at coordinates x (B, 6)."""
         moved = x @ self.scale.T
-        p, R = self.home.p + moved[..., :3], exp_so3(moved[..., 3:]) @ self.home.R
+        p, R = self.reference.p + moved[..., :3], exp_so3(moved[..., 3:]) @ self.reference.R
         return Placed(p, R, readings_at(self.structure, self.machine, p, R).rho)
 
     def coordinates(self, placed: Placed) -> NDArray:
         """Return the coordinates (B, 6) of poses, the inverse of `at`."""
-        turned = log_so3(placed.R @ np.swapaxes(self.home.R, -1, -2))
-        return np.linalg.solve(self.scale, np.concatenate([placed.p - self.home.p, turned], -1).T).T
+        turned = log_so3(placed.R @ np.swapaxes(self.reference.R, -1, -2))
+        return np.linalg.solve(self.scale, np.concatenate([placed.p - self.reference.p, turned], -1).T).T
 
     def rows(self, placed: Placed) -> NDArray:
         """Return the derivative (B, L, q) of each leg's closing by its own parameters."""
@@ -76,7 +76,7 @@ class PoseRegressors:
     def quantities(self, x: NDArray) -> tuple[NDArray, NDArray]:
         """Return what limits may be set to, (B, 6 + L), and its derivative (B, 6 + L, 6) by the coordinates.
 
-        First the displacement from home in m and rad, then the readings less their reference in m.
+        First the displacement from the reference in m and rad, then the readings less their reference in m.
         """
         placed = self.at(x)
         moved = np.concatenate([x @ self.scale.T, placed.rho - self.machine.legs.rho0], -1)
@@ -114,8 +114,8 @@ def pose_regressors(
     where they leave the platform free in some direction, for fewer than six legs, and as `leg_by_leg`.
     """
     change = leg_by_leg(machine, parameters)
-    home = home_pose(machine.legs)
-    plain = PoseRegressors(structure, machine, change, home, np.eye(6))
+    reference = reference_pose(machine.legs)
+    plain = PoseRegressors(structure, machine, change, reference, np.eye(6))
     normals = plain.quantities(np.zeros((1, 6)))[1][0] / np.concatenate([pose_range, reading_range])[:, None]
     gram = normals.T @ normals
     lever = np.repeat([1.0, np.sqrt(np.mean(machine.legs.b**2) * 3)], 3)  # m per rad, so that the rank can be judged
@@ -123,4 +123,4 @@ def pose_regressors(
     if not values[0] > 1e-12 * values[-1]:
         raise ValueError("limits of pose and readings that bound every displacement of the platform")
     scale = np.linalg.inv(np.linalg.cholesky(gram).T)
-    return PoseRegressors(structure, machine, change, home, scale)
+    return PoseRegressors(structure, machine, change, reference, scale)

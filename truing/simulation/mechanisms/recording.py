@@ -25,6 +25,7 @@ from truing.simulation.mechanisms.legs.kinematics import (
     attachment_change,
     attachments,
     leg_vectors,
+    point_motion,
     shortest_turn,
     unit,
 )
@@ -62,15 +63,16 @@ class LegFrames:
     z: NDArray  # (B, L, 3) directions
 
 
-def leg_frames(state: State, upright: NDArray, roll: NDArray, seats: NDArray | None = None) -> LegFrames:
-    """Return the frames of the legs, turned from directions upright (L, 3), rolled by roll (B, L) rad beyond half
+def leg_frames(state: State, nominal: NDArray, roll: NDArray, seats: NDArray | None = None) -> LegFrames:
+    """Return the frames of the legs, turned from nominal directions (L, 3), rolled by roll (B, L) rad beyond half
     the platform's twist.
 
-    seats (L, 3, 3) are the rotations from the axes of a leg's survey to the upright leg; without them they coincide.
+    seats (L, 3, 3) are the rotations from the axes of a leg's survey to the leg in its nominal direction; without them
+    they coincide.
     """
     z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
     twist = roll + 0.5 * np.einsum("bli,bi->bl", z, log_so3(state.R))
-    rotation = exp_so3(twist[..., None] * z) @ shortest_turn(upright, z)
+    rotation = exp_so3(twist[..., None] * z) @ shortest_turn(nominal, z)
     lower = state.legs.closure.lower(state.legs, state.rho)
     return LegFrames(lower, rotation if seats is None else rotation @ seats, z)
 
@@ -120,34 +122,29 @@ class Motion:
     moved: NDArray | None  # (B, K, 3, P)
 
 
-def motion(passage: Passage, upright: NDArray, change: Change) -> Motion:
+def motion(passage: Passage, nominal: NDArray, change: Change) -> Motion:
     """Return the motion of all bodies that a change at the end of the structure brings about; exact."""
     state = passage.state
     legs, R = state.legs, state.R
     change, twist = settled(passage, change)
     arms = attachments(legs, state.delta_bz) @ np.swapaxes(R, -1, -2)
-    attachment = attachment_change(legs, R, change) + _carried(twist, arms)
+    attachment = attachment_change(legs, R, change) + point_motion(twist, arms)
     lower = np.broadcast_to(legs.closure.lower_change(legs, state.rho, change), attachment.shape)
     g = leg_vectors(legs, state.p, R, state.rho, state.delta_bz)
-    turn = _leg_turn(state, upright, unit(g), attachment - lower, g, twist)
+    turn = _leg_turn(state, nominal, unit(g), attachment - lower, g, twist)
     return Motion(twist, attachment, lower, turn, change.fields.get("moved"))
 
 
-def _leg_turn(state: State, upright: NDArray, z: NDArray, dg: NDArray, g: NDArray, twist: NDArray) -> NDArray:
+def _leg_turn(state: State, nominal: NDArray, z: NDArray, dg: NDArray, g: NDArray, twist: NDArray) -> NDArray:
     """Return the legs' rotation: across z from z x dz, along z from the shortest way and half the platform's twist."""
     dg = dg / np.sqrt(np.sum(g * g, -1))[..., None, None]
     dz = dg - z[..., None] * np.einsum("bli,blip->blp", z, dg)[..., None, :]
     theta = log_so3(state.R)
     platform = np.einsum("bij,bjp->bip", inverse_left_jacobian_so3(theta), twist[:, 3:])
     half = 0.5 * (np.einsum("bi,blip->blp", theta, dz) + np.einsum("bli,bip->blp", z, platform))
-    normal = np.cross(np.broadcast_to(upright, z.shape), z) / (1 + np.sum(upright * z, -1))[..., None]
+    normal = np.cross(np.broadcast_to(nominal, z.shape), z) / (1 + np.sum(nominal * z, -1))[..., None]
     along = half - np.einsum("bli,blip->blp", normal, dz)
     return np.cross(z[..., None], dz, axis=2) + z[..., None] * along[..., None, :]
-
-
-def _carried(twist: NDArray, arms: NDArray) -> NDArray:
-    """Return the motion (B, N, 3, P) of points at arms (B, N, 3) on a body with a twist (B, 6, P)."""
-    return twist[:, None, :3] + np.cross(twist[:, None, 3:], arms[..., None], axis=2)
 
 
 def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: Motion) -> NDArray:
@@ -156,7 +153,7 @@ def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: Mot
     result = np.zeros((*places.shape, bodies.twist.shape[-1]))
     free, seats, on_leg = (targets.body == PLATFORM) & (targets.leg < 0), targets.at_attachment, targets.body == LEG
     back = np.swapaxes(state.R, -1, -2)
-    result[:, free] = _carried(bodies.twist, places[:, free] @ back)
+    result[:, free] = point_motion(bodies.twist, places[:, free] @ back)
     moved = np.broadcast_to(state.moved, places.shape)[:, seats] @ back
     result[:, seats] = bodies.attachment[:, targets.leg[seats]] + _turned(bodies.twist[:, None, 3:], moved)
     ridden = targets.leg[on_leg]
@@ -187,7 +184,7 @@ class Recording:
 
     def motion(self, change: Change, met: Sequence[Met]) -> NDArray:
         """Return how the targets move (B, K, 3, P), m, base frame, by a change that goes on to meet these effects."""
-        bodies = motion(self.passage, self.state.upright, carried(change, met))
+        bodies = motion(self.passage, self.state.nominal_direction, carried(change, met))
         return target_motion(self.state, self.targets, self.frames, bodies)
 
     def recorded(self, motions: NDArray, cause: PointCause | None = None) -> NDArray:

@@ -25,8 +25,9 @@ class State:
     where targets sit, along the axes of their body's survey, from the body's origin (a leg's: its lower joint), and
     ``moved`` by how much they sit elsewhere, pose by pose. Once the structure has answered: the pose p, R of the
     platform in the base frame, ``points`` (the targets in the base frame, as recorded so far) and ``turn``, the
-    rotations from the axes of the bodies' surveys to the base. ``upright`` are the legs' directions at the
-    nominal reference. At that of the machine as it is, ``straight`` are they and ``home`` is the platform's rotation.
+    rotations from the axes of the bodies' surveys to the base. ``nominal_direction`` are the legs' directions
+    at the nominal reference; at that of the machine as it is, they are ``reference_direction``, and the platform's
+    rotation is ``reference_rotation``.
     """
 
     legs: Legs
@@ -43,9 +44,9 @@ class State:
     points: NDArray = field(default_factory=lambda: np.empty((0, 0, 3)))  # (B, K, 3)
     turn: NDArray = field(default_factory=lambda: np.empty((0, 0, 3, 3)))  # (B, K, 3, 3)
     reference_temperature_c: float = 20.0
-    upright: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3)
-    straight: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3)
-    home: NDArray = field(default_factory=lambda: np.eye(3))  # (3, 3)
+    nominal_direction: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3)
+    reference_direction: NDArray = field(default_factory=lambda: np.empty((0, 3)))  # (L, 3)
+    reference_rotation: NDArray = field(default_factory=lambda: np.eye(3))  # (3, 3)
 
     @property
     def heat(self) -> NDArray:

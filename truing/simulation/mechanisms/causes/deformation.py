@@ -212,7 +212,7 @@ class FlexureShift(PointCause):
 
     id = "flexure-shift"
     step = Step.STRUCTURE
-    reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz", "straight", "home"})
+    reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz", "reference_direction", "reference_rotation"})
 
     def candidates(self, scene: PointScene) -> Sequence[FlexureShift]:
         """Return the cause where there are legs."""
@@ -225,8 +225,8 @@ class FlexureShift(PointCause):
     def change(self, state: State, values: NDArray) -> Change:
         """Return how much longer a leg is between its pivots per length of its flexures: two ends less two halves."""
         z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
-        seen = np.einsum("...ij,...kj,...lk->...li", state.R, state.home, state.straight)
-        low, high = np.sum(z * state.straight, -1), np.sum(z * seen, -1)
+        seen = np.einsum("...ij,...kj,...lk->...li", state.R, state.reference_rotation, state.reference_direction)
+        low, high = np.sum(z * state.reference_direction, -1), np.sum(z * seen, -1)
         one = np.ones_like(low)
         shift = circle_distance(one, low).value + circle_distance(one, high).value - 1.0
         return Change({"l": shift[..., None]}, 1)

@@ -214,7 +214,7 @@ def shortest_turn(start: NDArray, z: NDArray) -> NDArray:
 
 
 @dataclass(frozen=True)
-class Home:
+class ReferencePose:
     """Pose p0 (..., 3) m, R0 (..., 3, 3) and legs' directions z0 (..., L, 3), base frame; one leading axis at least."""
 
     p: NDArray
@@ -223,38 +223,38 @@ class Home:
 
 
 @dataclass(frozen=True)
-class HomeChange:
-    """Derivative of the home pose by P parameters: its twist (v; omega) (..., 6, P), and that of z0 (..., L, 3, P)."""
+class ReferenceChange:
+    """Derivative of the reference pose by P parameters: its twist (v; omega) (..., 6, P), and z0's (..., L, 3, P)."""
 
     twist: NDArray
     z: NDArray
 
 
-def home_pose(legs: Legs) -> Home:
+def reference_pose(legs: Legs) -> ReferencePose:
     """Return where the mechanism of rigid legs stands at its reference readings.
 
     Raises ValueError for fewer than six legs, whose readings leave the pose open.
     """
     rho0 = np.atleast_2d(legs.rho0)
-    home = forward(legs, rho0)
-    return Home(home.p, home.R, unit(leg_vectors(legs, home.p, home.R, rho0)))
+    reference = forward(legs, rho0)
+    return ReferencePose(reference.p, reference.R, unit(leg_vectors(legs, reference.p, reference.R, rho0)))
 
 
-def home_change(legs: Legs, home: Home, change: Change) -> HomeChange:
-    """Return how the home pose follows a change of a, b, u, l and rho0: exact wherever the legs fit together."""
+def reference_change(legs: Legs, reference: ReferencePose, change: Change) -> ReferenceChange:
+    """Return how the reference pose follows a change of a, b, u, l and rho0: exact wherever the legs fit together."""
     rho0 = np.atleast_2d(legs.rho0)
     moved = _at_reference(change)
-    twist = home_twist(legs, home.p, home.R, change)
-    arms = legs.b @ np.swapaxes(home.R, -1, -2)
-    upper = _carried(twist, arms) + attachment_change(legs, home.R, moved)
-    g = leg_vectors(legs, home.p, home.R, rho0)
+    twist = reference_twist(legs, reference.p, reference.R, change)
+    arms = legs.b @ np.swapaxes(reference.R, -1, -2)
+    upper = point_motion(twist, arms) + attachment_change(legs, reference.R, moved)
+    g = leg_vectors(legs, reference.p, reference.R, rho0)
     turned = upper - legs.closure.lower_change(legs, rho0, moved)
-    across = turned - home.z[..., None] * np.einsum("...li,...lip->...lp", home.z, turned)[..., None, :]
-    return HomeChange(twist, across / np.sqrt(np.sum(g * g, -1))[..., None, None])
+    across = turned - reference.z[..., None] * np.einsum("...li,...lip->...lp", reference.z, turned)[..., None, :]
+    return ReferenceChange(twist, across / np.sqrt(np.sum(g * g, -1))[..., None, None])
 
 
-def home_twist(legs: Legs, p: NDArray, R: NDArray, change: Change) -> NDArray:
-    """Return the twist (..., 6, P) of the home pose p (..., 3), R (..., 3, 3) per parameter of a change.
+def reference_twist(legs: Legs, p: NDArray, R: NDArray, change: Change) -> NDArray:
+    """Return the twist (..., 6, P) of the reference pose p (..., 3), R (..., 3, 3) per parameter of a change.
 
     It does not depend on the deformation.
     """
@@ -268,7 +268,7 @@ def _at_reference(change: Change) -> Change:
     return Change(fields | driven, change.size)
 
 
-def _carried(twist: NDArray, arms: NDArray) -> NDArray:
+def point_motion(twist: NDArray, arms: NDArray) -> NDArray:
     """Return the motion (..., L, 3, P) of points at arms (..., L, 3) on a body with twists (..., 6, P)."""
     turned = np.cross(twist[..., None, 3:, :], arms[..., None], axis=-2)
     return twist[..., None, :3, :] + turned

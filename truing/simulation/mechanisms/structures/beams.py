@@ -105,7 +105,8 @@ class Nodes:
 def nodes(lower: NDArray, upper: NDArray, half: NDArray, R0: NDArray) -> Nodes:
     """Return the nodes (eq. 22): joints lower (base frame) and upper (platform frame) lie in the flexures' middle.
 
-    half: half a flexure along its leg at home, l_b z0 / 2 (..., L, 3), base frame; R0: the platform's rotation there.
+    half: half a flexure along its leg at the reference, l_b z0 / 2 (..., L, 3), base frame; R0: the platform's rotation
+    there.
     """
     seen = half @ R0
     return Nodes(lower - half, lower + half, upper - seen, upper + seen)

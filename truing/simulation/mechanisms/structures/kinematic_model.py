@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.kinematics import attachments, forward, home_twist, upper_joints
+from truing.simulation.mechanisms.legs.kinematics import attachments, forward, reference_twist, upper_joints
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Closing, Machine
 
 
@@ -72,7 +72,7 @@ _STEP = 1e-30
 
 
 @dataclass(frozen=True)
-class _Home:
+class _Reference:
     """Pose at the reference readings, and the closing's rows there per reading of their own leg."""
 
     p: NDArray  # (..., 3)
@@ -85,71 +85,73 @@ class _Home:
 class JacobianModel:
     """Closing of leg i: (rho - rho0) - J0^-1 (X - X0), m, with X - X0 = (p - p0; log(R R0')), any R0 (eq. 9 and 31).
 
-    The home pose X0 follows from rho0 by the forward kinematics of the rigid legs, which takes at least six. Where the
-    platform deforms, its shift K (rho - rho0) reaches a reading through the leg and the actuator, which is the report's
-    (1 - kappa)(rho - rho0) for actuators along z of the platform.
+    The reference pose X0 follows from rho0 by the forward kinematics of the rigid legs, which takes at least six. Where
+    the platform deforms, its shift K (rho - rho0) reaches a reading through the leg and the actuator, which is the
+    report's (1 - kappa)(rho - rho0) for actuators along z of the platform.
     """
 
     name: str = "jacobian"
 
     def fits(self, machine: Machine) -> bool:
-        """Return whether readings fix the pose, as they have to at home."""
+        """Return whether readings fix the pose, as they have to at the reference."""
         return machine.legs.count >= 6
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
         """Return the closing at poses p (..., 3), R (..., 3, 3) and readings rho (..., L), m."""
-        home = _home(machine)
+        reference = _reference(machine)
         moved = rho - machine.legs.rho0
-        theta = log_so3(R @ np.swapaxes(home.R, -1, -2))
-        away = np.concatenate([p - home.p, theta], -1)
-        value = np.einsum("...ij,...j->...i", home.by_twist, away) + np.einsum("...ij,...j->...i", home.by_rho, moved)
+        theta = log_so3(R @ np.swapaxes(reference.R, -1, -2))
+        away = np.concatenate([p - reference.p, theta], -1)
+        value = np.einsum("...ij,...j->...i", reference.by_twist, away) + np.einsum(
+            "...ij,...j->...i", reference.by_rho, moved
+        )
         turn = inverse_left_jacobian_so3(theta)
-        turned = home.by_twist[..., 3:] @ turn
-        by_twist = np.concatenate([np.broadcast_to(home.by_twist[..., :3], turned.shape), turned], -1)
-        by_rho = np.broadcast_to(home.by_rho, (*value.shape, value.shape[-1]))
-        return Closing(value, by_twist, by_rho, _by_parameter(machine, home, away, turn, moved, change))
+        turned = reference.by_twist[..., 3:] @ turn
+        by_twist = np.concatenate([np.broadcast_to(reference.by_twist[..., :3], turned.shape), turned], -1)
+        by_rho = np.broadcast_to(reference.by_rho, (*value.shape, value.shape[-1]))
+        return Closing(value, by_twist, by_rho, _by_parameter(machine, reference, away, turn, moved, change))
 
 
 def _by_parameter(
-    machine: Machine, home: _Home, away: NDArray, turn: NDArray, moved: NDArray, change: Change
+    machine: Machine, reference: _Reference, away: NDArray, turn: NDArray, moved: NDArray, change: Change
 ) -> NDArray:
-    """Return the derivative (..., L, P): of the rows at home, of the home pose, and of the reference readings."""
+    """Return the derivative (..., L, P): of the rows at the reference, of the pose there, and of the readings there."""
     if change.size == 0:
         return np.zeros((*moved.shape, 0))
-    twist = home_twist(machine.legs, home.p, home.R, change)
-    rows = _home_slope(machine, home, twist, change)
+    twist = reference_twist(machine.legs, reference.p, reference.R, change)
+    rows = _reference_slope(machine, reference, twist, change)
     steered = np.einsum("...ijp,...j->...ip", rows.by_twist, away) + np.einsum("...ijp,...j->...ip", rows.by_rho, moved)
     # log(R R0') loses J^-T w where R0 turns by w: the right Jacobian is the left one's transpose.
     left = np.swapaxes(turn, -1, -2) @ twist[..., 3:, :]
-    followed = home.by_twist @ np.concatenate([np.broadcast_to(twist[..., :3, :], left.shape), left], -2)
-    return steered - followed - home.by_rho @ change.get("rho0", (machine.legs.count,))
+    followed = reference.by_twist @ np.concatenate([np.broadcast_to(twist[..., :3, :], left.shape), left], -2)
+    return steered - followed - reference.by_rho @ change.get("rho0", (machine.legs.count,))
 
 
-def _home(machine: Machine) -> _Home:
-    """Return the home of a machine, batched as its arrays are; NaN where it has none."""
-    home = forward(machine.legs, machine.legs.rho0)
-    return _rows(machine, np.where(home.converged[..., None], home.p, np.nan), home.R)
+def _reference(machine: Machine) -> _Reference:
+    """Return the reference of a machine, batched as its arrays are; NaN where it has none."""
+    reference = forward(machine.legs, machine.legs.rho0)
+    return _rows(machine, np.where(reference.converged[..., None], reference.p, np.nan), reference.R)
 
 
-def _rows(machine: Machine, p: NDArray, R: NDArray) -> _Home:
-    """Return the closing's rows at a home pose, where the attachments are not shifted."""
+def _rows(machine: Machine, p: NDArray, R: NDArray) -> _Reference:
+    """Return the closing's rows at a reference pose, where the attachments are not shifted."""
     rho0 = machine.legs.rho0
     closing = KinematicModel(machine.legs.closure.name).close(machine, p, R, rho0, NO_CHANGE)
     own = reading_change(machine, upper_joints(machine.legs, p, R), rho0)[..., None]
-    return _Home(p, R, closing.by_twist / own, closing.by_rho / own)
+    return _Reference(p, R, closing.by_twist / own, closing.by_rho / own)
 
 
-def _home_slope(machine: Machine, home: _Home, twist: NDArray, change: Change) -> _Home:
+def _reference_slope(machine: Machine, reference: _Reference, twist: NDArray, change: Change) -> _Reference:
     """Return the derivatives of the rows (..., L, 6, P) and (..., L, L, P): complex steps, exact to rounding.
 
     They are second derivatives of the closure, which a closure of a lab's own need not state for that.
     """
     nudge = 1j * _STEP * np.moveaxis(twist, -1, 0)
-    with np.errstate(invalid="ignore"):  # where there is no home, and nothing is a number
-        turned = exp_so3(nudge[..., 3:]) @ home.R
-        there = _rows(_nudged(machine, change, home.p.ndim - 1), home.p + nudge[..., :3], turned)
+    with np.errstate(invalid="ignore"):  # where there is no reference pose, and nothing is a number
+        turned = exp_so3(nudge[..., 3:]) @ reference.R
+        there = _rows(_nudged(machine, change, reference.p.ndim - 1), reference.p + nudge[..., :3], turned)
     slopes = (np.moveaxis(rows.imag, 0, -1) / _STEP for rows in (there.by_twist, there.by_rho))
-    return _Home(home.p, home.R, *slopes)
+    return _Reference(reference.p, reference.R, *slopes)
 
 
 def _nudged(machine: Machine, change: Change, batch: int) -> Machine:

@@ -22,12 +22,12 @@ from truing.estimation.rotation import inverse_left_jacobian_so3, log_so3, skew
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import (
-    Home,
-    HomeChange,
+    ReferenceChange,
+    ReferencePose,
     attachment_change,
     attachments,
-    home_change,
-    home_pose,
+    reference_change,
+    reference_pose,
 )
 from truing.simulation.mechanisms.structures.beams import (
     Chain,
@@ -47,13 +47,13 @@ PLATFORM_END = slice(6, 12)  # b' among the ends of a condensed chain
 
 @dataclass(frozen=True)
 class Rest:
-    """The legs at home, unstrained, in the base frame; batches of machines lead, one axis at least.
+    """The legs at the reference, unstrained, in the base frame; batches of machines lead, one axis at least.
 
     half: half a flexure along its leg (..., L, 3), m; drive: motion of a leg's root per reading (..., L, 3);
     stiffness: K22 (..., L, 6, 6) of the legs at b', the root held.
     """
 
-    home: Home
+    reference: ReferencePose
     half: NDArray
     drive: NDArray
     stiffness: NDArray
@@ -63,9 +63,10 @@ class Rest:
 class Balance:
     """The equilibrium at B poses, solved for the readings; base frame.
 
-    arm: from the platform's origin to b' (B, L, 3), m; theta: rotation vector from home (B, 3); inverse: readings per
-    force and moment (B, 6, 6); excess: given readings less those that balance (B, 6), m; balanced: those, less rho0;
-    strain: displacement of b' less that of the root, and rotation (B, L, 6), load: wrench on b' (B, L, 6), in balance.
+    arm: from the platform's origin to b' (B, L, 3), m; theta: rotation vector from the reference (B, 3); inverse:
+    readings per force and moment (B, 6, 6); excess: given readings less those that balance (B, 6), m; balanced: those,
+    less rho0; strain: displacement of b' less that of the root, and rotation (B, L, 6), load: wrench on b' (B, L, 6),
+    in balance.
     """
 
     arm: NDArray
@@ -89,12 +90,12 @@ def chain_of(machine: Machine) -> Chain:
 
 
 def at_rest(machine: Machine) -> Rest:
-    """Return the legs in the home pose; raises ValueError where flexures or tubes are not known."""
+    """Return the legs in the reference pose; raises ValueError where flexures or tubes are not known."""
     legs, chain = machine.legs, chain_of(machine)
-    home = home_pose(legs)
+    reference = reference_pose(legs)
     local = condensed(assembled(chain))[..., PLATFORM_END, PLATFORM_END]
-    half = 0.5 * chain.flexure_length[..., None] * home.z
-    return Rest(home, half, drive(legs, home.z), in_frame(local, beam_axes(home.z)))
+    half = 0.5 * chain.flexure_length[..., None] * reference.z
+    return Rest(reference, half, drive(legs, reference.z), in_frame(local, beam_axes(reference.z)))
 
 
 def drive(legs: Legs, z: NDArray) -> NDArray:
@@ -132,14 +133,14 @@ def balance(machine: Machine, rest: Rest, p: NDArray, R: NDArray, rho: NDArray) 
 def _displaced(machine: Machine, rest: Rest, p: NDArray, R: NDArray, rho: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Return R b' (B, L, 3), log(R R0') (B, 3) and the displacement of b' (B, L, 3), before eq. 30 as corrected.
 
-    The platform is as it was made at home, so that its deformation counts as displacement.
+    The platform is as it was made at the reference, so that its deformation counts as displacement.
     """
-    legs, home = machine.legs, rest.home
-    at_home = nodes(legs.a, legs.b, rest.half, home.R).b
-    now = nodes(legs.a, attachments(legs, machine.delta_bz(rho)), rest.half, home.R).b
+    legs, reference = machine.legs, rest.reference
+    at_reference = nodes(legs.a, legs.b, rest.half, reference.R).b
+    now = nodes(legs.a, attachments(legs, machine.delta_bz(rho)), rest.half, reference.R).b
     arm = now @ np.swapaxes(R, -1, -2)
-    gone = (p - home.p)[..., None, :] + arm - at_home @ np.swapaxes(home.R, -1, -2)
-    return arm, log_so3(R @ np.swapaxes(home.R, -1, -2)), gone
+    gone = (p - reference.p)[..., None, :] + arm - at_reference @ np.swapaxes(reference.R, -1, -2)
+    return arm, log_so3(R @ np.swapaxes(reference.R, -1, -2)), gone
 
 
 def _loads(rest: Rest, shift: NDArray, theta: NDArray, moved: NDArray) -> tuple[NDArray, NDArray]:
@@ -231,9 +232,9 @@ def _by_twist(found: Balance, response: _Response) -> NDArray:
 def _by_parameter(
     machine: Machine, rest: Rest, found: Balance, response: _Response, R: NDArray, change: Change
 ) -> NDArray:
-    """Return the derivative (B, 6, P) by what the machine is at home: its pose, nodes, drives and stiffness."""
-    moved = home_change(machine.legs, rest.home, change)
-    home_turn = -response.turn @ R @ np.swapaxes(rest.home.R, -1, -2) @ moved.twist[..., 3:, :]
+    """Return the derivative (B, 6, P) by what the machine is at the reference: pose, nodes, drives and stiffness."""
+    moved = reference_change(machine.legs, rest.reference, change)
+    reference_turn = -response.turn @ R @ np.swapaxes(rest.reference.R, -1, -2) @ moved.twist[..., 3:, :]
     answers = (
         response.node @ R[..., None, :, :],
         -response.strain[..., :3],
@@ -244,11 +245,11 @@ def _by_parameter(
     changes = (
         *_node_changes(machine, rest, moved, change),
         _drive_change(machine, moved, change),
-        np.cross(rest.home.z[..., None], moved.z, axis=-2),
+        np.cross(rest.reference.z[..., None], moved.z, axis=-2),
         _chain_change(machine, change),
     )
     legwise = _summed(np.concatenate(answers, -1), _stacked(changes))
-    return legwise + home_turn - change.get("rho0", (machine.legs.count,))
+    return legwise + reference_turn - change.get("rho0", (machine.legs.count,))
 
 
 def _summed(answers: NDArray, changes: NDArray) -> NDArray:
@@ -258,19 +259,20 @@ def _summed(answers: NDArray, changes: NDArray) -> NDArray:
     return flat @ changes.reshape(*changes.shape[:-3], legs * features, changes.shape[-1])
 
 
-def _node_changes(machine: Machine, rest: Rest, moved: HomeChange, change: Change) -> tuple[NDArray, NDArray]:
-    """Return the changes (..., L, 3, P) of the nodes b': on the platform, and where they stand at home, base frame."""
-    home, legs, turn = rest.home, machine.legs, moved.twist[..., None, 3:, :]
+def _node_changes(machine: Machine, rest: Rest, moved: ReferenceChange, change: Change) -> tuple[NDArray, NDArray]:
+    """Return the changes (..., L, 3, P) of the nodes b': on the platform, and at the reference in the base frame."""
+    reference, legs, turn = rest.reference, machine.legs, moved.twist[..., None, 3:, :]
     longer, l_b = change.get("flexure_length", (legs.count,)), chain_of(machine).flexure_length
-    half = 0.5 * (home.z[..., None] * longer[..., None, :] + l_b[..., None, None] * moved.z)
-    joint = attachment_change(legs, home.R, Change({"b": change.get("b", (legs.count, 3))}, change.size))
-    node = np.swapaxes(home.R, -1, -2)[..., None, :, :] @ (joint + half - np.cross(turn, rest.half[..., None], axis=-2))
-    arms = legs.b @ np.swapaxes(home.R, -1, -2)
+    half = 0.5 * (reference.z[..., None] * longer[..., None, :] + l_b[..., None, None] * moved.z)
+    joint = attachment_change(legs, reference.R, Change({"b": change.get("b", (legs.count, 3))}, change.size))
+    back = np.swapaxes(reference.R, -1, -2)
+    node = back[..., None, :, :] @ (joint + half - np.cross(turn, rest.half[..., None], axis=-2))
+    arms = legs.b @ back
     stands = moved.twist[..., None, :3, :] + np.cross(turn, arms[..., None], axis=-2) + joint + half
     return node, stands
 
 
-def _drive_change(machine: Machine, moved: HomeChange, change: Change) -> NDArray:
+def _drive_change(machine: Machine, moved: ReferenceChange, change: Change) -> NDArray:
     """Return the change (..., L, 3, P) of `equilibrium.drive`."""
     legs, zero = machine.legs, np.zeros(machine.legs.count)
     closure = legs.closure
@@ -290,7 +292,7 @@ def _by_stiffness(machine: Machine, found: Balance, response: _Response, rest: R
     """Return the answer (B, L, 6, 8) to the inputs of a chain's stiffness, in the order of `assembled_change`."""
     chain = chain_of(machine)
     local = condensed_change(assembled(chain), assembled_change(chain))[..., PLATFORM_END, PLATFORM_END]
-    slope = in_frame(local, beam_axes(rest.home.z)[..., None, :, :])
+    slope = in_frame(local, beam_axes(rest.reference.z)[..., None, :, :])
     load = np.einsum("...lqij,...lj->...liq", slope, found.strain)
     return response.wrench @ load
 
