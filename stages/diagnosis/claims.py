@@ -20,7 +20,7 @@ def claim_of(cause: Cause, legs: int) -> Claim:
     return Claim(
         cause=cause.id,
         subject=cause.subject,
-        follows=cause.inputs(legs),
+        follows=cause.follows(legs),
         settings={name: _plain(value) for name, value in settings.items()},
         words=own_clause(cause.says, cause.subject) if cause.says else "",
     )

@@ -40,7 +40,7 @@ Leaves = Callable[["Diagnosis", Channels, "Campaign"], dict[str, Any]]
 class Gathered:
     """Measured points and readings by role, the model of the plain simulation, and what was left out, in words."""
 
-    model: Any  # a CausalModel
+    model: Any  # a `CampaignModel`
     calibration: Epochs
     held_out: Epochs | None
     left_out: str

@@ -237,7 +237,7 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
 
 def _name(cause: Any, legs: int) -> str:
     """Return what tells a cause from others in a sentence: its subject, or what it follows where it has no name."""
-    follows = tuple(map(own_name, cause.inputs(legs)))
+    follows = tuple(map(own_name, cause.follows(legs)))
     driven = f"following {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""
     return " ".join(filter(None, (cause.id, cause.subject, driven)))
 

@@ -109,7 +109,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         "p_value": verdict.p_value,
         "probability": verdict.probability,
         "parameters": json.dumps(parameters),
-        "follows": listed(cause.inputs(legs)),
+        "follows": listed(cause.follows(legs)),
         "rms_before": facts.rms_before,
         "rms_after": facts.rms_after,
         "heldout_rms_before": held[0],

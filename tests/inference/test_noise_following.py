@@ -14,9 +14,7 @@ LEVEL = 0.01
 
 def _drivers(rng: np.random.Generator) -> list[Driver]:
     columns = {"time_s": np.arange(POSES) * 240.0, "humidity": rng.uniform(40, 60, POSES)}
-    return drivers(
-        columns, rng.normal(size=(TARGETS, 3)), np.repeat([0, 1, 2], 10), rng.uniform(1, 2, (POSES, TARGETS))
-    )
+    return drivers(columns, rng.normal(size=(TARGETS, 3)), np.repeat([0, 1, 2], 10))
 
 
 def _rest(rng: np.random.Generator, heavy: bool = False) -> NDArray:

@@ -14,7 +14,10 @@ import pytest
 from tests.packaging.source_tree import PROJECT, modules
 
 # Words of one mechanism or instrument, singular; plurals count as well.
-OF_ONE_INSTRUMENT = frozenset({"body", "leg", "load", "platform", "point", "pose", "ray", "target"})
+OF_ONE_INSTRUMENT = frozenset({
+    "actuator", "attachment", "bench", "body", "camera", "encoder", "leg", "load", "platform", "point", "pose", "ray",
+    "roll", "sensor", "target",
+})  # fmt: skip
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 

@@ -59,8 +59,7 @@ class FittedModel(Generic[CauseT]):
     @cached_property
     def floor(self) -> NoiseFloor:
         """Return what noise alone leaves in that error."""
-        rng = np.random.default_rng(self.seed)
-        return noise_floor(self.fit, self.measured, self.model.unpredicted, self.model.zero_groups, rng)
+        return noise_floor(self.model, self.fit, self.measured, np.random.default_rng(self.seed))
 
     @cached_property
     def scene(self) -> Scene[CauseT]:

@@ -33,7 +33,7 @@ _LEAST = 1e-3
 _ADDED = {1: 1.0}
 _FEWEST_VALUES = 20
 # Angles whose squared cosine is the share in common, all equally likely beforehand (Jeffreys' prior of a share). At the
-# ends a part is a thousandth of what it may be, which no bench sees, and not nothing: so a fit can still tell of it.
+# ends a part is a thousandth of what it may be, which no data show, and not nothing: so a fit can still tell of it.
 _END = 1e-3
 _ANGLES = np.linspace(0.0, 0.5 * np.pi, 10).clip(_END, 0.5 * np.pi - _END)
 _SAME = 0.02  # rad: nothing to fit anew for
@@ -254,17 +254,13 @@ def standardised(rest: Array, told: Array) -> Array:
     return np.where(enough[..., None], own, np.nan)
 
 
-def drivers(
-    covariates: Mapping[str, Array], shape: Array, groups: Integers, distance: Array | None = None
-) -> list[Driver]:
-    """Return what the noise may follow: columns (B,) and their squares, the place on the group, the distance, a
-    channel.
+def drivers(covariates: Mapping[str, Array], shape: Array, groups: Integers) -> list[Driver]:
+    """What the noise may follow: columns (B,) and their squares, the place on the group, a channel.
 
-    shape (K, 3) in m, groups (K,) numbers of the channels' groups, distance (B, K) of observations from the instrument,
-    m.
+    shape (K, 3) in m, groups (K,) numbers of the channels' groups.
     """
     channels = np.arange(len(shape))
-    epochs = next((len(values) for values in covariates.values()), 0 if distance is None else len(distance))
+    epochs = next((len(values) for values in covariates.values()), 0)
     found = []
     for name, values in covariates.items():
         if values.ndim == 1 and np.isfinite(values).all() and np.ptp(values) > 0:
@@ -273,8 +269,6 @@ def drivers(
                 found.append(Driver(name, np.repeat(power[:, None], len(shape), 1), channels, name))
     for axis, values in zip("xyz", shape.T, strict=False):  # numbers have no place
         found.append(Driver(f"the place along {axis}", np.repeat(values[None], epochs, 0), groups))
-    if distance is not None:
-        found.append(Driver("the distance from the instrument", distance, channels))
     for channel in channels:
         values = np.repeat((channels == channel)[None].astype(float), epochs, 0)
         found.append(Driver("", values, np.zeros(len(shape), int), "", (int(channel),)))

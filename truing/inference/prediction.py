@@ -1,7 +1,7 @@
 """What a model of observations gets wrong when it predicts from inputs alone, and what pure noise would leave there.
 
 Removed from measured minus predicted are only one motion per epoch common to all groups, local unknowns that the model
-does not claim to predict (the roll of a part about its own axis), and the zero that inputs of one run share.
+does not claim to predict (how a part lies about an axis that nothing holds), and the zero that inputs of one run share.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseT, Model
 from truing.inference.observations import Frames, Observations
 
-# Newton on frames and rolls: after two rounds from an epoch's own fit, nothing is left to gain.
+# Newton on frames and local unknowns: after two rounds from an epoch's own fit, nothing is left to gain.
 _ROUNDS = 2
 _FLOOR_DRAWS = 24
 # A cause is rejected where held-out epochs are predicted worse, by so much that chance does it this rarely; how much
@@ -195,12 +195,10 @@ class NoiseFloor:
         return float(np.sqrt(np.sum(self.square[channels] * count) / max(count.sum(), 1)))
 
 
-def noise_floor(
-    fit: Fit, measured: Observations, unpredicted: Mask, zero_groups: Integers | None, rng: np.random.Generator
-) -> NoiseFloor:
-    """Return what declared noise alone leaves in the prediction error of a fitted model; zeros as in `PredictionError`.
+def noise_floor(model: Model[CauseT], fit: Fit, measured: Observations, rng: np.random.Generator) -> NoiseFloor:
+    """What declared noise alone leaves in the prediction error of a fitted model.
 
-    Draws of all noise (observations, survey, actuators, geometry) go through the linearised fit.
+    Draws of all noise (of observations, inputs and what is known of shared unknowns) go through the linearised fit.
     """
     whitened, problem = fit.whitened, fit.whitened.problem
     epochs, count = problem.residual.shape
@@ -208,9 +206,9 @@ def noise_floor(
     prior = rng.standard_normal((*problem.local_value.shape, _FLOOR_DRAWS)) * problem.local_known[:, None]
     error = _shared_error(whitened, noise, prior, rng)
     left = noise - problem.by_shared @ error
-    actuators = np.concatenate([np.zeros(fit.frames.size, bool), ~unpredicted])
-    left -= problem.by_local[..., actuators] @ prior[:, actuators]
-    freed = _freed(left, problem.by_local[..., ~actuators], measured, zero_groups)
+    inputs = np.concatenate([np.zeros(fit.frames.size, bool), ~model.unpredicted])
+    left -= problem.by_local[..., inputs] @ prior[:, inputs]
+    freed = _freed(left, problem.by_local[..., ~inputs], measured, model.zero_groups)
     gap = np.linalg.solve(_square(measured), freed.reshape(*measured.values.shape, _FLOOR_DRAWS))
     seen = measured.seen.sum(0)
     square = np.sum(np.mean(gap**2, (2, 3)) * measured.seen, 0) / np.maximum(seen, 1)

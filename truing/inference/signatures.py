@@ -1,6 +1,6 @@
 """Signatures of candidate effects: how the rows of a whitened problem follow them, free of what nuisances explain.
 
-A candidate acts through pathways, which are few (an input of each part, a shift of each attachment, an observation):
+A candidate acts through pathways, which are few (an input of each part, a shift of a part, an observation):
 the pathways are projected once, and a candidate is a design over them, a thin matrix per epoch. Thousands of candidates
 then cost one small matrix each, and a search over simulated residuals one product.
 """

@@ -30,14 +30,6 @@ class Step(StrEnum):
     INSTRUMENT = "instrument"
 
 
-class Kind(StrEnum):
-    """How a cause is searched for: by amplitudes alone, over a grid of shapes, or by enumeration."""
-
-    LINEAR = "linear"
-    SHAPED = "shaped"
-    DISCRETE = "discrete"
-
-
 @dataclass(frozen=True)
 class Parameter:
     """A parameter of a cause: its name and unit as in the tables, how large it plausibly is (one sigma), in SI.
@@ -98,6 +90,26 @@ class Scene(Generic[CauseT]):
 
 
 @dataclass(frozen=True)
+class ChannelScene(Scene[CauseT]):
+    """What a campaign offers to causes that act on channels, which have no place: readings, or what rays tell."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The number of epochs B and of channels K."""
+        raise NotImplementedError
+
+    @property
+    def shape(self) -> NDArray:
+        """The places (K, 0) of the channels: they have none."""
+        return np.zeros((self.size[1], 0))
+
+    @property
+    def recorded(self) -> NDArray:
+        """Which readings (B, K) there are: all, where it is not told."""
+        return np.ones(self.size, bool) if self.seen is None else self.seen
+
+
+@dataclass(frozen=True)
 class Cause(Generic[SceneT_contra]):
     """A way in which nature departs from the plain simulation; a frozen dataclass per kind of cause.
 
@@ -109,7 +121,6 @@ class Cause(Generic[SceneT_contra]):
 
     id: ClassVar[str]
     step: ClassVar[Step]
-    kind: ClassVar[Kind] = Kind.LINEAR
     share: ClassVar[float] = 1.0
     reach: ClassVar[float] = 10.0  # plausible scales that its fit is held within: its prior must not shrink it
     catalogued: ClassVar[bool] = True  # False: a dependence in a form that nobody declared
@@ -197,13 +208,13 @@ class Cause(Generic[SceneT_contra]):
         """Return the positions of parameters that nature makes no less than zero: a gap, a loss; or none."""
         return ()
 
-    def inputs(self, legs: int) -> tuple[str, ...]:
+    def follows(self, legs: int) -> tuple[str, ...]:
         """Return the columns that it follows where it is no cause of the catalogue; else none."""
         return ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of configurations, beside the readings, without which it cannot be predicted."""
-        return self.inputs(legs)
+        return self.follows(legs)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the parameters for a mechanism with that many legs; none for a discrete cause."""

@@ -55,7 +55,7 @@ class Aim(Protocol):
 class Fitted:
     """A model of points that was fitted: its unknowns (G,) and their covariance (G, G), in prior sigmas."""
 
-    model: Any  # a `fitted_model.CausalModel`
+    model: Any  # a `CampaignModel`
     shared: NDArray
     covariance: NDArray
 

@@ -19,7 +19,7 @@ from truing.simulation.axis.rows import (
     Axis,
     AxisRows,
 )
-from truing.simulation.cause import Cause, Kind, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.cause import Cause, ChannelScene, Parameter, ReportedParameter, Step
 
 # The most ordinary element first: where readings cannot tell two apart, it is named, and the other beside it.
 ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
@@ -35,7 +35,7 @@ _MOST_ONSETS = 200
 
 
 @dataclass(frozen=True)
-class AxisScene(Scene["AxisCause"]):
+class AxisScene(ChannelScene["AxisCause"]):
     """What the campaign of an axis offers to causes: its encoders and its rows."""
 
     axis: Axis
@@ -47,15 +47,9 @@ class AxisScene(Scene["AxisCause"]):
         return self.rows.covariates
 
     @property
-    def shape(self) -> NDArray:
-        """The places of the encoders: they have none."""
-        return np.zeros((len(self.axis.encoders), 0))
-
-    @property
-    def recorded(self) -> NDArray:
-        """Which readings (B, K) were recorded: all, where that is not told."""
-        shape = len(self.rows.poses), len(self.axis.encoders)
-        return np.ones(shape, bool) if self.seen is None else self.seen
+    def size(self) -> tuple[int, int]:
+        """The number of rows B and of encoders K."""
+        return len(self.rows.poses), len(self.axis.encoders)
 
 
 @dataclass(frozen=True)
@@ -148,7 +142,6 @@ class ZeroShift(AxisCause):
 
     id = "zero-shift"
     step = Step.INSTRUMENT
-    kind = Kind.SHAPED
     is_persistent = False
 
     @property

@@ -65,9 +65,9 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
         """Return the encoder, the instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
 
-    def inputs(self, legs: int) -> tuple[str, ...]:
+    def follows(self, legs: int) -> tuple[str, ...]:
         """Return what it depends on, as the rows of an axis name it."""
-        return tuple(COMMAND if column == SINCE_TURN else column for column in super().inputs(legs))
+        return tuple(COMMAND if column == SINCE_TURN else column for column in super().follows(legs))
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns, beside the command, without which it cannot be predicted."""

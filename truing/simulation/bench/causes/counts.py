@@ -18,7 +18,7 @@ from truing.simulation.bench.causes.reading_causes import (
     seen_channels,
 )
 from truing.simulation.bench.load_steps import ReadingState
-from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 
 _PLAUSIBLE_COUNT = 3.0
 _PLAUSIBLE_SHARE = 0.02
@@ -41,7 +41,6 @@ class FringeSlip(OfRun):
     half_wavelength_m: float = 316.495e-9
 
     id = "fringe-slip"
-    kind = Kind.DISCRETE
     reach = 1e3
     is_persistent = False
 

@@ -13,7 +13,7 @@ from truing.simulation.bench.causes.load_path import OfLoad
 from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.inputs import TIME
 
 _PLAUSIBLE = 0.02
@@ -41,7 +41,6 @@ class Creep(OfLoad):
 
     id = "creep"
     step = Step.STRUCTURE
-    kind = Kind.SHAPED
 
     def candidates(self, scene: BenchScene) -> Sequence[Creep]:
         """Return time constants from ten seconds to the longest run's length, for all axes and each."""

@@ -101,7 +101,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         """Return the channel."""
         return whose(self.channel)
 
-    def inputs(self, legs: int) -> tuple[str, ...]:
+    def follows(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the tables that it depends on."""
         plain = tuple(column.removeprefix(UNLOADING).removeprefix(SO_FAR).removeprefix(WAY) for column in self.columns)
         return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in plain))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.bench.load_steps import CHANNELS, LINEAR, LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Cause, Scene, Step
+from truing.simulation.cause import Cause, ChannelScene, Step
 
 FIELDS = {Step.DRIVE: "wrench", Step.STRUCTURE: "deflection", Step.INSTRUMENT: "readings"}
 ARCSEC = np.pi / 180.0 / 3600.0
@@ -20,7 +20,7 @@ FEWEST = 3
 
 
 @dataclass(frozen=True)
-class BenchScene(Scene["ReadingCause"]):
+class BenchScene(ChannelScene["ReadingCause"]):
     """What a campaign that loads a sensor offers to causes: B load steps and which readings of K channels there are."""
 
     steps: LoadSteps
@@ -31,15 +31,9 @@ class BenchScene(Scene["ReadingCause"]):
         return self.steps.covariates
 
     @property
-    def shape(self) -> NDArray:
-        """The places of the channels: they have none."""
-        return np.zeros((len(self.steps.channels), 0))
-
-    @property
-    def recorded(self) -> NDArray:
-        """Which readings (B, K) there are: all, where it is not told."""
-        steps = self.steps
-        return np.ones((len(steps.run), len(steps.channels)), bool) if self.seen is None else self.seen
+    def size(self) -> tuple[int, int]:
+        """The number of load steps B and of channels K."""
+        return len(self.steps.run), len(self.steps.channels)
 
 
 class ReadingCause(Cause[BenchScene]):

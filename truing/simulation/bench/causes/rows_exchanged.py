@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.simulation.bench.causes.reading_causes import BenchScene, ReadingCause, is_signal
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 
 Row = tuple[int | str, int | str]
 
@@ -25,7 +25,6 @@ class RowsExchanged(ReadingCause):
 
     id = "rows-exchanged"
     step = Step.DRIVE
-    kind = Kind.DISCRETE
     is_persistent = False
 
     @property

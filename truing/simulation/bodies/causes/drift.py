@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_large, wholes
 from truing.simulation.bodies.causes.terms import runs_with_time
-from truing.simulation.cause import Kind, Parameter, ReportedParameter
+from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.change import Change
 from truing.simulation.inputs import ORDER, TIME
 from truing.simulation.mechanisms.causes.targets import FEWEST
@@ -53,7 +53,6 @@ class BodyDrift(OfBody):
     from_order: float = -np.inf
 
     id = "body-drift"
-    kind = Kind.SHAPED
     share = 0.5  # where a drive only went one way, it is likelier to be what a body follows than time
 
     @property

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.point_causes import PointScene
@@ -94,7 +94,6 @@ class PeriodicError(PerLeg):
 
     id = "actuator-periodic-error"
     step = Step.DRIVE
-    kind = Kind.SHAPED
     reads = frozenset({"indicated"})
 
     def candidates(self, scene: PointScene) -> Sequence[PeriodicError]:

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import TIME
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
@@ -40,7 +40,6 @@ class LegDrift(PerLeg):
 
     id = "leg-drift"
     step = Step.STRUCTURE
-    kind = Kind.SHAPED
     is_persistent = False
     reads = frozenset()
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.inference.model import ChannelCandidates
-from truing.simulation.cause import Kind, Parameter, ReportedParameter, Step
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import ORDER
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
@@ -43,7 +43,6 @@ class TargetMoved(PointCause):
 
     id = "target-moved"
     step = Step.STRUCTURE
-    kind = Kind.SHAPED
     reach = 1e5  # a target that is used again elsewhere moves by metres
     is_persistent = False
     reads = frozenset()
@@ -157,7 +156,6 @@ class TargetsSwapped(PointCause):
 
     id = "targets-swapped"
     step = Step.INSTRUMENT
-    kind = Kind.DISCRETE
     is_persistent = False
     reads = frozenset()
 

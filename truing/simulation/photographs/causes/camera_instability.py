@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Kind, Parameter, ReportedParameter
+from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.inputs import TEMPERATURE, TIME
 from truing.simulation.photographs.causes.ray_causes import FEWEST, RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import CAMERA, RayPoses
@@ -50,7 +50,6 @@ class CameraInstability(RayCause):
     poses: tuple[int | str, ...] = ()
 
     id = "camera-instability"
-    kind = Kind.SHAPED
     reach = 30.0
     is_persistent = False
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Cause, Scene, Step
+from truing.simulation.cause import Cause, ChannelScene, Step
 from truing.simulation.photographs.ray_poses import RayPoses
 
 # Poses on either side of what begins at one, and per function of a form that nobody declared.
@@ -16,7 +16,7 @@ FEWEST = 3
 
 
 @dataclass(frozen=True)
-class RayScene(Scene["RayCause"]):
+class RayScene(ChannelScene["RayCause"]):
     """What the photographs of a campaign offer to causes: what their rays tell, pose by pose."""
 
     rays: RayPoses
@@ -27,9 +27,9 @@ class RayScene(Scene["RayCause"]):
         return self.rays.covariates
 
     @property
-    def shape(self) -> NDArray:
-        """The places of the channels: they have none."""
-        return np.zeros((len(self.rays.channels), 0))
+    def size(self) -> tuple[int, int]:
+        """The number of poses B and of channels K."""
+        return len(self.rays.poses), len(self.rays.channels)
 
 
 class RayCause(Cause[RayScene]):
