@@ -133,7 +133,7 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
         except CampaignFaults as error:
             faults += error.faults
     if "image_points" in raw.tables and "survey" in raw.tables:
-        from truing.stages.image_tables.surveyed_names import unknown_to_survey
+        from truing.stages.image_tables.point_names import unknown_to_survey
 
         faults += unknown_to_survey(raw.tables["image_points"], raw.tables["survey"], raw.tables.get("scale_bars"))
     if faults:

@@ -302,8 +302,8 @@ def plan(
     """
 
     def choose() -> ExitCode:
+        from truing.estimation.bundle.photograph_plan import PlanWish
         from truing.pipeline.plan_command import PlanFiles, plan_campaign
-        from truing.stages.photograph_plan import PlanWish
 
         near, far = pair("--distance", distance) if distance else (None, None)
         bounds = pair("--elevation", elevation)

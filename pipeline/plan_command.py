@@ -21,7 +21,7 @@ from truing.schemas.faults import CampaignFaults, Fault
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.stages.photograph_plan import PhotographPlan, PlanWish, Targets
+    from truing.estimation.bundle.photograph_plan import PhotographPlan, PlanWish, Targets
 
 _DEFAULT_FILE = "plan.csv"
 
@@ -39,9 +39,9 @@ class PlanFiles:
 
 def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
     """Choose stations, say how well the targets will be known, and leave tables and a page. Raises CampaignFaults."""
-    from truing.stages.photograph_layout import planned_network
-    from truing.stages.photograph_plan import plan_photographs
-    from truing.stages.photograph_plan_tables import sentences, tables
+    from truing.estimation.bundle.photograph_plan import plan_photographs
+    from truing.stages.photograph_planning.plan_tables import sentences, tables
+    from truing.stages.photograph_planning.planned_network import planned_network
 
     campaign, voice = usable_campaign(place), Voice(quiet=False)
     settings = campaign.validated()
@@ -110,8 +110,7 @@ def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
     """The survey, and what is known of cameras, scale bars and codes; raises CampaignFaults."""
     from truing.formats.faultlog import FaultLog
     from truing.formats.source import CampaignFiles
-    from truing.stages.image_tables.cameras_beforehand import read_cameras
-    from truing.stages.image_tables.known_beforehand import read_image_targets, read_scale_bars
+    from truing.stages.image_tables.known_beforehand import read_cameras, read_image_targets, read_scale_bars
     from truing.stages.ingestion.tables import read_survey
 
     settings, log = campaign.validated(), FaultLog()
@@ -138,7 +137,7 @@ def _leave(
     from truing.pipeline.whole_file import write_whole
     from truing.report.plan_page import plan_head, plan_sections
     from truing.report.rendering.render import render_page
-    from truing.stages.photograph_plan_tables import sentences
+    from truing.stages.photograph_planning.plan_tables import sentences
 
     with environment(f"{file.parent} cannot be made"):
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -205,7 +204,7 @@ def _of_pictures(campaign: CampaignFolder) -> KnownCameras | None:
     from truing.formats.faultlog import FaultLog
     from truing.formats.photographs import list_photographs
     from truing.formats.source import CampaignFiles
-    from truing.stages.image_tables.cameras_beforehand import cameras_table
+    from truing.stages.image_tables.known_beforehand import cameras_table
 
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)

@@ -45,12 +45,8 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     """The adjusted network as tables; raises CampaignFaults where the rays do not make one."""
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
     from truing.estimation.bundle.named_adjustment import Choices, KnownElsewhereError, adjust_network
-    from truing.stages.bundle_adjustment.given_cameras import given_cameras
-    from truing.stages.bundle_adjustment.image_cameras import image_cameras
-    from truing.stages.bundle_adjustment.known_points import faults_of, known_points_table
-    from truing.stages.bundle_adjustment.rays_as_network import image_points, named_network
-    from truing.stages.bundle_adjustment.scale_sources import scale_sources
-    from truing.stages.bundle_adjustment.statistics import statistics_table
+    from truing.stages.bundle_adjustment.rays_as_network import given_cameras, image_points, named_network
+    from truing.stages.bundle_adjustment.statistics import image_cameras, scale_sources, statistics_table
     from truing.stages.bundle_adjustment.survey_distances import (
         PRINTED_TO,
         Printed,
@@ -59,7 +55,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
         surveyed_points,
         with_scale,
     )
-    from truing.stages.bundle_adjustment.tables import NetworkTables
+    from truing.stages.bundle_adjustment.tables import NetworkTables, faults_of, known_points_table
     from truing.stages.common.ray_statistics import ray_tables
 
     given = settings.photographs

@@ -48,7 +48,7 @@ def run(
     ``each`` measures photographs, several at a time; absent: one after the other, in this process.
     """
     from truing.formats.faultlog import FaultLog
-    from truing.stages.image_tables.cameras_beforehand import regrouped
+    from truing.stages.image_tables.known_beforehand import regrouped
 
     log = FaultLog()
     small = _known_beforehand(source, settings, log)
@@ -109,8 +109,12 @@ def look(settings: Any, source: CampaignFiles) -> str:
 
 
 def _known_beforehand(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable | None]:
-    from truing.stages.image_tables.cameras_beforehand import read_cameras
-    from truing.stages.image_tables.known_beforehand import read_image_targets, read_known_points, read_scale_bars
+    from truing.stages.image_tables.known_beforehand import (
+        read_cameras,
+        read_image_targets,
+        read_known_points,
+        read_scale_bars,
+    )
 
     mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
     if source.entries("images") and source.entries("image_points"):

@@ -1,25 +1,74 @@
-"""The tables of a campaign of photographs as one network, and the names behind its numbers."""
+"""The tables of a campaign of photographs as one network: cameras as given, rays, bars, and their names."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.bundle.named_network import ImagePoints, NamedNetwork, Names, Pose
-from truing.estimation.bundle.network import Bars, Index, KnownPoints, Network, Rays
-from truing.estimation.bundle.start_values import Markers
-from truing.stages.bundle_adjustment.given_cameras import GivenCameras
+from truing.estimation.bundle.camera import PARAMETERS, Camera
+from truing.estimation.bundle.network import (
+    Bars,
+    ImagePoints,
+    Index,
+    KnownPoints,
+    Markers,
+    NamedNetwork,
+    Names,
+    Network,
+    Pose,
+    Rays,
+)
 from truing.stages.common.point_arrays import number_column, pose_ids, positions, text_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
-
 _CORNERS = 4
+
+
+@dataclass(frozen=True)
+class GivenCameras:
+    """Cameras (C), the number of each name, and their interior (C, 10) to start from, NaN where c is not known."""
+
+    cameras: tuple[Camera, ...]
+    number: dict[str, int]
+    interior: NDArray[np.float64]
+
+
+def given_cameras(photographs: pa.Table, given: pa.Table | None) -> GivenCameras:
+    """The cameras that took any photograph, in order of appearance."""
+    rows = photographs.to_pylist()
+    known: dict[str, list[dict[str, Any]]] = {}
+    for row in [] if given is None else given.to_pylist():
+        known.setdefault(row["camera"], []).append(row)
+    names = list(dict.fromkeys(row["camera"] for row in rows))
+    cameras, interior = [], np.zeros((len(names), len(PARAMETERS)))
+    for number, name in enumerate(names):
+        own = [row for row in rows if row["camera"] == name]
+        told = known.get(name, [])
+        cameras.append(_camera(name, own[0], told))
+        if told:
+            interior[number] = [row["value"] if row["value"] is not None else np.nan for row in told]
+        else:
+            interior[number, 0] = np.nan
+        if np.isnan(interior[number, 0]):
+            said = [row["principal_distance_px"] for row in own if row["principal_distance_px"]]
+            interior[number, 0] = np.median(said) if said else np.nan
+    return GivenCameras(tuple(cameras), {name: n for n, name in enumerate(names)}, interior)
+
+
+def _camera(name: str, photograph: dict[str, Any], told: list[dict[str, Any]]) -> Camera:
+    first = told[0] if told else {}
+    width, height = (first.get(key) or photograph[key] for key in ("width_px", "height_px"))
+    radius = first.get("balancing_radius_px") or (float(np.hypot(width, height) / 3) if not told else 0.0)
+    pitch = 1e-6 * first["pixel_um"] if first.get("pixel_um") else None
+    free = tuple(row["parameter"] for row in told if row["free"]) if told else PARAMETERS
+    return Camera(name, int(width), int(height), radius, pitch, free)
 
 
 def image_points(table: pa.Table, photographs: pa.Table) -> ImagePoints:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.bundle.shared_errors import shared_errors
+from truing.estimation.bundle.ray_statistics import shared_errors
 from truing.estimation.rigid_poses.points import PointErrors
 from truing.simulation.catalogue import catalogue_of_rays
 from truing.simulation.mechanisms.point_causes import Photographed

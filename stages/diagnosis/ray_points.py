@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.bundle.ray_channels import RayChannels, ray_channels
+from truing.estimation.bundle.ray_statistics import RayChannels, ray_channels
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.prediction import PredictionError

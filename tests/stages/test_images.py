@@ -21,8 +21,7 @@ from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.schemas.photographs import USUAL
 from truing.stages.image_tables import photographs as tables
-from truing.stages.image_tables.measuring import target_plan
-from truing.stages.image_tables.photographs import families_of
+from truing.stages.image_tables.photographs import families_of, target_plan
 
 CAMPAIGN = '[campaign]\nname = "c"\nkind = "photogrammetry"\n'
 # The smallest word of twelve bits with an even number of ones and two of them opposite each other: number 1.

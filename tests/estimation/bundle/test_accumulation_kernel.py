@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from tests.estimation.bundle.drawn_networks import disturbed, draw, noisy, uneven
-from truing.estimation.bundle.layout import lay_out
-from truing.estimation.bundle.normal_equations import normal_equations, observe, residuals, sum_of_squares
+from truing.estimation.bundle.normal_equations import (
+    Workspace,
+    lay_out,
+    normal_equations,
+    observe,
+    residuals,
+    sum_of_squares,
+)
 from truing.estimation.bundle.projection import linearise, project
-from truing.estimation.bundle.workspace import Workspace
 
 
 @pytest.fixture(scope="module")

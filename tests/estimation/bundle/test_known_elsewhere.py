@@ -7,7 +7,7 @@ import numpy as np
 
 from truing.estimation.bundle.named_adjustment import KnownElsewhere, KnownElsewhereError, known_elsewhere
 from truing.estimation.bundle.network import KnownPoints
-from truing.stages.bundle_adjustment.known_points import faults_of
+from truing.stages.bundle_adjustment.tables import faults_of
 
 XYZ = np.random.default_rng(4).normal(0.0, 0.2, (12, 3))
 

@@ -9,10 +9,21 @@ from tests.tolerance import assert_close
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Bars
-from truing.estimation.bundle.planning.choice import Candidates, exchanged, one_by_one, spread_points
-from truing.estimation.bundle.planning.information import PlannedNetwork, station_information, useful, weak_prior
-from truing.estimation.bundle.planning.prediction import body_motion, largest_sigma, predict
-from truing.estimation.bundle.planning.stations import Layout, Limits, filling_distance, sees, shells
+from truing.estimation.bundle.photograph_plan import Candidates, exchanged, one_by_one, spread_points
+from truing.estimation.bundle.planning import (
+    Layout,
+    Limits,
+    PlannedNetwork,
+    body_motion,
+    filling_distance,
+    largest_sigma,
+    predict,
+    sees,
+    shells,
+    station_information,
+    useful,
+    weak_prior,
+)
 
 CAMERA = Camera("camera", 4000, 3000, 1600.0, None, ("c", "x0", "y0", "A1"))
 INTERIOR = np.array([4000.0, 12.0, -7.0, -3e-9, 0, 0, 0, 0, 0, 0])

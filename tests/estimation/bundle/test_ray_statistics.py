@@ -17,8 +17,7 @@ from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.network import Network
 from truing.estimation.bundle.projection import project
-from truing.estimation.bundle.ray_channels import ray_channels
-from truing.estimation.bundle.ray_statistics import RayStatistics, ray_statistics
+from truing.estimation.bundle.ray_statistics import RayStatistics, ray_channels, ray_statistics
 
 MOVES = random_moves(4, 0, np.random.default_rng(3))
 SIGMA_PX = 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.tolerance import assert_close
-from truing.estimation.bundle.shared_errors import shared_errors
+from truing.estimation.bundle.ray_statistics import shared_errors
 
 POINTS = np.random.default_rng(1).normal(0.0, 0.2, (20, 3))
 

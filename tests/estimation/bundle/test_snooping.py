@@ -5,12 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truing.estimation.bundle import rejected_rays
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.network import Bars
-from truing.estimation.bundle.ray_tests import ray_tests
-from truing.estimation.bundle.snooping import adjust_robustly
+from truing.estimation.bundle.snooping import (
+    GROSS,
+    NO_IMAGE,
+    NO_POINT,
+    ONE_OF_TWO,
+    SECOND_TARGET,
+    adjust_robustly,
+    ray_tests,
+)
 from truing.estimation.bundle.variance_components import grouped
 
 from .photographed import photograph, simulate
@@ -28,7 +34,7 @@ def test_gross_errors_are_found_with_their_size(sigma_px):
     size = np.linalg.norm(found.rejected.gross_error_px, axis=1)[listed]
     true = made.gross_px[found.rejected.ray[listed]]
     assert np.abs(size - true).max() < 6 * sigma_px
-    assert set(np.array(found.rejected.reason)[listed]) == {rejected_rays.GROSS}
+    assert set(np.array(found.rejected.reason)[listed]) == {GROSS}
     assert (found.rejected.p_value < found.alpha).all()
 
 
@@ -89,7 +95,7 @@ def test_what_no_test_can_show_is_named():
     assert np.array_equal(found.untested, np.flatnonzero(network.rays.image == 6))
     two = np.isin(found.rejected.ray, np.flatnonzero(network.rays.point == 9))
     assert two.sum() == 2
-    assert set(np.array(found.rejected.reason)[two]) == {rejected_rays.ONE_OF_TWO}
+    assert set(np.array(found.rejected.reason)[two]) == {ONE_OF_TWO}
 
 
 def test_a_second_target_of_the_same_name_is_told():
@@ -104,7 +110,7 @@ def test_a_second_target_of_the_same_name_is_told():
         )[0]
     found = adjust_robustly(replace(made.network, rays=replace(rays, xy_px=xy)), made.truth)
     reason = dict(zip(found.rejected.ray.tolist(), found.rejected.reason, strict=True))
-    assert [reason.get(ray) for ray in wrong.tolist()] == [rejected_rays.SECOND_TARGET] * len(wrong)
+    assert [reason.get(ray) for ray in wrong.tolist()] == [SECOND_TARGET] * len(wrong)
 
 
 def test_what_the_images_do_not_determine_is_held_and_said():
@@ -127,8 +133,8 @@ def test_images_and_points_without_a_start_are_left_out_with_their_reason():
     rays = made.network.rays
     reason = np.full(rays.count, "", dtype=object)
     reason[found.rejected.ray] = found.rejected.reason
-    assert (reason[rays.image == 2] == rejected_rays.NO_IMAGE).all()
-    assert (reason[(rays.point == 7) & (rays.image != 2)] == rejected_rays.NO_POINT).all()
+    assert (reason[rays.image == 2] == NO_IMAGE).all()
+    assert (reason[(rays.point == 7) & (rays.image != 2)] == NO_POINT).all()
     assert np.isfinite(found.adjustment.state.points[np.arange(25) != 7]).all()
 
 

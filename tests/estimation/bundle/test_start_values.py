@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from truing.estimation.bundle.adjustment import adjust
-from truing.estimation.bundle.network import Bars, Rays
-from truing.estimation.bundle.resection import _of_all
-from truing.estimation.bundle.start_values import Markers, find_start
+from truing.estimation.bundle.network import Bars, Markers, Rays
+from truing.estimation.bundle.orientation import _of_all
+from truing.estimation.bundle.start_values import find_start
 
 from .photographed import guess, off_by, shape_error, simulate
 

@@ -340,8 +340,7 @@ def _as_ellipses(folder: Path, tables: Tables, radius_m: float) -> Array:
     from truing.estimation.bundle.network import State
     from truing.estimation.bundle.projection import linearise
     from truing.estimation.rotation import exp_so3
-    from truing.stages.bundle_adjustment.given_cameras import given_cameras
-    from truing.stages.bundle_adjustment.rays_as_network import image_points, named_network
+    from truing.stages.bundle_adjustment.rays_as_network import given_cameras, image_points, named_network
 
     rays = image_points(tables["image_points"], tables["photographs"])
     cameras = given_cameras(tables["photographs"], tables.get("cameras_given"))

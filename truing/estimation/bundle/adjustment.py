@@ -2,6 +2,9 @@
 
 Levenberg and Marquardt's damping with gain control after Nielsen (1999), on normal equations that are reduced pose by
 pose. The datum plays no part in the iterations; it is put on what they arrive at.
+
+Ours, because no library has inner constraints, rigid distances and the covariance of all points with each other
+(pycolmap has that of each point alone, all else held fixed); `python -m benchmarks.bundle` has them side by side.
 """
 
 from __future__ import annotations
@@ -15,13 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 from truing.estimation.bundle.bundle_covariance import BundleCovariance, covariance
 from truing.estimation.bundle.datum import Datum, Freedom, conditions, freedoms, in_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, check_determined
-from truing.estimation.bundle.layout import Layout, lay_out
+from truing.estimation.bundle.elimination import Reduced, eliminate_poses, solve, tie_variances, tie_weights
 from truing.estimation.bundle.network import Array, Network, State
 from truing.estimation.bundle.normal_equations import (
+    Layout,
     NormalEquations,
     Observed,
     Step,
+    Workspace,
     distances_at,
+    lay_out,
     moved,
     normal_equations,
     observe,
@@ -29,8 +35,6 @@ from truing.estimation.bundle.normal_equations import (
     sum_of_squares,
 )
 from truing.estimation.bundle.projection import project
-from truing.estimation.bundle.solution import Reduced, eliminate_poses, solve, tie_variances, tie_weights
-from truing.estimation.bundle.workspace import Workspace
 from truing.estimation.one_thread import on_one_thread
 
 _START_DAMPING = 1e-6

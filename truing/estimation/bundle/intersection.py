@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truing.estimation.bundle.network import Array, Index
-
-Mask = NDArray[np.bool_]
+from truing.estimation.bundle.network import Array, Index, Mask
 
 _TRIALS = 12  # pairs of rays tried per point
 _STEPS = 4  # of Gauss and Newton on the image coordinates

@@ -1,4 +1,4 @@
-"""A photogrammetric network: which image saw which point where, and what else is known of the points.
+"""A photogrammetric network: which image saw which point where, what else is known of the points, and their names.
 
 A pose of the campaign is a state of the object that holds still while it is photographed: each pose has its own points
 and its own measurement frame; cameras and scale bars are common to all poses.
@@ -6,7 +6,7 @@ and its own measurement frame; cameras and scale bars are common to all poses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from truing.estimation.bundle.camera import Camera
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Names = NDArray[np.object_]
+Pose = int | str
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,20 @@ class KnownPoints:
 
 
 @dataclass(frozen=True)
+class Markers:
+    """Square markers of known size: their corners (M, 4) as points by number, in order round the square, and the length
+    of an edge size_m (M,)."""
+
+    corners: Index
+    size_m: Array
+
+    @classmethod
+    def none(cls) -> Markers:
+        """No marker at all."""
+        return cls(np.empty((0, 4), np.int64), np.empty(0))
+
+
+@dataclass(frozen=True)
 class Network:
     """What is adjusted: cameras (C), image_camera (I,) and image_pose (I,) by number, point_pose (P,) by number, the
     rays, and what else is known. Poses are numbered from 0 without gaps."""
@@ -98,3 +115,105 @@ class State:
     centre: Array
     points: Array
     bar_length_m: Array
+
+
+@dataclass(frozen=True)
+class PoseNetwork:
+    """A pose with its own numbers and the cameras of the whole, without bars; image, point and ray lead back."""
+
+    number: int
+    network: Network
+    image: Index
+    point: Index
+    ray: Index
+
+    def part_of(self, state: State) -> State:
+        """Return the pose's part of a state of the whole."""
+        return State(
+            state.interior, state.R[self.image], state.centre[self.image], state.points[self.point], np.empty(0)
+        )
+
+
+def pose_networks(network: Network) -> list[PoseNetwork]:
+    """Return the networks of all poses."""
+    rays, known = network.rays, network.known
+    found = []
+    for pose in range(1 + int(max(network.image_pose.max(initial=-1), network.point_pose.max(initial=-1)))):
+        image, point = np.flatnonzero(network.image_pose == pose), np.flatnonzero(network.point_pose == pose)
+        to_image, to_point = np.full(len(network.image_pose), -1), np.full(len(network.point_pose), -1)
+        to_image[image], to_point[point] = np.arange(len(image)), np.arange(len(point))
+        ray = np.flatnonzero((to_image[rays.image] >= 0) & (to_point[rays.point] >= 0))
+        held = np.flatnonzero(to_point[known.point] >= 0)
+        alone = Network(
+            network.cameras,
+            network.image_camera[image],
+            np.zeros(len(image), np.int64),
+            np.zeros(len(point), np.int64),
+            Rays(
+                to_image[rays.image[ray]], to_point[rays.point[ray]], rays.xy_px[ray], rays.cov_px2[ray], rays.kind[ray]
+            ),
+            Bars.none(),
+            KnownPoints(to_point[known.point[held]], known.xyz_m[held], known.cov_m2[held]),
+        )
+        found.append(PoseNetwork(pose, alone, image, point, ray))
+    return found
+
+
+@dataclass(frozen=True)
+class NamedNetwork:
+    """A network, and who is who in it: poses (S), images (I) by name, points (P) by name with body and target ("" where
+    not known), kinds of target; row (N,) of each ray in the table image_points; bars by name and which of them
+    check."""
+
+    network: Network
+    poses: tuple[Pose, ...]
+    images: Names
+    points: Names
+    bodies: Names
+    targets: Names
+    kinds: tuple[str, ...]
+    row: Index
+    bars: tuple[str, ...]
+    markers: Markers
+
+    def with_rays(self, image: Index, point: Index, rows: Index, table: ImagePoints, names: Names) -> NamedNetwork:
+        """The network with further rays to further points, which only they see; point (n,) counts these from 0."""
+        first, rays = len(self.points), self.network.rays
+        fresh = len(names)
+        pose = np.zeros(fresh, np.int64)
+        pose[point] = self.network.image_pose[image]
+        more = Rays(
+            np.concatenate([rays.image, image]),
+            np.concatenate([rays.point, first + point]),
+            np.concatenate([rays.xy_px, table.xy_px[rows]]),
+            np.concatenate([rays.cov_px2, table.cov_px2[rows]]),
+            np.concatenate([rays.kind, table.kind[rows]]),
+        )
+        network = replace(self.network, point_pose=np.concatenate([self.network.point_pose, pose]), rays=more)
+        nobody = np.full(fresh, "", dtype=object)
+        return replace(
+            self,
+            network=network,
+            points=np.concatenate([self.points, names]),
+            bodies=np.concatenate([self.bodies, nobody]),
+            targets=np.concatenate([self.targets, nobody]),
+            row=np.concatenate([self.row, rows]),
+        )
+
+
+@dataclass(frozen=True)
+class ImagePoints:
+    """The table image_points as arrays, a row each: pose and image (N,) by number, names, coordinates, kinds;
+    semi_axes_px (N, 2) and angle (N,) of circles, NaN where not measured."""
+
+    image: Index
+    pose: Index
+    point: Names
+    body: Names
+    target: Names
+    xy_px: Array
+    cov_px2: Array
+    kind: Index
+    kinds: tuple[str, ...]
+    semi_axes_px: Array
+    angle_rad: Array

@@ -7,6 +7,8 @@ own (points, orientations of images) and B those by the numbers theta, everythin
 
 for n is normal about N (theta in this pose - theta of the adjustment) with covariance N, independent from pose to pose
 and of the adjusted points. These follow theta by G = -(A^T W A)^-1 A^T W B. Neither N nor n depends on the datum.
+The same as independent channels of unit noise is `ray_channels`; what errors of points have in common besides is
+`shared_errors`.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
@@ -21,6 +24,7 @@ from truing.estimation.bundle.datum import Freedom, freedoms
 from truing.estimation.bundle.network import Array, Index, State
 from truing.estimation.bundle.normal_equations import Distances, Observed, distances_at
 from truing.estimation.bundle.projection import Linearised, linearise, seen
+from truing.estimation.rotation import rigid_motions
 
 CAMERA, BAR, AIR, WINDOW = "camera", "bar", "air", "window"
 # A rigid distance is held by so many times the information of its ends.
@@ -33,6 +37,10 @@ GLASS = 1.52
 # The second derivatives of the index in the axes of a pose's measurement.
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 CURVATURES = ("xx", "yy", "zz", "xy", "xz", "yz")
+# What is left of a number's information once others are free, below which a pose does not tell it.
+_LEFT = 1e-8
+# A pattern in which points err together is told where its variance is so many times that of points by themselves.
+_TOGETHER = 2.0
 
 
 @dataclass(frozen=True)
@@ -242,3 +250,62 @@ def by_thickness(seen: Array) -> Array:
     """Return how far points (N, 3) in a camera's axes seem to move along its axis (N,) per thickness of a pane."""
     cosine = seen[:, 2] / np.linalg.norm(seen, axis=-1)
     return np.asarray(cosine / np.sqrt(GLASS**2 - 1 + cosine**2) - 1)
+
+
+@dataclass(frozen=True)
+class RayChannels:
+    """By pose (S): values (S, T) with noise of one, that follow the numbers by root (S, T, T); told (S, T): which say
+    anything. The channel of a number is free of all numbers before it."""
+
+    value: Array
+    root: Array
+    told: NDArray[np.bool_]
+
+
+def ray_channels(information: Array, score: Array) -> RayChannels:
+    """Return the channels of information (S, T, T) and scores (S, T): Cholesky's factor, pose by pose, that leaves out
+    what the numbers after it tell as well."""
+    left, rest = information.copy(), score.copy()
+    whole = np.diagonal(information, axis1=1, axis2=2)
+    root, value = np.zeros_like(information), np.zeros_like(score)
+    told = np.zeros(score.shape, bool)
+    for k in range(score.shape[1]):
+        pivot = left[:, k, k]
+        told[:, k] = pivot > _LEFT * whole[:, k]
+        factor = np.where(told[:, k], 1 / np.sqrt(np.where(told[:, k], pivot, 1.0)), 0.0)
+        root[:, k, k:] = left[:, k, k:] * factor[:, None]
+        value[:, k] = rest[:, k] * factor
+        left -= root[:, k, :, None] * root[:, k, None]
+        rest -= root[:, k] * value[:, k, None]
+    return RayChannels(value, root, told)
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """Patterns (p, 3, E), m, by numbers of variance one, and what is left of each point's covariance (p, 3, 3)."""
+
+    patterns: Array
+    own: Array
+
+
+def shared_errors(covariance: Array, points: Array, most: int) -> SharedErrors:
+    """Return the patterns, at most so many, of a covariance (3 p, 3 p) in m^2 of points (p, 3) that move together.
+
+    Shifts and turns of all points, which a pose leaves free, are none of them. Patterns are the eigenvectors of what is
+    left, in units of the points' own standard deviation, whose values stand out.
+    """
+    count = len(points)
+    arms = points - points.mean(0)
+    moved = rigid_motions(arms).reshape(3 * count, 6)
+    held = np.linalg.qr(moved / np.linalg.norm(moved, axis=0))[0]
+    left = covariance - held @ (held.T @ covariance)
+    left = left - (left @ held) @ held.T
+    sigma = np.sqrt(max(float(np.mean(np.diagonal(left))), 0.0))  # of hopeless networks, rounding is all that is left
+    values, vectors = np.linalg.eigh((left + left.T) / 2)
+    usual = float(np.median(values[6:])) if count > 2 else sigma**2
+    chosen = np.arange(len(values))[::-1][:most]
+    chosen = chosen[values[chosen] > _TOGETHER * usual]
+    patterns = vectors[:, chosen] * np.sqrt(values[chosen] - usual)
+    each = np.arange(count)
+    blocks = (left - patterns @ patterns.T).reshape(count, 3, count, 3)[each, :, each]
+    return SharedErrors(patterns.reshape(count, 3, -1), blocks)

@@ -1,8 +1,9 @@
 """Gross errors among rays: a robust start, then data snooping (Baarda 1968) until no ray fails its test.
 
-Both coordinates of a ray are tested together, because a wrong code or a merged target spoils both and they are
-correlated: T = v^T Q_vv^-1 v has two degrees of freedom; where the network checks a ray in one direction alone, T has
-one. Rejected rays are tested on against what the others predict, and come back where they pass.
+The start bounds the influence of rays and puts suspects aside. Both coordinates of a ray are tested together, because a
+wrong code or a merged target spoils both and they are correlated: T = v^T Q_vv^-1 v has two degrees of freedom; where
+the network checks a ray in one direction alone, T has one. Rejected rays are tested on against what the others predict,
+and come back where they pass.
 """
 
 from __future__ import annotations
@@ -14,12 +15,10 @@ import numpy as np
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.intersection import Mask
-from truing.estimation.bundle.network import Index, Network, State
-from truing.estimation.bundle.ray_tests import RayTests, p_values, passing_share, ray_tests
-from truing.estimation.bundle.rejected_rays import RejectedRays, rejected_rays
-from truing.estimation.bundle.robust_start import possible_rays, robust_start
-from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, updated
+from truing.estimation.bundle.directions import directions
+from truing.estimation.bundle.intersection import Bundle, intersect
+from truing.estimation.bundle.network import Array, Index, Mask, Network, State
+from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, grouped, updated
 
 _MOST_ROUNDS = 60
 _SETTLED = 1e-3  # relative change of the variance components
@@ -27,6 +26,21 @@ _RETURNS = 2  # times that a ray may come back
 _LOOSE = 0.1  # of its length: a distance that gives a scale and contradicts none
 # In this order: what lenses have least of first, the principal distance last.
 RELEASE_ORDER = ("A3", "C2", "C1", "B2", "B1", "A2", "A1", "y0", "x0", "c")
+_CHECKED = 0.01  # share of an error that must show in the residuals for a direction to count as tested
+GROSS = "gross error: its test value is above the critical value"
+ONE_OF_TWO = "one of two rays that do not meet: which is wrong cannot be told"
+NO_IMAGE = "its image is not oriented"
+NO_POINT = "its point has no coordinates"
+BEHIND = "its point lies behind the camera"
+NOT_PREDICTED = "rejected, and too few other rays of its point or image are left to tell by how much it is off"
+SECOND_TARGET = "meets other rejected rays of its name in another place: a second target bears the name"
+NOT_DETERMINED = "its point or its image keeps too few other rays"
+_SECOND = 3  # rejected rays that meet elsewhere: two meet too easily
+_APART = 5.0  # tolerances from the point's own place
+_ROBUST_ROUNDS = 8
+_BOUND = 2.5  # standard deviations up to which a ray has full weight in the robust start
+_SUSPECT = 6.0  # and from which on it begins data snooping as rejected
+_MANY = 1 / 3  # of a point's rays are suspects: it is intersected anew
 
 
 @dataclass(frozen=True)
@@ -203,3 +217,204 @@ def _holding(network: Network, camera: str, element: str) -> Network:
         for one in network.cameras
     )
     return replace(network, cameras=cameras)
+
+
+@dataclass(frozen=True)
+class RayTests:
+    """Per ray: T (N,) and its degrees of freedom (N,) 0, 1 or 2, the p-value (N,), w (N, 2) of an error in either
+    coordinate alone, redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2). For rays that take no part: as if they did."""
+
+    T: Array
+    freedom: Index
+    p_value: Array
+    w: Array
+    redundancy: Array
+    redundancy_blocks: Array
+
+
+def passing_share(alpha: float) -> float:
+    """Return the mean square of good rays that pass a test at level alpha, over that of all: chi-square of two degrees
+    of freedom, cut off at its critical value."""
+    return (1 - alpha * (1 - np.log(alpha))) / (1 - alpha)
+
+
+def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
+    """Return the tests of all rays of an adjustment whose covariances had the components' factors."""
+    C = adjusted.network.rays.cov_px2 * components.of_rays()[:, None, None]
+    A, used, v = adjusted.covariance.computed_px2(), adjusted.used, adjusted.residuals_px
+    sound = np.isfinite(np.concatenate([A.reshape(-1, 4), v], axis=1)).all(axis=1)
+    A, v = np.where(sound[:, None, None], A, 0.0), np.where(sound[:, None], v, 0.0)
+    inverse = np.linalg.inv(np.linalg.cholesky(C))
+    share, U = np.linalg.eigh(inverse @ A @ inverse.transpose(0, 2, 1))
+    rho = np.where(used[:, None], 1 - share, 1 / (1 + np.maximum(share, 0.0)))  # of the errors shows in the residuals
+    y = np.einsum("nji,njk,nk->ni", U, inverse, v)
+    checked = (rho > _CHECKED) & sound[:, None]
+    squares = y**2 * np.where(used[:, None], 1 / np.where(checked, rho, 1.0), rho)
+    T, freedom = np.where(checked, squares, 0.0).sum(axis=1), checked.sum(axis=1)
+    P = np.linalg.inv(C)
+    AP = A @ P
+    blocks = np.where(used[:, None, None], np.eye(2) - AP, np.linalg.inv(np.eye(2) + AP))
+    S = np.where(used[:, None, None], P - P @ AP, np.linalg.inv(C + A))  # P Q_vv P, the same either way
+    with np.errstate(divide="ignore", invalid="ignore"):
+        w = np.einsum("nij,nj->ni", np.where(used[:, None, None], P, S), v) / np.sqrt(
+            np.maximum(np.einsum("nii->ni", S), 0)
+        )
+    blind = ~sound
+    T[blind], w[blind], blocks[blind] = np.nan, np.nan, np.nan
+    return RayTests(T, freedom, p_values(T, freedom), w, np.einsum("nii->ni", blocks), blocks)
+
+
+def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Mask | None = None) -> Array:
+    """Return the p-value (N,) of T; where the scale is estimated with a redundancy (N,), the ray's own part in it is
+    taken into account if it was used (Pope 1976). NaN without degrees of freedom."""
+    from scipy.special import betainc, betaincc, chdtrc
+
+    f = np.maximum(freedom, 1)
+    if redundancy is None or used is None:
+        p_value = chdtrc(f, T)
+    else:
+        r = np.maximum(redundancy, f + 1.0)
+        inside = betaincc(f / 2, (r - f) / 2, np.clip(T / r, 0.0, 1.0))
+        p_value = np.where(used, inside, betainc(r / 2, f / 2, r / (r + T)))
+    return np.where(freedom > 0, p_value, np.nan)
+
+
+@dataclass(frozen=True)
+class RejectedRays:
+    """Rays left out: ray (R,) by number, w (R, 2), T (R,) and its p-value (R,), redundancy numbers (R, 2), estimated
+    gross error (R, 2) in px, and the reason (R,). Numbers are NaN where the network predicts nothing for a ray."""
+
+    ray: Index
+    w: Array
+    T: Array
+    p_value: Array
+    redundancy: Array
+    gross_error_px: Array
+    reason: tuple[str, ...]
+
+
+def _elsewhere(adjusted: Adjustment, components: VarianceComponents, rejected: Mask) -> Mask:
+    """Return the rejected rays (N,) of points on whose other place at least three of them agree."""
+    network, state = adjusted.network, adjusted.state
+    rays = network.rays
+    limit = max(float(np.median(tolerance_px(network, np.arange(rays.count), components))), 1.0)
+    with np.errstate(invalid="ignore"):
+        rejected = rejected & (np.linalg.norm(adjusted.residuals_px, axis=1) > _APART * limit)
+    rejected &= np.bincount(rays.point[rejected], minlength=len(network.point_pose))[rays.point] >= _SECOND
+    out, found = np.flatnonzero(rejected), np.zeros(rays.count, bool)
+    if len(out):
+        X, agrees = meeting(network, state, out, np.array([limit]))
+        found[out] = agrees & (np.bincount(rays.point[out], agrees, minlength=len(X)) >= _SECOND)[rays.point[out]]
+    return found
+
+
+def rejected_rays(
+    network: Network, start: State, adjusted: Adjustment, components: VarianceComponents, active: Mask, tests: RayTests
+) -> RejectedRays:
+    """Return all rays that take no part, with what the others say of them."""
+    rays, used = network.rays, adjusted.used
+    placed, oriented = np.isfinite(start.points[rays.point, 0]), np.isfinite(start.centre[rays.image, 0])
+    on_point = np.bincount(rays.point[used], minlength=len(network.point_pose))[rays.point]
+    of_point = np.bincount(rays.point[placed & oriented], minlength=len(network.point_pose))[rays.point]
+    gone = np.bincount(rays.point[~active & placed & oriented], minlength=len(network.point_pose))[rays.point] > 0
+    reason = np.where(active, NOT_DETERMINED, np.where(np.isnan(tests.T), NOT_PREDICTED, GROSS))
+    reason = np.where((of_point == 2) & (on_point < 2) & gone, ONE_OF_TWO, reason)
+    reason = np.where(possible_rays(network, start), reason, BEHIND)
+    reason = np.where(_elsewhere(adjusted, components, ~used & ~active & placed & oriented), SECOND_TARGET, reason)
+    reason = np.where(placed, reason, NO_POINT)
+    reason = np.where(oriented, reason, NO_IMAGE)
+    out = np.flatnonzero(~used)
+    error = np.where(np.isfinite(tests.T)[:, None], adjusted.residuals_px, np.nan)
+    return RejectedRays(
+        out,
+        tests.w[out],
+        tests.T[out],
+        tests.p_value[out],
+        tests.redundancy[out],
+        error[out],
+        tuple(reason[out].tolist()),
+    )
+
+
+def possible_rays(network: Network, start: State) -> Mask:
+    """Return the rays (N,) whose image and point have start values, the point before the camera."""
+    rays = network.rays
+    u = np.einsum("nji,nj->ni", start.R[rays.image], start.points[rays.point] - start.centre[rays.image])
+    with np.errstate(invalid="ignore"):
+        return u[:, 2] > 0
+
+
+def robust_start(network: Network, start: State, datum: Datum, active: Mask) -> tuple[State, Mask, VarianceComponents]:
+    """Return the state after adjustments with bounded influence, the rays that are no suspects, and the variance
+    components by the median."""
+    known = datum == "known"
+    used = determinable(network, active, known=known).rays
+    weights, state = np.ones(network.rays.count), start
+    inverse = np.linalg.inv(network.rays.cov_px2)
+    for step in range(_ROBUST_ROUNDS):
+        adjusted = adjust(network, state, datum, used=used, weights=weights, max_iterations=3 if step else 30)
+        v = adjusted.residuals_px
+        off = np.sqrt(np.einsum("ni,nij,nj->n", v, inverse, v))
+        if step == 0:
+            each = np.full(network.rays.count, adjusted.redundancy / max(int(used.sum()), 1))
+            components = grouped(network, used, each)
+        components = _by_median(components, off, used, adjusted.redundancy)
+        off = off / np.sqrt(components.of_rays())
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bounded = np.minimum(1.0, _BOUND / off)
+        latest = np.maximum(np.nan_to_num(bounded if step < 3 else bounded**3), 1e-9)
+        change = np.abs(latest - weights)[used].max(initial=0.0)
+        weights, state = latest, adjusted.state
+        if change < 0.05:
+            break
+    return *_reseated(network, state, active, off > _SUSPECT, components), components
+
+
+def _reseated(
+    network: Network, state: State, active: Mask, suspect: Mask, components: VarianceComponents
+) -> tuple[State, Mask]:
+    """Return the state and the active rays less suspects; points with many suspects are intersected anew by what most
+    of their rays agree on, for least squares, bounded or not, may have left all of them in between."""
+    rays, count = network.rays, len(network.point_pose)
+    many = np.bincount(rays.point[active & suspect], minlength=count) > _MANY * np.bincount(
+        rays.point[active], minlength=count
+    )
+    again = np.flatnonzero(active & many[rays.point])
+    active, points = active & ~suspect, state.points.copy()
+    if len(again):
+        X, agrees = meeting(network, state, again, tolerance_px(network, again, components))
+        found = np.isfinite(X[:, 0])
+        points[found] = X[found]
+        active[again] = np.where(found[rays.point[again]], agrees, active[again])
+    return replace(state, points=points), active
+
+
+def tolerance_px(network: Network, rays: Index, components: VarianceComponents) -> Array:
+    """Return from which miss (n,) in px on rays are suspects."""
+    variance = np.einsum("nii->n", network.rays.cov_px2[rays]) / 2 * components.of_rays()[rays]
+    return _SUSPECT * np.sqrt(variance)
+
+
+def meeting(network: Network, state: State, rays: Index, tolerance_px: Array) -> tuple[Array, Mask]:
+    """Return the places (P, 3) on which most of some rays (n,) of each point agree, and which do (n,)."""
+    chosen = network.rays
+    image, point, xy = chosen.image[rays], chosen.point[rays], chosen.xy_px[rays]
+    camera = network.image_camera[image]
+    towards = directions(network.cameras, state.interior, camera, xy)
+    lines = Bundle(
+        image, point, towards, state.interior[camera, 0], state.R, state.centre, len(network.point_pose)
+    )  # fmt: skip
+    return intersect(lines, float(np.median(tolerance_px)), np.random.default_rng(0))
+
+
+def _by_median(components: VarianceComponents, off: Array, used: Mask, redundancy: int) -> VarianceComponents:
+    """Return components whose factors make the median of normalised misses (N,) what it is for two normal errors."""
+    if redundancy <= 0:  # nothing tells of it
+        return components
+    factor = components.factor.copy()
+    share = redundancy / (2.0 * max(int(used.sum()), 1))
+    for g in range(len(factor)):
+        own = off[used & (components.component == g)]
+        if len(own):
+            factor[g] = max(float(np.median(own)) ** 2 / (2 * np.log(2)) / share, 1e-4)
+    return replace(components, factor=factor)

@@ -14,8 +14,8 @@ import numpy as np
 
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.directions import directions
-from truing.estimation.bundle.intersection import Bundle, Mask, nearest_points, refine_points, sums
-from truing.estimation.bundle.network import Array, Index
+from truing.estimation.bundle.intersection import Bundle, nearest_points, refine_points, sums
+from truing.estimation.bundle.network import Array, Index, Mask
 from truing.estimation.rotation import skew
 
 NO_PARTNER = "no other image shows a circle on its line of sight"

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truing.estimation.bundle.adjustment import Adjustment
-from truing.estimation.bundle.intersection import Mask
-from truing.estimation.bundle.network import Array, Index, Network
+from truing.estimation.bundle.network import Array, Index, Mask, Network
 
 POOLED = -1  # instead of a camera's or a kind's number: several were too small
 _FEWEST = 30.0  # redundancy below which a group is pooled: its component would be known to 25 % at best

@@ -1,4 +1,10 @@
-"""Boards in photographs: chessboards, and chessboards with markers in their white squares, corner by corner."""
+"""Boards in photographs: chessboards, and chessboards with markers in their white squares, corner by corner.
+
+A corner, where four squares meet, is a saddle point of the picture. It is fitted with that of two crossing edges: a
+pixel shows (mean + contrast E(d1 / s) E(d2 / s)) (1 + slope . (x - start) / radius), d1 and d2 being its distances from
+the two edges, s the blur with the pixel's own area, and E(z) = erf(z / sqrt 2). Turned by half a turn the picture stays
+what it is: neither blur nor a wrong brightness of dark or light moves its centre.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +14,21 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
 from truing.estimation.image_targets.marker_codes import dictionary
-from truing.estimation.image_targets.saddle_points import refine_saddles
+from truing.estimation.image_targets.patch_fit import Array, PatchFit, bounded_blur, equations_of, fit_patches
 from truing.estimation.image_targets.square_markers import eight_bits
 
-Array = NDArray[np.float64]
-
 _SEARCHED = 3_000_000  # pixels: in more, searching for a board takes longer than all that follows
+_SMALLEST, _LARGEST = 3.0, 9.0  # radius of a patch, px
+_CHUNK = 256
+_INV_SQRT2PI = 0.3989422804014327
+# Unknowns: centre, directions of the edges' normals, blur, mean, contrast, slopes
+_X, _Y, _NORMAL_1, _NORMAL_2, _BLUR, _MEAN, _CONTRAST, _SLOPE_X, _SLOPE_Y = range(9)
+# Of a sharp picture the blur is not known any more; light changes little over a patch, by a tenth as one sigma.
+_PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 100.0, 100.0])
 
 
 @dataclass(frozen=True)
@@ -134,3 +146,131 @@ def _steps(number: NDArray[np.int64], places: Array, plan: BoardPlan) -> tuple[A
     seen = np.concatenate([ahead, np.ones((len(ahead), 1))], 1) @ H.T
     right, left, below, above = np.split(seen[:, :2] / seen[:, 2:], 4)
     return right - left, below - above
+
+
+@dataclass(frozen=True)
+class SaddlePoints:
+    """Points (N, 2) in px with covariance (N, 2, 2) in px^2; contrast (N,) in grey levels, positive where the squares
+    along the sum of both directions are light; and why a point is refused (N,): empty where it is not."""
+
+    xy: Array
+    covariance: Array
+    contrast: Array
+    refused: NDArray[np.str_]
+
+
+def refine_saddles(
+    grey: NDArray, start: Array, first: Array, second: Array, clear_px: Array, noise: ImageNoise
+) -> SaddlePoints:
+    """Refine saddle points (N, 2), within 2 px of the truth, in a grey image (h, w).
+
+    ``first`` and ``second`` (N, 2): the vectors to the next corner along both edges; ``clear_px`` (N,): how far round
+    the point nothing else is seen.
+    """
+    xy, covariance = start.astype(float), np.full((len(start), 2, 2), np.nan)
+    contrast, refused = np.zeros(len(start)), np.zeros(len(start), dtype="U40")
+    radius = np.clip(0.9 * clear_px, _SMALLEST, _LARGEST)
+    for _ in range(2):  # the second time about the right point
+        good = np.flatnonzero(refused == "")
+        for chosen in np.array_split(good, -(-len(good) // _CHUNK)) if len(good) else ():
+            fit, level = _fit(grey, xy[chosen], first[chosen], second[chosen], radius[chosen], noise)
+            refused[chosen] = _refused(fit, level, radius[chosen])
+            kept = refused[chosen] == ""
+            xy[chosen[kept]] += fit.values[kept, :2]
+            contrast[chosen] = 2.0 * fit.values[:, _CONTRAST]
+            covariance[chosen] = fit.covariance[:, :2, :2] * (fit.enlarged * noise.correlation)[:, None, None]
+    moved = np.linalg.norm(xy - start, axis=1)
+    refused[(refused == "") & (moved > 3.0)] = "a corner elsewhere than expected"
+    return SaddlePoints(xy, covariance, contrast, refused)
+
+
+def _fit(
+    grey: NDArray, start: Array, first: Array, second: Array, radius: Array, noise: ImageNoise
+) -> tuple[PatchFit, Array]:
+    """Fit patches about ``start``; also the noise (n,) of a pixel at their mean grey value."""
+    reach = int(np.ceil(radius.max())) + 1
+    offset = np.arange(-reach, reach + 1)
+    middle = np.round(start).astype(int)
+    x = (middle[:, :1, None] + offset[None, None, :]) + np.zeros((1, len(offset), 1), int)
+    y = (middle[:, 1:, None] + offset[None, :, None]) + np.zeros((1, 1, len(offset)), int)
+    x, y = x.reshape(len(start), -1), y.reshape(len(start), -1)
+    inside = (x >= 0) & (y >= 0) & (x < grey.shape[1]) & (y < grey.shape[0])
+    picture = grey[np.clip(y, 0, grey.shape[0] - 1), np.clip(x, 0, grey.shape[1] - 1)].astype(float)
+    fx, fy = x - start[:, :1], y - start[:, 1:]
+    usable = inside & (np.hypot(fx, fy) <= radius[:, None]) & (picture > grey.min()) & (picture < grey.max())
+    count = np.maximum(usable.sum(1), 1)
+    mean = (picture * usable).sum(1) / count
+    spread = np.sqrt((np.square(picture - mean[:, None]) * usable).sum(1) / count)
+    # The normal of an edge points along the other one.
+    angles = [np.arctan2(-along[:, 0], along[:, 1]) for along in (second, first)]
+    towards = [np.cos(a) * v[:, 0] + np.sin(a) * v[:, 1] for a, v in zip(angles, (first, second), strict=True)]
+    angles = [np.where(t < 0.0, a + np.pi, a) for a, t in zip(angles, towards, strict=True)]
+    values = np.zeros((len(start), 9))
+    values[:, _NORMAL_1], values[:, _NORMAL_2] = angles
+    values[:, _BLUR], values[:, _MEAN] = 0.9, mean
+    sign = np.sum((picture - mean[:, None]) * _distances(values, fx, fy) * usable, axis=1)
+    values[:, _CONTRAST] = np.where(sign < 0.0, -1.0, 1.0) * np.maximum(spread, 1e-3)
+    level = noise.variance(mean)
+    # Dark squares have less noise than light ones; which pixel is what, the start tells well enough.
+    weight = np.where(usable, 1.0 / np.maximum(noise.variance(_expected(values, fx, fy)), 1e-12), 0.0)
+
+    def model(unknowns: Array, patches: NDArray[np.intp]) -> tuple[Array, Array]:
+        return _picture(unknowns, fx[patches], fy[patches], radius[patches])
+
+    equations = equations_of(model, picture, weight, _PRIOR)
+    return fit_patches(equations, values, (weight > 0.0).sum(1)), np.sqrt(level)
+
+
+def _distances(values: Array, fx: Array, fy: Array) -> Array:
+    """Sign (n, M) of the product of both distances."""
+    a, b = values[:, _NORMAL_1, None], values[:, _NORMAL_2, None]
+    return np.sign((np.cos(a) * fx + np.sin(a) * fy) * (np.cos(b) * fx + np.sin(b) * fy))
+
+
+def _expected(values: Array, fx: Array, fy: Array) -> Array:
+    return values[:, _MEAN, None] + values[:, _CONTRAST, None] * _distances(values, fx, fy)
+
+
+def _picture(unknowns: Array, fx: Array, fy: Array, radius: Array) -> tuple[Array, Array]:
+    """Grey values (n, M) and derivatives (n, M, 9) at pixels (n, M) seen from the start."""
+    u = unknowns[:, :, None]
+    s, moves = bounded_blur(u[:, _BLUR])
+    dx, dy = fx - u[:, _X], fy - u[:, _Y]
+    parts = []
+    for normal in (_NORMAL_1, _NORMAL_2):
+        cosine, sine = np.cos(u[:, normal]), np.sin(u[:, normal])
+        z = (cosine * dx + sine * dy) / s
+        turned = (cosine * dy - sine * dx) / s
+        parts.append((2.0 * ndtr(z) - 1.0, 2.0 * _INV_SQRT2PI * np.exp(-0.5 * z * z), z, turned, cosine, sine))
+    (e1, g1, z1, t1, c1, s1), (e2, g2, z2, t2, c2, s2) = parts
+    px, py = fx / radius[:, None], fy / radius[:, None]
+    light = 1.0 + u[:, _SLOPE_X] * px + u[:, _SLOPE_Y] * py
+    plain = u[:, _MEAN] + u[:, _CONTRAST] * e1 * e2
+    scale = u[:, _CONTRAST] * light
+    columns = (
+        -scale * (g1 * c1 * e2 + e1 * g2 * c2) / s,
+        -scale * (g1 * s1 * e2 + e1 * g2 * s2) / s,
+        scale * g1 * t1 * e2,
+        scale * e1 * g2 * t2,
+        -scale * (g1 * z1 * e2 + e1 * g2 * z2) / s * moves,
+        light,
+        e1 * e2 * light,
+        plain * px,
+        plain * py,
+    )
+    return plain * light, np.stack(columns, -1)
+
+
+def _refused(fit: PatchFit, level: Array, radius: Array) -> NDArray[np.str_]:
+    values = fit.values
+    contrast = np.abs(values[:, _CONTRAST])
+    with np.errstate(invalid="ignore"):
+        misfit = np.sqrt(fit.chi2 / np.maximum(fit.freedom, 1.0)) * level
+        clear = fit.settled & (contrast > 3.0 * level) & (misfit < 0.3 * contrast)
+        crossing = np.abs(np.sin(values[:, _NORMAL_1] - values[:, _NORMAL_2])) > 0.2
+        sharp = values[:, _BLUR] < 0.6 * radius
+        near = np.hypot(values[:, _X], values[:, _Y]) < 2.5
+    clear &= np.isfinite(fit.covariance[:, :2, :2]).all((1, 2))
+    refused = np.where(clear & sharp & near, "", "no four squares that meet").astype("U40")
+    refused[(refused == "") & ~crossing] = "seen too obliquely"
+    return refused

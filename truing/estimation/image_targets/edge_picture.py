@@ -1,4 +1,4 @@
-"""The picture of a blurred ellipse, pixel by pixel, with its derivatives: what `edge_descent` fits. Compiled code only.
+"""The picture of a blurred ellipse, pixel by pixel, with its derivatives: what `edge_kernel` fits. Compiled code only.
 
 M is the share of the inside's light in a pixel, T that of the segments of its code's ring. The first six unknowns are
 centre x and y, A xx, xy and yy with |A (x - centre)| = 1 on the edge, and the standard deviation of the blur. M is

@@ -15,8 +15,13 @@ from math import exp, log
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation.labels.congruence import Hypothesis, contradict, find_hypotheses
-from truing.estimation.labels.constellation import Constellation, log_expected_accidents
+from truing.estimation.labels.congruence import (
+    Constellation,
+    Hypothesis,
+    contradict,
+    find_hypotheses,
+    log_expected_accidents,
+)
 
 ACCIDENTS_LIMIT = 1e-3
 MARGIN_LOG_ODDS = log(1e6)

@@ -9,12 +9,11 @@ import numpy as np
 
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Array, Bars
-from truing.estimation.bundle.planning.information import PlannedNetwork
-from truing.estimation.bundle.planning.stations import Layout
+from truing.estimation.bundle.photograph_plan import Targets
+from truing.estimation.bundle.planning import Layout, PlannedNetwork
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.stages.common.nominal_mechanism import nominal_legs
-from truing.stages.photograph_plan import Targets
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -1,4 +1,7 @@
-"""Where to stand with a camera so that the targets of a campaign are known as well as is wanted."""
+"""Where to stand with a camera so that targets are known as well as is wanted: stations chosen out of candidates.
+
+One after the other the one that helps most is taken, then each is exchanged while that helps.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,28 @@ from functools import cached_property
 import numpy as np
 
 from truing.estimation.bundle.network import Array, Bars, Index
-from truing.estimation.bundle.planning.choice import Candidates, exchanged, one_by_one, spread_points
-from truing.estimation.bundle.planning.information import PlannedNetwork, station_information, useful, weak_prior
-from truing.estimation.bundle.planning.prediction import Prediction, predict
-from truing.estimation.bundle.planning.stations import Layout, Limits, Mask, Stations, filling_distance, sees, shells
-from truing.report.numbers import count as counted
+from truing.estimation.bundle.planning import (
+    Layout,
+    Limits,
+    Mask,
+    PlannedNetwork,
+    Prediction,
+    Stations,
+    filling_distance,
+    predict,
+    sees,
+    shells,
+    station_information,
+    useful,
+    weak_prior,
+)
 
 Progress = Callable[[int, int], None]
 
 _SHELLS = (1.05, 1.35, 1.75)  # of the distance from which the object fills the format
+_AT_ONCE = 64
+_WORTH = 1e-3  # of the mean variance, that an exchange has to save
+_MOST_POINTS = 48
 
 
 @dataclass(frozen=True)
@@ -86,9 +102,7 @@ def plan_photographs(
     seen = sees(planned.camera, planned.interior, stations, planned.layout, limits)
     of_use = useful(seen)
     if len(of_use) < 2:
-        raise ValueError(
-            f"found {len(of_use)} of {counted(stations.count, 'station')} with four targets in view, expected more"
-        )
+        raise ValueError(f"found {len(of_use)} of {stations.count:,} stations with four targets in view, expected more")
     stations, seen = stations.only(of_use), seen[of_use]
     some = spread_points(planned.layout.points)
     search = _restricted(planned, some)
@@ -105,9 +119,8 @@ def plan_photographs(
     chosen = _in_order_round(stations, chosen, planned.layout.middle)
     prediction = predict(planned, stations.only(chosen), seen[chosen])
     if prediction is None:
-        raise ValueError(
-            f"no network is made by {counted(len(chosen), 'station')}, expected more of them, or more targets in common"
-        )
+        made_by = "1 station" if len(chosen) == 1 else f"{len(chosen):,} stations"
+        raise ValueError(f"no network is made by {made_by}, expected more of them, or more targets in common")
     return PhotographPlan(
         planned, targets, stations.only(chosen), seen[chosen], prediction, curve, len(of_use), wish, reference
     )
@@ -188,3 +201,79 @@ def _in_order_round(stations: Stations, chosen: Index, middle: Array) -> Index:
     away = stations.centre[chosen] - middle
     around = np.round(np.arctan2(away[:, 1], away[:, 0]), 6)
     return chosen[np.lexsort((stations.roll_rad[chosen], away[:, 2], around))]
+
+
+def spread_points(points: Array, most: int = _MOST_POINTS) -> Index:
+    """Some of the points (P, 3), each as far as possible from those before it; all where there are no more."""
+    if len(points) <= most:
+        return np.arange(len(points))
+    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    nearest = np.full(len(points), np.inf)
+    while len(chosen) < most:
+        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(nearest)))
+    return np.sort(chosen)
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """What is to choose from: information (K, n, n) of each station on points (P, 3) and the camera, what is known
+    without any station (n, n), and whether anything gives the scale."""
+
+    information: Array
+    prior: Array
+    points: Array
+    has_scale: bool
+
+    @property
+    def movements(self) -> Array:
+        """Orthonormal movements (3 P, 6 or 7) of all points together that no photograph tells."""
+        own = self.points - self.points.mean(axis=0)
+        columns = [np.tile(axis, (len(own), 1)) for axis in np.eye(3)]
+        columns += [np.cross(axis, own) for axis in np.eye(3)]
+        columns += [] if self.has_scale else [own]
+        basis, _ = np.linalg.qr(np.stack([column.ravel() for column in columns], axis=1))
+        return np.asarray(basis)
+
+
+def one_by_one(candidates: Candidates, count: int, progress: Progress) -> Index:
+    """Take ``count`` stations, each the one after which the mean variance of the points in the free datum is least."""
+    information, remove = candidates.information, candidates.movements
+    total, chosen = candidates.prior.copy(), list[int]()
+    while len(chosen) < min(count, len(information)):
+        progress(len(chosen), count)
+        best = int(np.argmin(_costs(total, information, remove, set(chosen))))
+        chosen.append(best)
+        total = total + information[best]
+    return np.array(chosen, dtype=np.int64)
+
+
+def exchanged(candidates: Candidates, chosen: Index, progress: Progress) -> Index:
+    """Give each station in turn up for the one that helps most in its place, once round, where that saves enough."""
+    information, remove, chosen = candidates.information, candidates.movements, chosen.copy()
+    total = candidates.prior + information[chosen].sum(axis=0)
+    cost = float(_costs(total, np.zeros((1, *total.shape)), remove, set())[0])
+    for place in range(len(chosen)):
+        progress(place, len(chosen))
+        without = total - information[chosen[place]]
+        others = set(np.delete(chosen, place).tolist())
+        costs = _costs(without, information, remove, others)
+        best = int(np.argmin(costs))
+        if costs[best] < (1.0 - _WORTH) * cost:
+            chosen[place], cost = best, float(costs[best])
+            total = without + information[best]
+    return chosen
+
+
+def _costs(total: Array, information: Array, remove: Array, taken: set[int]) -> Array:
+    """The mean variance of the points (K,) with each station beside what there is; infinite for those that are
+    taken."""
+    size = len(remove)
+    costs = np.full(len(information), np.inf)
+    free = np.array([place for place in range(len(information)) if place not in taken])
+    for first in range(0, len(free), _AT_ONCE):
+        some = free[first : first + _AT_ONCE]
+        covariance = np.linalg.inv(total + information[some])[:, :size, :size]
+        moved = np.sum(remove * (covariance @ remove), axis=(1, 2))
+        costs[some] = (np.trace(covariance, axis1=1, axis2=2) - moved) / size
+    return costs

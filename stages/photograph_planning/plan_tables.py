@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.estimation.bundle.planning.prediction import Prediction, body_motion, largest_sigma
+from truing.estimation.bundle.photograph_plan import PhotographPlan
+from truing.estimation.bundle.planning import Prediction, body_motion, largest_sigma
 from truing.report.numbers import count as counted
-from truing.stages.photograph_plan import PhotographPlan
 
 if TYPE_CHECKING:
     import pyarrow as pa

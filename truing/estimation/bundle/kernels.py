@@ -1,10 +1,12 @@
-"""Rays into normal equations, compiled: residual, exact derivatives and their products, image after image.
+"""The compiled code of an adjustment: rays into normal equations, image after image; small blocks eliminated.
 
-The equations are those of `truing.estimation.bundle.projection`. A ray is two rows of 17 numbers, by point (3), turn
-of the image (3), interior (10) and misclosure (1), whitened by its information; what moves the point moves the image's
-centre the other way, which needs no numbers of its own. The products of an image's rows are one product of matrices,
-those with a point are added as they come. Importing this module imports numba; compiled code is kept in numba's cache
-on disk.
+The equations are those of `truing.estimation.bundle.camera`. A ray is two rows of 17 numbers, by point (3), turn of the
+image (3), interior (10) and misclosure (1), whitened by its information; what moves the point moves the image's centre
+the other way, which needs no numbers of its own. The products of an image's rows are one product of matrices, those
+with a point are added as they come.
+
+Ours, because it is what makes an adjustment faster than that of libraries, which leave out the covariance of all points
+(`python -m benchmarks.bundle`). Importing this module imports numba; compiled code is kept in numba's cache on disk.
 """
 
 from __future__ import annotations
@@ -257,3 +259,76 @@ def image_points(
         if X[2] > 0.0:
             x, y = image_point(interior[k], radius[k], X)
             xy[n, 0], xy[n, 1] = format_centre[k, 0] + x, format_centre[k, 1] + y
+
+
+@inner
+def lower_root(own: NDArray, damping: float, lower: NDArray) -> bool:
+    """Fill the Cholesky factor of a block whose diagonal is enlarged by a part of it; return whether there is one."""
+    for i in range(len(own)):
+        for j in range(i + 1):
+            value = own[i, j]
+            if i == j:
+                value *= 1.0 + damping
+            for k in range(j):
+                value -= lower[i, k] * lower[j, k]
+            if i > j:
+                lower[i, j] = value / lower[j, j]
+            elif value > 0.0:
+                lower[i, i] = np.sqrt(value)
+            else:
+                return False
+    return True
+
+
+@inner
+def invert_lower(lower: NDArray, root: NDArray) -> None:
+    """Fill the inverse of a lower triangle."""
+    for i in range(len(lower)):
+        for j in range(i + 1, len(lower)):
+            root[i, j] = 0.0
+        for j in range(i + 1):
+            value = 1.0 if i == j else 0.0
+            for k in range(j, i):
+                value -= lower[i, k] * root[k, j]
+            root[i, j] = value / lower[i, i]
+
+
+@inner
+def lower_times(root: NDArray, rows: NDArray, product: NDArray) -> None:
+    """Fill the product of a lower triangle (d, d) with rows (d, w)."""
+    for i in range(len(root)):
+        target = product[i]
+        target[:] = 0.0
+        for j in range(i + 1):
+            f, source = root[i, j], rows[j]
+            for b in range(len(target)):
+                target[b] += f * source[b]
+
+
+@compiled(lane_arithmetic.__file__, __file__)
+def forward(
+    own: NDArray, rows: NDArray, sides: NDArray, damping: float, root: NDArray, reduced: NDArray, reduced_sides: NDArray
+) -> bool:
+    """Fill the inverse (b, d, d) of the Cholesky factor of blocks whose diagonal is enlarged by a part of it, and its
+    products (b d, .) with their rows and sides; return whether all of them are positive definite."""
+    count, d, _ = own.shape
+    lower = np.zeros((d, d))
+    for n in range(count):
+        if not lower_root(own[n], damping, lower):
+            return False
+        invert_lower(lower, root[n])
+        at = slice(n * d, n * d + d)
+        lower_times(root[n], rows[at], reduced[at])
+        lower_times(root[n], sides[at], reduced_sides[at])
+    return True
+
+
+@compiled(lane_arithmetic.__file__, __file__)
+def mirror(square: NDArray) -> None:
+    """Copy the upper triangle of a matrix (n, n) onto the lower one, tile by tile."""
+    n, tile = len(square), 16
+    for first in range(0, n, tile):
+        for second in range(0, first + 1, tile):
+            for i in range(first, min(first + tile, n)):
+                for j in range(second, min(second + tile, i)):
+                    square[i, j] = square[j, i]

@@ -1,0 +1,207 @@
+"""The orientation of one image: from points with coordinates, or relative to another image of the same points.
+
+Both by consensus (OpenCV); what it finds from coordinates is settled by least squares with bounded influence.
+Points that lie flat leave a relative orientation rivals, which are handed back with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truing.estimation.bundle.intersection import Bundle, nearest_points
+from truing.estimation.bundle.network import Array, Index, Mask
+from truing.estimation.rotation import exp_so3, skew
+
+FEWEST = 4  # three fix the six unknowns up to four solutions, the fourth says which
+_SAMPLES = 300
+_STEPS = 8
+
+
+@dataclass(frozen=True)
+class Resection:
+    """Orientation of an image: R (3, 3) camera axes into measurement axes, centre (3,), which points agree (n,), and
+    the root mean square of their misses in ideal pixels."""
+
+    R: Array
+    centre: Array
+    agrees: Mask
+    rms_px: float
+
+
+def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> Resection | None:
+    """Return the orientation of the image that sees points X (n, 3) at X/Z, Y/Z (n, 2), or None where too few agree.
+
+    scale_px is the principal distance, to which the tolerance relates.
+    """
+    import cv2
+
+    if len(X) < FEWEST:
+        return None
+    origin, size = np.median(X, axis=0), max(float(np.abs(X - np.median(X, axis=0)).max()), 1e-12)
+    local = np.ascontiguousarray((X - origin) / size)
+    image = np.ascontiguousarray(direction)
+    limit = tolerance_px / scale_px
+    try:
+        found, turn, shift, chosen = cv2.solvePnPRansac(
+            local, image, np.eye(3), None,
+            iterationsCount=_SAMPLES, reprojectionError=limit, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,
+        )  # fmt: skip
+    except cv2.error:
+        return None
+    if not found or chosen is None or len(chosen) < FEWEST:
+        return None
+    best = _settled(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
+    members = np.ravel(chosen)
+    if len(members) > FEWEST:
+        for turn, shift in _of_all(local[members], image[members]):
+            other = _settled(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
+            best = other if _better(other, best) else best
+    R, t, off, depth = best
+    agrees = (depth > 0) & (off < limit)
+    if agrees.sum() < FEWEST:
+        return None
+    rms = float(np.sqrt(np.mean(off[agrees] ** 2)) * scale_px)
+    return Resection(R, origin - R @ t * size, agrees, rms)
+
+
+def _of_all(X: Array, direction: Array) -> list[tuple[Array, Array]]:
+    """Orientations from all points at once, as rotation vector and shift; none where the points do not determine one,
+    which the library takes for a fault."""
+    import cv2
+
+    try:
+        found, turns, shifts, _ = cv2.solvePnPGeneric(X, direction, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+    except cv2.error:
+        return []
+    return list(zip(turns, shifts, strict=True)) if found else []
+
+
+def _better(one: tuple[Array, Array, Array, Array], other: tuple[Array, Array, Array, Array]) -> bool:
+    """Whether one orientation's bounded misses add up to less."""
+    return bool(_bounded_misses(one) < _bounded_misses(other))
+
+
+def _bounded_misses(found: tuple[Array, Array, Array, Array]) -> float:
+    off, depth = found[2], found[3]
+    middle = np.median(off)
+    return float(np.where(depth > 0, np.minimum(off, 3 * middle + 1e-12), 1e3).sum())
+
+
+def _settled(R: Array, t: Array, direction: Array, X: Array, limit: float) -> tuple[Array, Array, Array, Array]:
+    """Gauss-Newton on the points that agree, misses beyond the limit without weight: R, t with u = R^T X + t, the
+    misses (n,) and depths (n,)."""
+    for step in range(_STEPS + 1):
+        u = X @ R + t
+        with np.errstate(all="ignore"):
+            a = u[:, :2] / u[:, 2:]
+            off = np.nan_to_num(np.linalg.norm(a - direction, axis=1), nan=1e3, posinf=1e3)
+        if step == _STEPS:
+            break
+        w = ((off < limit) & (u[:, 2] > 0)).astype(float)
+        if w.sum() < 3:
+            break
+        P = np.zeros((len(X), 2, 3))
+        with np.errstate(all="ignore"):
+            P[:, 0, 0] = P[:, 1, 1] = 1 / u[:, 2]
+            P[:, :, 2] = -a / u[:, 2:]
+        P[w == 0] = 0.0
+        J = np.concatenate([P, -P @ skew(u - t)], axis=2)
+        N = np.einsum("nki,nkj->ij", J, J)
+        step_ = np.linalg.lstsq(
+            N, np.einsum("nki,nk->i", J, np.where(w[:, None] > 0, direction - a, 0.0)), rcond=1e-12
+        )[0]
+        t = t + step_[:3]
+        R = R @ exp_so3(step_[3:]).T
+    return R, t, off, u[:, 2]
+
+
+FEWEST_COMMON = 6  # common points: five give up to ten solutions, the sixth chooses
+_RIVAL = 0.7  # of the best solution's agreeing points: what has so many stays in the race
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The second image as seen from the first, its base one long: R (3, 3) turns the second camera's axes into the
+    first's, centre (3,); how many points agree, and the median angle (rad) at which their rays meet."""
+
+    R: Array
+    centre: Array
+    agreeing: int
+    angle: float
+
+
+def common_points(image: Index, point: Index, images: int, points: int) -> Array:
+    """Return how many points (I, I) each pair of images has in common."""
+    from scipy.sparse import csr_array
+
+    seen = csr_array((np.ones(len(image)), (image, point)), shape=(images, points))
+    seen.data[:] = 1.0  # a point measured twice in an image is one
+    shared = (seen @ seen.T).toarray()
+    np.fill_diagonal(shared, 0.0)
+    return shared
+
+
+def relative_orientations(first: Array, second: Array, limit: float) -> list[Pair]:
+    """Return orientations of an image relative to another that explain common points at X/Z, Y/Z (n, 2), best first.
+
+    From the essential matrix by five points (Nister 2004) and from the homography of flat points (Malis and Vargas
+    2007), both by consensus within the limit (in units of X/Z). Flat fields leave rivals that a third image decides.
+    """
+    if len(first) < FEWEST_COMMON:
+        return []
+    found = [pair for R, t in _motions(first, second, limit) if (pair := _judged(R, t, first, second, limit))]
+    found.sort(key=lambda pair: -pair.agreeing)
+    kept: list[Pair] = []
+    for pair in found:
+        strong = pair.agreeing >= max(FEWEST_COMMON, _RIVAL * found[0].agreeing)
+        if strong and all(np.abs(pair.R - other.R).max() > 0.02 for other in kept):
+            kept.append(pair)
+    return kept
+
+
+def _motions(first: Array, second: Array, limit: float) -> list[tuple[Array, Array]]:
+    """Return (R, t) with x2 ~ R x1 + t, of all solutions and signs."""
+    import cv2
+
+    a, b = np.ascontiguousarray(first), np.ascontiguousarray(second)
+    motions: list[tuple[Array, Array]] = []
+    try:
+        essential, _ = cv2.findEssentialMat(a, b, np.eye(3), cv2.RANSAC, 0.9999, limit)
+    except cv2.error:
+        essential = None
+    for E in [] if essential is None else np.split(essential, len(essential) // 3):
+        one, other, t = cv2.decomposeEssentialMat(E)
+        motions += [(R, sign * t.ravel()) for R in (one, other) for sign in (1.0, -1.0)]
+    return motions + _motions_of_a_plane(a, b, limit)
+
+
+def _motions_of_a_plane(a: Array, b: Array, limit: float) -> list[tuple[Array, Array]]:
+    import cv2
+
+    try:
+        H, _ = cv2.findHomography(a, b, cv2.RANSAC, limit, maxIters=100)
+        turns, shifts = ((), ()) if H is None else cv2.decomposeHomographyMat(H, np.eye(3))[1:3]
+    except cv2.error:  # points that determine none
+        return []
+    return [(R, s * t.ravel()) for R, t in zip(turns, shifts, strict=True) for s in (1.0, -1.0)]
+
+
+def _judged(R: Array, t: Array, first: Array, second: Array, limit: float) -> Pair | None:
+    """Count the points that a motion explains, in front of both cameras; None where rays hardly meet."""
+    base = np.linalg.norm(t)
+    if not base > 1e-9:
+        return None
+    n = len(first)
+    turn, centre = R.T, -R.T @ t / base
+    rays = Bundle(
+        np.repeat([0, 1], n), np.tile(np.arange(n), 2), np.concatenate([first, second]), np.ones(2 * n),
+        np.stack([np.eye(3), turn]), np.stack([np.zeros(3), centre]), n,
+    )  # fmt: skip
+    X, meet = nearest_points(rays, np.ones(2 * n))
+    agrees = rays.agree(X, limit).reshape(2, n).all(axis=0)
+    if not agrees.any():
+        return None
+    angle = float(np.median(np.arccos(np.clip(1 - meet[agrees], -1.0, 1.0))))
+    return Pair(turn, centre, int(agrees.sum()), angle)

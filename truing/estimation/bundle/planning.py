@@ -1,0 +1,310 @@
+"""Where a camera may stand, what it would see and tell from there, and what the adjustment of it all would predict.
+
+A station is a place with a direction of view and a roll. What it tells of targets and camera has its own orientation
+eliminated; a plan is judged by the covariance that the bundle adjustment of its photographs would have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.bundle.adjustment import adjust
+from truing.estimation.bundle.bundle_covariance import BundleCovariance
+from truing.estimation.bundle.camera import PARAMETERS, Camera
+from truing.estimation.bundle.determinable import determinable
+from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Network, Rays, State
+from truing.estimation.bundle.projection import image_coordinates, linearise, project
+
+Mask = NDArray[np.bool_]
+
+_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+_BEYOND = 1.2  # half formats from the middle, beyond which the polynomials of the distortion mean nothing
+_MARGIN = 0.01  # of the format, that targets keep from its edge
+_FEWEST = 4  # targets without which a station is of no use
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Stations: R (K, 3, 3) turns camera axes into those of the object, centre (K, 3) in m, roll_rad (K,) about the
+    view."""
+
+    R: Array
+    centre: Array
+    roll_rad: Array
+
+    @property
+    def count(self) -> int:
+        """How many."""
+        return len(self.centre)
+
+    def only(self, chosen: NDArray[np.int64]) -> Stations:
+        """Some of them, in this order."""
+        return Stations(self.R[chosen], self.centre[chosen], self.roll_rad[chosen])
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The object: its targets (P, 3) in m, the unit normals (P, 3) of those that have a side, NaN of others, and
+    diameters (P,) in m, NaN where they do not matter."""
+
+    points: Array
+    normals: Array
+    diameters: Array
+
+    @property
+    def middle(self) -> Array:
+        """The centre (3,) of the smallest box around the targets."""
+        return 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
+
+    @property
+    def radius(self) -> float:
+        """Of the sphere about the middle that holds all targets, m."""
+        return float(np.max(np.linalg.norm(self.points - self.middle, axis=1)))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a camera sees: distances in m between which it is sharp, the largest angle between a ray and a target's
+    normal in rad, the smallest image of a target in px (the minor axis)."""
+
+    nearest: float
+    farthest: float
+    incidence: float
+    least_px: float
+
+
+def filling_distance(camera: Camera, interior: Array, radius: float) -> float:
+    """The distance in m from which a sphere of this radius fills the shorter side of the format."""
+    half = 0.5 * min(camera.width_px, camera.height_px) * (1.0 - 2.0 * _MARGIN)
+    return radius * float(np.hypot(1.0, interior[0] / half))
+
+
+def shells(middle: Array, distances: Array, directions: int, elevations: tuple[float, float], rolls: Array) -> Stations:
+    """Stations that look at the middle from shells about it: evenly spread directions (as of a spiral over the
+    sphere) whose elevation above the xy-plane lies within bounds in rad, from each distance in m, held with each roll
+    in rad."""
+    low, high = np.sin(elevations)
+    z = low + (np.arange(directions) + 0.5) / directions * (high - low)
+    turn = _GOLDEN * np.arange(directions)
+    flat = np.sqrt(1.0 - z**2)
+    away = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+    upright = _looking(-away)
+    c, s = np.cos(rolls), np.sin(rolls)
+    zero, one = np.zeros_like(c), np.ones_like(c)
+    about_view = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+    shape = (len(away), len(distances), len(rolls))
+    R = np.broadcast_to((upright[:, None] @ about_view)[:, None], (*shape, 3, 3)).reshape(-1, 3, 3)
+    places = middle + distances[:, None] * away[:, None]
+    centre = np.broadcast_to(places[:, :, None], (*shape, 3)).reshape(-1, 3)
+    return Stations(R, centre, np.broadcast_to(rolls, shape).reshape(-1))
+
+
+def _looking(view: Array) -> Array:
+    """Camera axes (K, 3, 3) as columns: z along unit vectors ``view`` (K, 3), x level, y downwards."""
+    down = np.array([0.0, 0.0, -1.0])
+    level = np.cross(down, view)
+    length = np.linalg.norm(level, axis=1, keepdims=True)
+    level = np.where(length > 1e-9, level / np.where(length > 0.0, length, 1.0), [1.0, 0.0, 0.0])
+    return np.stack([level, np.cross(view, level), view], axis=-1)
+
+
+def sees(camera: Camera, interior: Array, stations: Stations, layout: Layout, limits: Limits) -> Mask:
+    """Which targets (K, P) each station sees: within the format, sharp, not too oblique, and large enough.
+
+    Nothing is known of what stands in between.
+    """
+    arm = layout.points - stations.centre[:, None]
+    own = np.einsum("kji,kpj->kpi", stations.R, arm)
+    distance = np.linalg.norm(arm, axis=-1)
+    depth = np.where(own[..., 2] > 0.0, own[..., 2], np.nan)
+    size = np.array([camera.width_px, camera.height_px], dtype=float)
+    ideal = interior[0] * own[..., :2] / depth[..., None]
+    xy = image_coordinates(
+        np.broadcast_to(interior, (depth.size, 10)),
+        np.broadcast_to(camera.centre_px, (depth.size, 2)),
+        np.full(depth.size, camera.balancing_radius_px),
+        np.concatenate([own[..., :2], depth[..., None]], axis=-1).reshape(-1, 3),
+    ).reshape(*depth.shape, 2)
+    slant = np.einsum("kpi,pi->kp", -arm, layout.normals) / distance
+    foreshortened = np.where(np.isnan(slant), 1.0, slant)
+    image_px = interior[0] * layout.diameters * foreshortened / distance
+    with np.errstate(invalid="ignore"):
+        inside = np.all(np.abs(xy - camera.centre_px) < 0.5 * size * (1.0 - 2.0 * _MARGIN), axis=-1)
+        inside &= np.all(np.abs(ideal) < _BEYOND * 0.5 * size, axis=-1)
+        sharp = (distance >= limits.nearest) & (distance <= limits.farthest)
+        faced = np.isnan(slant) | (slant >= np.cos(limits.incidence))
+        large = np.isnan(image_px) | (image_px >= limits.least_px)
+    return np.asarray(inside & sharp & faced & large)
+
+
+@dataclass(frozen=True)
+class PlannedNetwork:
+    """A network that would be photographed: the camera, its interior orientation (10,), sigma_px of an image
+    coordinate, the bars between targets, and the targets."""
+
+    camera: Camera
+    interior: Array
+    sigma_px: float
+    layout: Layout
+    bars: Bars
+
+    def with_stations(self, stations: Stations, seen: Mask) -> tuple[Network, State]:
+        """The network that stations (K) with what they see (K, P) make, and its state; rays lie where they belong."""
+        image, point = (index.astype(np.int64) for index in np.nonzero(seen))
+        rays = Rays(
+            image,
+            point,
+            np.zeros((len(image), 2)),
+            np.broadcast_to(self.sigma_px**2 * np.eye(2), (len(image), 2, 2)),
+            np.zeros(len(image), np.int64),
+        )
+        one = np.zeros(stations.count, np.int64)
+        poses = np.zeros(len(self.layout.points), np.int64)
+        network = Network((self.camera,), one, one, poses, rays, self.bars, KnownPoints.none())
+        state = State(self.interior[None], stations.R, stations.centre, self.layout.points, self.bars.length_m)
+        return replace(network, rays=replace(rays, xy_px=project(network, state, image, point))), state
+
+
+def useful(seen: Mask) -> Index:
+    """Stations that see enough targets to be worth a photograph."""
+    return np.flatnonzero(seen.sum(axis=1) >= _FEWEST)
+
+
+def station_information(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Array:
+    """Information (K, n, n) of each station on points (3 P) and the free elements of the camera, in 1/m^2 and 1/px^2
+    .. ."""
+    network, state = planned.with_stations(stations, seen)
+    rays = network.rays
+    at = linearise(network, state, rays.image, rays.point)
+    free = [PARAMETERS.index(name) for name in planned.camera.free]
+    count, points = stations.count, len(planned.layout.points)
+    # every station has a row for every target; those that it does not see are zero
+    full = np.zeros((count, points, 2, 6 + 3 + len(free)))
+    full[rays.image, rays.point] = np.concatenate([at.by_image, at.by_point, at.by_interior[..., free]], axis=-1)
+    full = full.reshape(count, 2 * points, -1) / planned.sigma_px
+    of_image, of_point, of_camera = full[..., :6], full[..., 6:9], full[..., 9:]
+    own = np.einsum("kpai,pq->kpaqi", of_point.reshape(count, points, 2, 3), np.eye(points))
+    other = np.concatenate([own.reshape(count, 2 * points, 3 * points), of_camera], axis=-1)
+    scale = np.linalg.norm(of_image, axis=1, keepdims=True)
+    basis, _ = np.linalg.qr(of_image / np.where(scale > 0.0, scale, 1.0))
+    rest = other - basis @ (np.swapaxes(basis, 1, 2) @ other)
+    return np.swapaxes(rest, 1, 2) @ rest
+
+
+def weak_prior(planned: PlannedNetwork) -> Array:
+    """Information (n, n) that says next to nothing: targets to the size of the object, the camera to a tenth of its
+    format, and what bars tell."""
+    points = planned.layout.points
+    size = 2.0 * planned.layout.radius
+    half = 0.5 * max(planned.camera.width_px, planned.camera.height_px)
+    powers = {"c": 0, "x0": 0, "y0": 0, "A1": 3, "A2": 5, "A3": 7, "B1": 2, "B2": 2, "C1": 1, "C2": 1}
+    of_camera = [half ** powers[name] / (0.1 * half) for name in planned.camera.free]
+    prior = np.diag(np.concatenate([np.full(points.size, 1.0 / size), of_camera]) ** 2)
+    bars = planned.bars
+    between = points[bars.second] - points[bars.first]
+    sigma = np.sqrt(bars.sigma_m[bars.bar] ** 2 + bars.repeat_sigma_m**2)
+    row = np.zeros((len(bars.bar), len(prior)))
+    direction = between / np.linalg.norm(between, axis=1, keepdims=True) / np.maximum(sigma, 1e-9)[:, None]
+    for axis in range(3):
+        np.add.at(row, (np.arange(len(row)), 3 * bars.second + axis), direction[:, axis])
+        np.add.at(row, (np.arange(len(row)), 3 * bars.first + axis), -direction[:, axis])
+    return prior + row.T @ row
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Of each target: covariance (P, 3, 3) in m^2 in the free datum, and what would be left of it with a camera known
+    beforehand and with bars of exactly known length (P, 3, 3), NaN where it is not determined; rays (P,), largest angle
+    between two of them in rad (P,); the redundancy; the points that take part (p,), their covariance together (3 p, 3
+    p)."""
+
+    covariance: Array
+    with_known_camera: Array
+    with_known_scale: Array
+    rays: Index
+    angle: Array
+    redundancy: int
+    points: Index
+    together: Array
+
+    @property
+    def sigma(self) -> Array:
+        """The standard deviation (P,) in m along the direction in which each target is known least."""
+        return largest_sigma(self.covariance)
+
+
+def largest_sigma(covariance: Array) -> Array:
+    """The standard deviation (P,) of covariances (P, 3, 3) along their longest axis; NaN where there is none."""
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    found = np.full(len(covariance), np.nan)
+    found[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, -1])
+    return found
+
+
+def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Prediction | None:
+    """Predict from the rays of stations (K) to what they see (K, P); None where they make no network."""
+    network, state = planned.with_stations(stations, seen)
+    part = determinable(network)
+    if not part.points.any() or part.images.sum() < 2:
+        return None
+    try:
+        found = adjust(network, state, "free", used=part.rays, max_iterations=1)
+        covariance = found.covariance
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    count = len(planned.layout.points)
+    points = covariance.point_numbers(0)
+    together = covariance.points(0)
+    rays = np.bincount(network.rays.point[part.rays], minlength=count)
+    return Prediction(
+        _blocks(together, points, count),
+        _blocks(_with_only(covariance, "bar", known=False), points, count),
+        _blocks(_with_only(covariance, "bar", known=True), points, count),
+        rays,
+        _angles(stations, planned.layout.points, seen),
+        found.redundancy,
+        points,
+        together,
+    )
+
+
+def _with_only(covariance: BundleCovariance, kind: str, *, known: bool) -> Array:
+    """The covariance (3 p, 3 p) of points where common unknowns of one kind are known, or those of all others are."""
+    left = [place for place, (name, _) in enumerate(covariance.names) if (name == kind) != known]
+    information = np.linalg.inv(covariance.common)[np.ix_(left, left)]
+    by_common = covariance.sensitivities(0)[:, left]
+    return covariance.points_given_common(0) + by_common @ np.linalg.inv(information) @ by_common.T
+
+
+def _blocks(together: Array, points: Index, count: int) -> Array:
+    found = np.full((count, 3, 3), np.nan)
+    each = np.arange(len(points))
+    found[points] = together.reshape(len(points), 3, len(points), 3)[each, :, each, :]
+    return found
+
+
+def _angles(stations: Stations, points: Array, seen: Mask) -> Array:
+    """The largest angle (P,) in rad between two rays to a target, up to a right angle; 0 with less than two."""
+    way = points - stations.centre[:, None]
+    way = np.where(seen[..., None], way / np.linalg.norm(way, axis=-1, keepdims=True), 0.0)
+    sine = np.linalg.norm(np.cross(way[:, None], way[None]), axis=-1)
+    return np.asarray(np.arcsin(np.clip(sine.max(axis=(0, 1)), 0.0, 1.0)))
+
+
+def body_motion(together: Array, points: Array, one: Index, other: Index | None, about: Array) -> Array:
+    """The covariance (6, 6) of the motion of a body's points (by place among those of ``together``) about a place
+    (3,): of its translation in m, then of its rotation in rad, seen from another body's where one is given."""
+    rows = np.zeros((6, len(together)))
+    for sign, body in ((1.0, one), (-1.0, other)):
+        if body is not None:
+            rows[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(_rigid(points[body] - about))
+    return rows @ together @ rows.T
+
+
+def _rigid(arm: Array) -> Array:
+    """How points at arm (n, 3) follow a translation and a rotation vector (3 n, 6)."""
+    turned = -np.cross(arm[:, None], np.eye(3)).transpose(0, 2, 1)
+    return np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), turned], axis=2).reshape(-1, 6)
