@@ -7,28 +7,45 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import CAMERAS, IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
-from truing.formats.source import CampaignFiles
+from truing.formats.source import OF_IMAGES, CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, RINGS
-from truing.stages.common.gathered import SmallTable, check_sigma, once
+from truing.stages.common.gathered import SmallTable, check_sigma, numbers, once
 from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.photographs import GivenCamera
 
 Row = dict[str, Any]
 _FORMAT = ("width_px", "height_px", "balancing_radius_px", "pixel_um")
 _NO_VALUES = ("name", "of", "poses", "images")
 _SAME = 1e-9  # of a number: as alike as two files write it
+
+
+def read_known(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable]:
+    """All that is known of a network, by the name of its artifact; what is wrong goes into ``log``."""
+    mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
+    if source.entries("images") and source.entries("image_points"):
+        expected = "either photographs (images) or rays measured elsewhere (image_points), not both"
+        log.add(Fault("campaign.toml", expected, column=f"files.{[*mapped, 'images'][0]}"))
+        log.throw()
+    targets = read_image_targets(source, tuple(board.label for board in settings.photographs.boards), log)
+    names = None if targets is None else targets.table
+    found = {
+        "image_targets": targets,
+        "scale_bars": read_scale_bars(source, names, log),
+        "known_points": read_known_points(source, names, log),
+        "cameras_given": read_cameras(source, settings, log),
+    }
+    return {name: table for name, table in found.items() if table is not None}
 
 
 def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: FaultLog) -> SmallTable | None:
@@ -46,16 +63,14 @@ def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: Faul
 
 def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The calibrated lengths, their ends by the names that points have; None where there are none."""
-    import pyarrow as pa
-
     found = gather(source, SCALE_BARS, log, "pose")
     if found is None or lacks(found, SCALE_BARS.required):
         return None
     once(found, log, ("pose", "bar") if "pose" in found.table.column_names else ("bar",))
-    found.fault(log, _numbers(found.table, "length_mm") <= 0.0, "length_mm", "a number above 0")
-    check_sigma(found, _numbers(found.table, "sigma_mm"), "sigma_mm", "mm", log)
+    found.fault(log, numbers(found, "length_mm") <= 0.0, "length_mm", "a number above 0")
+    check_sigma(found, numbers(found, "sigma_mm"), "sigma_mm", "mm", log)
     if "repeat_sigma_mm" in found.table.column_names:
-        check_sigma(found, _numbers(found.table, "repeat_sigma_mm"), "repeat_sigma_mm", "mm", log, or_zero=True)
+        check_sigma(found, numbers(found, "repeat_sigma_mm"), "repeat_sigma_mm", "mm", log, or_zero=True)
     table = found.table
     ends = [_named(table, name, targets) for name in ("first", "second")]
     found.fault(log, ends[0] == ends[1], "second", "another point than the first")
@@ -68,8 +83,6 @@ def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultL
 
 def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """Points whose coordinates are known, with their standard deviations; None where there are none."""
-    import pyarrow as pa
-
     found = gather(source, KNOWN_POINTS, log, "pose")
     if found is None or lacks(found, KNOWN_POINTS.required):
         return None
@@ -87,7 +100,7 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
         if name not in table.column_names or table.column(name).null_count:
             log.add(Fault(found.first_file, "a standard deviation in every row", column=name))
             return None
-        check_sigma(found, _numbers(table, name), name, "mm", log)
+        check_sigma(found, numbers(found, name), name, "mm", log)
     table = table.drop_columns([name for name in ("body", "target") if name in table.column_names])
     return SmallTable(_as_artifact("known_points", table), dict(found.left_out))
 
@@ -104,13 +117,7 @@ def _named(table: pa.Table, column: str, targets: pa.Table | None) -> NDArray[np
     return own_names(np.array([name or "" for name in table.column(column).to_pylist()], dtype=object), targets)[0]
 
 
-def _numbers(table: pa.Table, name: str) -> NDArray[np.float64]:
-    return np.asarray(table.column(name).to_numpy(zero_copy_only=False), dtype=float)
-
-
 def _filled(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.Table:
-    import pyarrow as pa
-
     constant = pa.scalar(value, kind)
     if name not in table.column_names:
         return table.append_column(name, pa.repeat(constant, len(table)))
@@ -119,8 +126,6 @@ def _filled(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.
 
 def _as_artifact(name: str, table: pa.Table) -> pa.Table:
     """A table in the artifact's columns and types; what is wrong with it has been noted elsewhere."""
-    import pyarrow as pa
-
     artifact = ARTIFACTS[name]
     names = [key for key in (*artifact.columns, *artifact.optional) if key in table.column_names]
     text = "pose" in names and pa.types.is_string(table.schema.field("pose").type)
@@ -216,8 +221,6 @@ def _free(words: str | None, file: str, log: FaultLog) -> tuple[str, ...]:
 
 def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
     """The table cameras_given, a row per parameter, from one of each camera as the table cameras has it."""
-    import pyarrow as pa
-
     long = []
     for camera, row in rows.items():
         about = _about(row)
@@ -283,7 +286,5 @@ def _keys(table: pa.Table) -> list[tuple[str, str, str]]:
 
 
 def _with_owners(table: pa.Table, owner: Mapping[tuple[str, str], str]) -> pa.Table:
-    import pyarrow as pa
-
     names = [owner.get((pose, image), camera) for pose, image, camera in _keys(table)]
     return table.set_column(table.column_names.index("camera"), "camera", pa.array(names, pa.string()))

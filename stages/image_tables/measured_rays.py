@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import FaultLog
@@ -15,13 +16,11 @@ from truing.formats.shapes import IMAGE_POINTS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
-from truing.stages.common.gathered import check_sigma, check_variance
+from truing.stages.common.gathered import check_sigma, check_variance, numbers
 from truing.stages.image_tables.point_names import Names, kind_of, own_names
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 Array = NDArray[np.float64]
+Formats = Mapping[str, Mapping[str, Any]]  # a row of cameras_given by camera
 
 ONE_CAMERA = "camera"
 """What the camera is called where nothing names it."""
@@ -33,36 +32,43 @@ _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 
 
 @dataclass(frozen=True)
-class MeasuredRays:
-    """The tables image_points and photographs, what was left out, by (file, reason), and how many rays came without a
-    standard deviation."""
+class RayTables:
+    """The tables image_points, photographs and image_rejections, what was left out, by (file, reason), and how many
+    rays measured elsewhere came without a standard deviation."""
 
     image_points: pa.Table
     photographs: pa.Table
+    image_rejections: pa.Table
     left_out: Mapping[tuple[str, str], int]
     without_sigma: int = 0
 
 
-def read_rays(
-    source: CampaignFiles, settings: Any, targets: pa.Table | None, cameras: pa.Table | None, log: FaultLog
-) -> MeasuredRays | None:
+def artifact_table(name: str, columns: Mapping[str, Any], identifier: str) -> pa.Table:
+    """The columns as an artifact, NaN as empty; what is wrong with them is told elsewhere."""
+    schema = ARTIFACTS[name].arrow_schema(identifier, tuple(columns))
+    made = [
+        columns[field.name].cast(field.type)
+        if isinstance(columns[field.name], pa.ChunkedArray)
+        else pa.array(columns[field.name], field.type, from_pandas=True)
+        for field in schema
+    ]
+    return pa.table(made, schema=pa.schema([field.with_nullable(True) for field in schema]))
+
+
+def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table], log: FaultLog) -> RayTables | None:
     """The rays of [files.image_points]; None where there are none, or none that could be read.
 
-    Names of codes become those of the table image_targets (``targets``); formats come from ``cameras``.
+    known: image_targets, which names codes, and cameras_given with the formats, where there are any.
     """
     found = gather(source, IMAGE_POINTS, log, "pose")
-    if found is None:
-        return None
-    missing = [name for name in IMAGE_POINTS.required if name not in found.table.column_names]
-    if missing:
+    if found is None or any(name not in found.table.column_names for name in IMAGE_POINTS.required):
         return None  # told when the file was read
-    point, body, target = _names(found, targets)
+    point, body, target = _names(found, known.get("image_targets"))
     camera = _text(found, "camera", ONE_CAMERA)
     _once(found, log, point)
     _one_camera(found, log, camera)
     covariance = _covariance(found, settings, log)
-    kind = _text(found, "kind")
-    kind = np.array([own or kind_of(name) for own, name in zip(kind, _text(found, "point"), strict=True)], dtype=object)
+    kinds = zip(_text(found, "kind"), _text(found, "point"), strict=True)
     columns = {
         "pose": found.table.column("pose"),
         "image": _text(found, "image"),
@@ -70,16 +76,20 @@ def read_rays(
         "point": point,
         "body": body,
         "target": target,
-        "kind": kind,
+        "kind": [own or kind_of(name) for own, name in kinds],
         "x_px": found.table.column("x_px"),
         "y_px": found.table.column("y_px"),
         **dict(zip(_COVARIANCE, covariance.T, strict=True)),
         **{name: found.table.column(name) for name in _CIRCLE if name in found.table.column_names},
     }
-    image_points = _as_table("image_points", columns)
-    photographs = _photographs(image_points, cameras, found, log)
-    _within_format(found, camera, cameras, log)
-    return MeasuredRays(image_points, photographs, dict(found.left_out), _without_sigma(found))
+    identifier = "int64" if pa.types.is_int64(found.table.column("pose").type) else "string"
+    image_points = artifact_table("image_points", columns, identifier)
+    given = known.get("cameras_given")
+    formats = {} if given is None else {row["camera"]: row for row in given.to_pylist()}
+    photographs = _photographs(image_points, formats, found, log, identifier)
+    _within_format(found, camera, formats, log)
+    none = ARTIFACTS["image_rejections"].empty(identifier)
+    return RayTables(image_points, photographs, none, dict(found.left_out), _without_sigma(found))
 
 
 def _names(found: Gathered, targets: pa.Table | None) -> tuple[Names, Names, Names]:
@@ -119,11 +129,10 @@ def _one_camera(found: Gathered, log: FaultLog, camera: Names) -> None:
     found.fault(log, other, "camera", "one camera for all points of an image")
 
 
-def _within_format(found: Gathered, camera: Names, cameras: pa.Table | None, log: FaultLog) -> None:
+def _within_format(found: Gathered, camera: Names, formats: Formats, log: FaultLog) -> None:
     """No ray lies outside the format that its camera is given, but for a hundredth of it."""
-    formats = {} if cameras is None else {row["camera"]: row for row in cameras.to_pylist()}
     for side, name in (("width_px", "x_px"), ("height_px", "y_px")):
-        at = _numbers(found, name)
+        at = numbers(found, name)
         for one, given in formats.items():
             if (size := given.get(side)) is not None:
                 outside = (camera == one) & ((at < -_MARGIN * size) | (at > (1 + _MARGIN) * size))
@@ -139,13 +148,13 @@ def _covariance(found: Gathered, settings: Any, log: FaultLog) -> Array:
         out[:] = [declared**2, 0.0, declared**2]
     for k, name in ((0, "sigma_x_px"), (2, "sigma_y_px")):
         if name in names:
-            sigma = _numbers(found, name)
+            sigma = numbers(found, name)
             check_sigma(found, sigma, name, "px", log, cure=_UNKNOWN)
             out[:, k] = np.where(np.isfinite(sigma), sigma**2, out[:, k])
             out[:, 1] = 0.0
     for k, name in enumerate(_COVARIANCE):
         if name in names:
-            out[:, k] = _numbers(found, name)
+            out[:, k] = numbers(found, name)
             if k != 1:
                 check_variance(found, out[:, k], name, "px", log)
     if not np.isfinite(out).all():
@@ -162,53 +171,20 @@ def _without_sigma(found: Gathered) -> int:
     own = np.zeros(len(found.table), dtype=bool)
     for name in ("sigma_x_px", _COVARIANCE[0]):
         if name in found.table.column_names:
-            own |= np.isfinite(_numbers(found, name))
+            own |= np.isfinite(numbers(found, name))
     return int(np.count_nonzero(~own))
 
 
-def _numbers(found: Gathered, name: str) -> Array:
-    return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
-
-
-def _photographs(image_points: pa.Table, cameras: pa.Table | None, found: Gathered, log: FaultLog) -> pa.Table:
+def _photographs(image_points: pa.Table, formats: Formats, found: Gathered, log: FaultLog, identifier: str) -> pa.Table:
     """One row per image, in order of appearance, with the format that its camera is given."""
     keys = ("pose", "image", "camera")
     images = list(dict.fromkeys(zip(*(image_points.column(key).to_pylist() for key in keys), strict=True)))
-    given = {} if cameras is None else {row["camera"]: row for row in cameras.to_pylist()}
     for camera in dict.fromkeys(camera for _, _, camera in images):
-        if given.get(camera, {}).get("width_px") is None:
+        if formats.get(camera, {}).get("width_px") is None:
             said = f"[[cameras]] or the table cameras with width_px and height_px of camera {camera}"
             log.add(Fault(found.first_file, said, column="camera", value=str(camera)))
-    formats = [given.get(camera, {}) for _, _, camera in images]
     columns: dict[str, Any] = {key: [image[k] for image in images] for k, key in enumerate(keys)}
     columns |= {"file": [None] * len(images), "principal_distance_px": [None] * len(images)}
-    columns |= {name: [one.get(name) for one in formats] for name in ("width_px", "height_px")}
-    columns["pose"] = _chosen(image_points.column("pose"), columns["pose"])
-    return _as_table("photographs", columns)
-
-
-def _chosen(column: pa.ChunkedArray, values: list[Any]) -> pa.Array:
-    import pyarrow as pa
-
-    return pa.array(values, column.type)
-
-
-def _as_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
-    """The columns as an artifact, its poses of the kind that they are."""
-    import pyarrow as pa
-
-    pose = columns["pose"]
-    identifier = "int64" if pa.types.is_int64(pose.type) else "string"
-    artifact = ARTIFACTS[name]
-    names = [key for key in (*artifact.columns, *artifact.optional) if key in columns]
-    schema = artifact.arrow_schema(identifier, tuple(names))
-    cast = [_typed(columns[key], schema.field(key).type) for key in schema.names]
-    return pa.table(cast, schema=pa.schema([field.with_nullable(True) for field in schema]))
-
-
-def _typed(values: Any, kind: pa.DataType) -> pa.Array:
-    import pyarrow as pa
-
-    if isinstance(values, pa.Array | pa.ChunkedArray):
-        return values.cast(kind)
-    return pa.array(values, kind)
+    sides = ("width_px", "height_px")
+    columns |= {name: [formats.get(camera, {}).get(name) for _, _, camera in images] for name in sides}
+    return artifact_table("photographs", columns, identifier)

@@ -1,0 +1,112 @@
+"""All targets of one photograph, of every kind that is looked for: names, image points with covariance, rejections."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.image_targets.boards import BoardPlan, measure_board
+from truing.estimation.image_targets.circles import CirclePlan, measure_circles
+from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
+from truing.estimation.image_targets.ring_codes import family_of_rings
+from truing.estimation.image_targets.square_markers import measure_markers
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TargetPlan:
+    """What is looked for: families of ring codes, circles without a code, families of markers, boards; circles lighter
+    than their ground (white), darker or both, least semi-minor and largest semi-major axis in px."""
+
+    rings: tuple[str, ...]
+    uncoded: bool
+    markers: tuple[str, ...]
+    boards: tuple[BoardPlan, ...]
+    polarity: Literal["white", "black", "both"]
+    smallest_px: float
+    largest_px: float
+
+
+@dataclass(frozen=True)
+class PhotographTargets:
+    """Image points: names (N,) (empty: uncoded), kinds (N,), xy_px (N, 2), cov_px2 (N, 2, 2), ellipse (N, 3) of circles
+    (semi-axes in px, direction in rad; NaN of others), contrast (N,) over the noise; and how many candidates were
+    rejected, by kind and reason."""
+
+    names: NDArray[np.object_]
+    kinds: NDArray[np.object_]
+    xy_px: Array
+    cov_px2: Array
+    ellipse: Array
+    contrast: Array
+    rejected: Counter[tuple[str, str]]
+
+
+def measure_targets(grey: NDArray, plan: TargetPlan) -> PhotographTargets:
+    """Measure all targets of a grey image (h, w) of 8 or 16 bits. A name that stands in it twice tells of neither which
+    it is: both are rejected."""
+    noise = estimate_noise(grey)
+    parts = [_part([], [], np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), noise)]
+    if plan.rings or plan.uncoded:
+        parts.append(_circles(grey, plan, noise))
+    if plan.markers:
+        parts.append(_markers(grey, plan.markers, noise))
+    parts += [_board(grey, board, noise) for board in plan.boards]
+    rejected = sum((part.rejected for part in parts), Counter())
+    names, kinds, xy, cov, ellipse, contrast = (
+        np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(PhotographTargets)[:-1]
+    )
+    times = Counter(names.tolist())
+    once = np.array([not name or times[name] < 2 for name in names], dtype=bool)
+    rejected.update((kind, "code seen twice in one image") for kind in kinds[~once])
+    return PhotographTargets(names[once], kinds[once], xy[once], cov[once], ellipse[once], contrast[once], rejected)
+
+
+def _part(
+    names: list[str],
+    kinds: list[str],
+    xy: Array,
+    cov: Array,
+    contrast: Array,
+    noise: ImageNoise,
+    ellipse: Array | None = None,
+) -> PhotographTargets:
+    """Image points of one kind, without ellipses where none are given; contrast (N,) in grey levels."""
+    over_noise = contrast / np.sqrt(np.maximum(noise.variance(0.5 * contrast), 1e-12))
+    ellipse = np.full((len(xy), 3), np.nan) if ellipse is None else ellipse
+    words = np.array(names, dtype=object), np.array(kinds, dtype=object)
+    return PhotographTargets(*words, xy, cov, ellipse, over_noise, Counter())
+
+
+def _circles(grey: NDArray, plan: TargetPlan, noise: ImageNoise) -> PhotographTargets:
+    codes = tuple(map(family_of_rings, plan.rings))
+    wanted = CirclePlan(codes, plan.uncoded, plan.polarity, plan.smallest_px, plan.largest_px)
+    seen = measure_circles(grey, wanted, noise)
+    ellipse = np.column_stack([seen.semi_axes_px, seen.axis_angle_rad])
+    found = _part(seen.names, seen.kinds, seen.centre_px, seen.cov_px2, seen.contrast, noise, ellipse)
+    found.rejected.update({("circle", reason): count for reason, count in seen.rejected.items()})
+    return found
+
+
+def _markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise) -> PhotographTargets:
+    seen = measure_markers(grey, families, noise)
+    kind = ["apriltag" if family.startswith("apriltag") else "aruco" for family in families]
+    numbers = zip(seen.family.tolist(), seen.code.tolist(), seen.corner.tolist(), strict=True)
+    names = [f"{families[family]}-{code}.{corner}" for family, code, corner in numbers]
+    found = _part(names, [kind[k] for k in seen.family], seen.xy_px, seen.cov_px2, seen.contrast, noise)
+    for (family, reason), count in seen.rejected.items():
+        found.rejected[kind[family], reason] += count
+    return found
+
+
+def _board(grey: NDArray, board: BoardPlan, noise: ImageNoise) -> PhotographTargets:
+    seen = measure_board(grey, board, noise)
+    names = [f"{board.name}-{number}" for number in seen.number.tolist()]
+    found = _part(names, [board.kind] * len(names), seen.xy_px, seen.cov_px2, seen.contrast, noise)
+    found.rejected.update({(board.kind, reason): count for reason, count in seen.rejected.items()})
+    return found
