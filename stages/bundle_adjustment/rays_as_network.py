@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera import PARAMETERS, Camera
@@ -22,10 +23,7 @@ from truing.estimation.bundle.network import (
     Pose,
     Rays,
 )
-from truing.stages.common.point_arrays import number_column, pose_ids, positions, text_column
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from truing.stages.common.point_arrays import number_column, points_and_cov, pose_ids, positions, text_column
 
 Array = NDArray[np.float64]
 _CORNERS = 4
@@ -136,6 +134,20 @@ def named_network(
     return NamedNetwork(network, poses, images, names, *who, table.kinds, rows, bar_names, markers)
 
 
+def stated_sizes(targets: pa.Table | None, column: str) -> dict[str, float]:
+    """The sizes in mm that a column of image_targets states, by the name body/target."""
+    if targets is None or column not in targets.column_names:
+        return {}
+    rows = targets.select(["body", "target", column]).to_pylist()
+    return {f"{row['body']}/{row['target']}": row[column] for row in rows if row[column]}
+
+
+def radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float]:
+    """The radii in m of circular targets by the names of their points; of those that no table tells under ""."""
+    found = {} if target_mm is None else {"": 0.5e-3 * target_mm}
+    return found | {name: 0.5e-3 * size for name, size in stated_sizes(targets, "diameter_mm").items()}
+
+
 def bar_ends(
     bars: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]
 ) -> list[tuple[int, int, int, int]]:
@@ -174,8 +186,6 @@ def _bars(
 def _known(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]) -> KnownPoints:
     if table is None:
         return KnownPoints.none()
-    from truing.stages.common.point_arrays import points_and_cov
-
     xyz, cov = points_and_cov(table)
     own = table.column("pose").to_pylist() if "pose" in table.column_names else [None] * len(table)
     found = [
@@ -190,10 +200,7 @@ def _known(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[in
 
 def _markers(pose: Index, names: Names, body: Names, targets: pa.Table | None, marker_mm: float | None) -> Markers:
     """Square markers of which a pose has all four corners, and whose edge is known."""
-    sizes = {}
-    if targets is not None and "size_mm" in targets.column_names:
-        rows = targets.select(["body", "target", "size_mm"]).to_pylist()
-        sizes = {f"{row['body']}/{row['target']}": row["size_mm"] for row in rows if row["size_mm"]}
+    sizes = stated_sizes(targets, "size_mm")
     corners: dict[tuple[int, str], dict[int, int]] = {}
     for number, (p, name) in enumerate(zip(pose.tolist(), names.tolist(), strict=True)):
         stem, _, corner = name.rpartition(".")

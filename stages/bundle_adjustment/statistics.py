@@ -2,37 +2,34 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera_stability import image_stability, moved_by_settings
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network import State
 from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions
+from truing.estimation.bundle.start_values import scale_ratio
 from truing.estimation.bundle.variance_components import POOLED, VarianceComponents
-from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.report.numbers import count as counted
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.photograph_artifacts import BENT, FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA, SHARED
 from truing.stages.bundle_adjustment.survey_distances import SurveyedPoints
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from truing.stages.bundle_adjustment.tables import table_of_rows
 
 Figure = tuple[str, str, float | None, str]
+Array = NDArray[np.float64]
 
 _SIMILARITY = 7  # freedoms of a pose whose scale nothing gives, either
-Array = NDArray[np.float64]
 _FEWEST = 4  # points of a body: fewer tell no scale of it
-_SPREAD = 0.05  # of the larger extent: points on a line tell none, either
 
 
-def statistics_table(found: AdjustedNetwork, more: Sequence[Figure] = ()) -> pa.Table:
+def statistics_table(found: AdjustedNetwork, more: Sequence[Figure]) -> pa.Table:
     """The table bundle_statistics, with more figures behind those of the adjustment."""
-    import pyarrow as pa
-
     adjusted, snooped, named = found.adjustment, found.snooped, found.named
     used, rays = adjusted.used, named.network.rays
     unknowns = 2 * int(used.sum()) + int(adjusted.defect.sum()) - adjusted.redundancy
@@ -167,7 +164,7 @@ def _of_survey(places: dict[str, Array], survey: SurveyedPoints | None) -> list[
     for body in dict.fromkeys(survey.bodies.tolist()):
         own = [k for k in np.flatnonzero(survey.bodies == body) if survey.names[k] in places]
         if len(own) >= _FEWEST:
-            told = _ratio(np.array([places[survey.names[k]] for k in own]), survey.xyz_m[own])
+            told = scale_ratio(np.array([places[survey.names[k]] for k in own]), 1e-3 * survey.xyz_mm[own])
             found += [(f"survey of {body}", *told)] if told else []
     return found
 
@@ -179,29 +176,13 @@ def _of_known(found: AdjustedNetwork, state: State, pose: int) -> list[tuple[str
     rows = np.flatnonzero(here & np.isfinite(state.points[network.known.point, 0]))
     if found.adjustment.datum != "known" or len(rows) < _FEWEST:
         return []
-    told = _ratio(state.points[network.known.point[rows]], network.known.xyz_m[rows])
+    told = scale_ratio(state.points[network.known.point[rows]], network.known.xyz_m[rows])
     return [("known points", *told)] if told else []
-
-
-def _ratio(seen: Array, stated: Array) -> tuple[float, float] | None:
-    """Stated lengths over those seen, with sigma by what is left; by least absolute distances, as some may be wrong."""
-    extent = np.linalg.svd(stated - stated.mean(0), compute_uv=False)
-    if extent[1] < _SPREAD * extent[0]:
-        return None
-    weight = np.ones(len(seen))
-    for _ in range(20):
-        fit = umeyama(seen[None], stated[None], weight[None], with_scale=True)
-        off = np.linalg.norm(fit.scale[0] * seen @ fit.R[0].T + fit.t[0] - stated, axis=1)
-        weight = 1.0 / np.maximum(off, 1e-9 + 1e-3 * np.median(off))
-        weight /= weight.max()
-    return float(fit.scale[0]), float(np.median(off) / (0.6745 * extent[0]))
 
 
 def image_cameras(found: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, str, float, str]]]:
     """The table image_cameras, a row per image whose principal distance its rays tell; and figures: a p-value per
     camera, and by how much points of each pose move where images that differ are given a camera of their own."""
-    import pyarrow as pa
-
     named, network = found.named, found.adjustment.network
     stable = image_stability(found.snooped.by_rays, found.snooped.components.of_rays())
     rows = [
@@ -216,8 +197,24 @@ def image_cameras(found: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, str
         for own in stable
         for k, image in enumerate(own.images.tolist())
     ]
-    text = any(isinstance(pose, str) for pose in named.poses)
-    table = pa.Table.from_pylist(rows, schema=ARTIFACTS["image_cameras"].arrow_schema("string" if text else "int64"))
     figures = [(SHARED, network.cameras[own.camera].name, own.p_value, "1") for own in stable]
     moved = [(BENT, f"pose {named.poses[pose]}", value, "1") for pose, value in moved_by_settings(found, stable)]
-    return table, figures + moved
+    return table_of_rows("image_cameras", rows, named), figures + moved
+
+
+def left_out(found: AdjustedNetwork, unseen: Sequence[str]) -> str:
+    """Rays that took no part and why, elements of cameras that were held, bars that no pose shows, in words."""
+    reasons = Counter([*found.snooped.rejected.reason, *found.unmatched_reason])
+    said = [f"{counted(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
+    held = ", ".join(f"{camera} {element}" for camera, element in found.snooped.held)
+    said += [f"held, since these images do not determine them: {held}"] if held else []
+    return "; ".join([*said, *unseen]) or "nothing"
+
+
+def main_figure(found: AdjustedNetwork) -> str:
+    """How much was adjusted, and how well the rays fit, in words."""
+    adjusted = found.adjustment
+    sigma0 = found.snooped.sigma0.variance_factor**0.5
+    points = set(found.named.network.rays.point[adjusted.used].tolist())
+    poses = counted(len({int(found.named.network.point_pose[point]) for point in points}), "pose")
+    return f"{counted(len(points), 'object point')} of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"

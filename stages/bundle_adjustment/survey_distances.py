@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.formats.faultlog import FaultLog
@@ -15,10 +16,8 @@ from truing.formats.shapes import TARGETS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
+from truing.stages.bundle_adjustment.rays_as_network import stated_sizes
 from truing.stages.common.point_arrays import number_column
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 
@@ -27,56 +26,24 @@ PRINTED_TO = 1e-3
 _SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 
 
-@dataclass(frozen=True)
-class Survey:
-    """What campaign.toml says of the survey: whether [files] maps it, its noise, and the body whose shape is trusted
-    (None: that of every body)."""
-
-    mapped: bool
-    noise_mm: float | None
-    reference: str | None
-
-    @classmethod
-    def of(cls, settings: Any) -> Survey:
-        """As the settings say; a mechanism stands on its base."""
-        base = "base" if settings.mechanism.type != "none" else None
-        return cls(bool(settings.files.targets), settings.noise.point_mm, settings.bodies.reference or base)
-
-
-@dataclass(frozen=True)
-class Printed:
-    """What is stated of printed targets: the edge of markers that no table tells, and the boards with their squares."""
-
-    marker_mm: float | None = None
-    boards: tuple[Any, ...] = ()
-
-
-def with_scale(
-    tables: Mapping[str, pa.Table],
-    survey: Survey,
-    source: CampaignFiles,
-    printed: Printed,
-    *,
-    known: bool,
-) -> Mapping[str, pa.Table]:
-    """The tables with further scale bars for poses that show both ends of none, unless (known) known points are their
-    datum: distances between surveyed targets, else diagonals of markers and boards of known size; as they are without
+def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles) -> Mapping[str, pa.Table]:
+    """The tables with further scale bars for poses that show both ends of none, unless known points are their datum:
+    distances between surveyed targets, else diagonals of markers and boards of known size; as they are without
     either."""
     bars, rays = tables.get("scale_bars"), tables["image_points"]
     seen = _seen_in_poses(rays)
     lacking = [pose for pose in seen if pose not in _with_bar(bars, seen)]
-    if known or not lacking:
+    has_datum = settings.photographs.datum == "known" and "known_points" in tables
+    if has_datum or not lacking:
         return tables
-    every = frozenset().union(*seen.values())
-    found = _surveyed(survey, source, every) if survey.mapped or source.entries("targets") else []
+    every, noise_mm = frozenset().union(*seen.values()), settings.noise.point_mm
+    found = _surveyed(settings, surveyed_points(source, every, noise_mm))
     found = found or [
-        *_markers(tables.get("image_targets"), every, printed.marker_mm, survey.noise_mm),
-        *(bar for board in printed.boards for bar in _board(board, list(seen.values()), survey.noise_mm)),
+        *_markers(tables.get("image_targets"), every, settings.photographs.marker_mm, noise_mm),
+        *(bar for board in settings.photographs.boards for bar in _board(board, list(seen.values()), noise_mm)),
     ]
     if not found:
         return tables
-    import pyarrow as pa
-
     if len(lacking) < len(seen):
         found = [{"pose": pose, **row} for pose in lacking for row in found]
     schema = ARTIFACTS["scale_bars"].arrow_schema(str(rays.schema.field("pose").type), tuple(found[0]))
@@ -126,10 +93,7 @@ def _markers(
     They are lengths with an error that all poses share, also where nothing says how well they are known: each pose
     would else keep the scale that its start values happened to have.
     """
-    sizes: dict[str, float] = {}
-    if targets is not None and "size_mm" in targets.column_names:
-        rows = targets.select(["body", "target", "size_mm"]).to_pylist()
-        sizes = {f"{row['body']}/{row['target']}": row["size_mm"] for row in rows if row["size_mm"]}
+    sizes = stated_sizes(targets, "size_mm")
     found: list[dict[str, object]] = []
     for stem in sorted({point.rpartition(".")[0] for point in seen} - {""}):
         size = sizes.get(stem) or (marker_mm if stem.startswith(("aruco", "apriltag")) or "/" in stem else None)
@@ -163,45 +127,47 @@ def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -
     return []
 
 
-def _surveyed(survey: Survey, source: CampaignFiles, seen: frozenset[str]) -> list[dict[str, object]]:
+def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, object]]:
     """Rows of scale_bars: the longest distances of the reference body (of every one where none is) whose ends no other
-    shares, so that their errors are independent."""
-    found = gather(source, TARGETS, FaultLog())  # what is wrong with the survey is told when it is read for the poses
-    if found is None or any(name not in found.table.column_names for name in TARGETS.required):
+    shares, so that their errors are independent. A mechanism stands on its base, whose shape is trusted."""
+    if survey is None:
         return []
-    table = found.table
-    body, target = (np.array(table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))
-    xyz = np.column_stack([number_column(table, f"{axis}_mm") for axis in "xyz"])
-    variance = np.column_stack([_variance(table, name, survey.noise_mm) for name in _SIGMA])
-    name = np.array([_name(*both, seen) for both in zip(body, target, strict=True)], dtype=object)
-    known = (name != "") & np.isfinite(xyz).all(1) & np.isfinite(variance).all(1)
-    rows = []
-    for one in dict.fromkeys(body[known]) if survey.reference is None else (survey.reference,):
-        own = np.flatnonzero(known & (body == one))
-        for first, second in _apart(xyz[own]):
-            rows.append(_row(name[own], xyz[own], variance[own], first, second))
+    reference = settings.bodies.reference or ("base" if settings.mechanism.type != "none" else None)
+    known, rows = np.isfinite(survey.variance_mm2).all(1), []
+    for one in dict.fromkeys(survey.bodies[known]) if reference is None else (reference,):
+        own = np.flatnonzero(known & (survey.bodies == one))
+        name, xyz, variance = survey.names[own], survey.xyz_mm[own], survey.variance_mm2[own]
+        for first, second in _apart(xyz):
+            apart = xyz[second] - xyz[first]
+            length = float(np.linalg.norm(apart))
+            sigma = float(np.sqrt((variance[first] + variance[second]) @ (apart / length) ** 2))
+            bar = f"{FROM_SURVEY}{name[first]} to {name[second]}"
+            rows.append(_bar(bar, (name[first], name[second]), length, sigma))
     return rows
 
 
 @dataclass(frozen=True)
 class SurveyedPoints:
-    """Surveyed targets that rays see: names (N,) as rays call them, bodies (N,), places (N, 3) in the body's frame."""
+    """Surveyed targets that rays see: names (N,) as rays call them, bodies (N,), places xyz_mm (N, 3) in the body's
+    frame, their variances (N, 3) in mm^2, NaN where neither the survey nor the campaign states them."""
 
     names: NDArray[np.object_]
     bodies: NDArray[np.object_]
-    xyz_m: Array
+    xyz_mm: Array
+    variance_mm2: Array
 
 
-def surveyed_points(source: CampaignFiles, seen: frozenset[str]) -> SurveyedPoints | None:
+def surveyed_points(source: CampaignFiles, seen: frozenset[str], noise_mm: float | None) -> SurveyedPoints | None:
     """The survey of targets that rays see; None where there is none."""
     found = gather(source, TARGETS, FaultLog())  # what is wrong with the survey is told when it is read for the poses
     if found is None or any(name not in found.table.column_names for name in TARGETS.required):
         return None
     body, target = (np.array(found.table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))
-    xyz = np.column_stack([number_column(found.table, f"{axis}_mm") for axis in "xyz"]) * 1e-3
+    xyz = np.column_stack([number_column(found.table, f"{axis}_mm") for axis in "xyz"])
+    variance = np.column_stack([_variance(found.table, name, noise_mm) for name in _SIGMA])
     name = np.array([_name(*both, seen) for both in zip(body, target, strict=True)], dtype=object)
     known = (name != "") & np.isfinite(xyz).all(1)
-    return SurveyedPoints(name[known], body[known], xyz[known])
+    return SurveyedPoints(name[known], body[known], xyz[known], variance[known])
 
 
 def _variance(table: pa.Table, name: str, declared: float | None) -> Array:
@@ -226,13 +192,6 @@ def _apart(xyz: Array) -> list[tuple[int, int]]:
             pairs.append((a, b))
             taken |= {a, b}
     return pairs
-
-
-def _row(name: NDArray[np.object_], xyz: Array, variance: Array, first: int, second: int) -> dict[str, object]:
-    apart = xyz[second] - xyz[first]
-    length = float(np.linalg.norm(apart))
-    sigma = float(np.sqrt((variance[first] + variance[second]) @ (apart / length) ** 2))
-    return _bar(f"{FROM_SURVEY}{name[first]} to {name[second]}", (name[first], name[second]), length, sigma)
 
 
 def _bar(bar: str, ends: tuple[str, str], length_mm: float, sigma_mm: float) -> dict[str, object]:

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
+from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.known_points import KnownPointErrors, KnownTested
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork, KnownElsewhereError
-from truing.estimation.bundle.network import ImagePoints, NamedNetwork, Network
+from truing.estimation.bundle.network import ImagePoints, NamedNetwork
 from truing.estimation.bundle.network_statistics import intersections
 from truing.estimation.rotation import log_so3
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.stages.bundle_adjustment.rays_as_network import bar_ends
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -41,7 +40,6 @@ class NetworkTables:
         self.factor = float(factor) if np.isfinite(factor) else 1.0
         self.covariance = self.adjusted.covariance
         self.poses = [p for p in range(len(self.named.poses)) if len(self.covariance.point_numbers(p))]
-        self.text = any(isinstance(pose, str) for pose in self.named.poses)
         common = self.covariance.common * self.factor
         self.common_sigma = np.sqrt(np.diagonal(common))
         self.common = common
@@ -90,7 +88,7 @@ class NetworkTables:
                 "largest_angle_deg": np.degrees(met.largest_angle[numbers]),
                 "rms_px": square[numbers],
             },
-            self.text,
+            self.named,
         )
 
     def _squares(self, index: Index, count: int) -> Array:
@@ -115,7 +113,7 @@ class NetworkTables:
             names = self.named.points[numbers]
             pose_column = self._pose(np.full(len(first), pose))
             parts.append({"pose": pose_column, "point": names[first], "other_point": names[second], **pairs})
-        return _joined("point_correlations", parts, self.text)
+        return _joined("point_correlations", parts, self.named)
 
     def point_sensitivities(self) -> pa.Table:
         """A row per point and parameter common to all poses: what one standard deviation of it does."""
@@ -133,7 +131,7 @@ class NetworkTables:
                     **{f"effect_{a}_mm": effect[point, k, parameter] for k, a in enumerate(_AXES)},
                 }
             )
-        return _joined("point_sensitivities", parts, self.text)
+        return _joined("point_sensitivities", parts, self.named)
 
     def cameras(self) -> pa.Table:
         """A row per camera and parameter; without sigma where it was held."""
@@ -159,7 +157,7 @@ class NetworkTables:
                         **about,
                     }
                 )
-        return _from_rows("cameras", rows, self.text)
+        return table_of_rows("cameras", rows, self.named)
 
     def camera_correlations(self) -> pa.Table:
         """A row per pair of parameters that are common to all poses."""
@@ -167,7 +165,7 @@ class NetworkTables:
         correlation = np.clip(self.common / self.common_sigma[:, None] / self.common_sigma, -1.0, 1.0)
         names = np.array(self.parameters, dtype=object)
         columns = {"parameter": names[first], "other_parameter": names[second]}
-        return _table("camera_correlations", {**columns, "correlation": correlation[first, second]}, self.text)
+        return _table("camera_correlations", {**columns, "correlation": correlation[first, second]}, self.named)
 
     def image_orientations(self) -> pa.Table:
         """A row per oriented image."""
@@ -191,7 +189,7 @@ class NetworkTables:
                 "rms_px": self._squares(self.network.rays.image, count)[numbers],
                 "status": np.full(len(numbers), "ok", dtype=object),
             },
-            self.text,
+            self.named,
         )
 
     def image_residuals(self) -> pa.Table:
@@ -223,7 +221,7 @@ class NetworkTables:
             "rejected": np.concatenate([~self.adjusted.used, np.ones(len(lost), bool)]),
             "reason": np.concatenate([reason, self.found.unmatched_reason]),
         }
-        return _table("image_residuals", both, self.text)
+        return _table("image_residuals", both, self.named)
 
     def _camera(self, image: Index) -> NDArray[np.object_]:
         names = np.array([camera.name for camera in self.network.cameras], dtype=object)
@@ -244,7 +242,7 @@ class NetworkTables:
                 {"pose": self.named.poses[pose], **told, "adjusted_mm": length, "adjusted_sigma_mm": sigma}
                 | {"deviation_mm": length - told["length_mm"], "deviation_sigma_mm": apart}
             )
-        return _from_rows("scale_bar_lengths", rows, self.text)
+        return table_of_rows("scale_bar_lengths", rows, self.named)
 
     def _deviation_sigma(self, told: dict[str, Any], sigma_mm: float, alone_mm: float) -> float:
         """Of adjusted less calibrated: both together where the bar checks; the difference of the squares where it took
@@ -278,34 +276,38 @@ def _paired(name: str, values: Array) -> dict[str, Array]:
     return {name.format(a): values[:, k] for k, a in enumerate("xy")}
 
 
-def _from_rows(name: str, rows: Sequence[dict[str, Any]], text: bool) -> pa.Table:
-    import pyarrow as pa
+def table_of_rows(name: str, rows: Sequence[dict[str, Any]], named: NamedNetwork) -> pa.Table:
+    """The rows as an artifact of a network."""
+    return pa.Table.from_pylist(list(rows), schema=ARTIFACTS[name].arrow_schema(_identifier(named)))
 
-    return pa.Table.from_pylist(list(rows), schema=ARTIFACTS[name].arrow_schema("string" if text else "int64"))
+
+def _identifier(named: NamedNetwork) -> str:
+    return "string" if any(isinstance(pose, str) for pose in named.poses) else "int64"
 
 
-def _joined(name: str, parts: Sequence[dict[str, Any]], text: bool) -> pa.Table:
+def _joined(name: str, parts: Sequence[dict[str, Any]], named: NamedNetwork) -> pa.Table:
     if not parts:
-        return ARTIFACTS[name].empty("string" if text else "int64")
-    return _table(name, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}, text)
+        return ARTIFACTS[name].empty(_identifier(named))
+    return _table(name, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}, named)
 
 
-def _table(name: str, columns: dict[str, Any], text: bool) -> pa.Table:
+def _table(name: str, columns: dict[str, Any], named: NamedNetwork) -> pa.Table:
     """The columns as an artifact, NaN as empty."""
-    import pyarrow as pa
-
-    schema = ARTIFACTS[name].arrow_schema("string" if text else "int64")
+    schema = ARTIFACTS[name].arrow_schema(_identifier(named))
     arrays = [pa.array(columns[key], schema.field(key).type, from_pandas=True) for key in schema.names]
     return pa.table(arrays, schema=schema)
 
 
-def known_points_table(named: NamedNetwork, network: Network, found: KnownTested, used: NDArray[np.bool_]) -> pa.Table:
+def known_points_table(named: NamedNetwork, found: KnownTested, used: NDArray[np.bool_]) -> pa.Table:
     """The table known_point_errors: a row per known point with rays in the network as it was given."""
-    import pyarrow as pa
-
+    network = named.network
     left = np.bincount(network.rays.point[used[: network.rays.count]], minlength=len(network.point_pose))
     seen = np.bincount(network.rays.point, minlength=len(network.point_pose))
-    told = {row: (errors, place) for pose, errors in found.errors.items() for place, row in _places(found, pose)}
+    told = {
+        row: (errors, place)
+        for pose, errors in found.errors.items()
+        for place, row in enumerate(found.rows[pose].tolist())
+    }
     rows = []
     for row, point in enumerate(network.known.point.tolist()):
         if not seen[point]:
@@ -315,13 +317,7 @@ def known_points_table(named: NamedNetwork, network: Network, found: KnownTested
             about |= {"rejected": True, "reason": about["reason"] or NO_RAY}
         pose = named.poses[network.point_pose[point]]
         rows.append({"pose": pose, "point": str(named.points[point]), "rays": int(left[point]), **about})
-    text = any(isinstance(pose, str) for pose in named.poses)
-    schema = ARTIFACTS["known_point_errors"].arrow_schema("string" if text else "int64")
-    return pa.Table.from_pylist(rows, schema=schema)
-
-
-def _places(found: KnownTested, pose: int) -> list[tuple[int, int]]:
-    return [(place, int(row)) for place, row in enumerate(found.rows[pose])]
+    return table_of_rows("known_point_errors", rows, named)
 
 
 def _about(errors: KnownPointErrors, place: int) -> dict[str, Any]:
@@ -335,6 +331,16 @@ def _about(errors: KnownPointErrors, place: int) -> dict[str, Any]:
     spread = [1e3 * float(value) if known else None for value in errors.sigma_m[place]]
     sigma = {f"sigma_{axis}_mm": value for axis, value in zip("xyz", spread, strict=True)}
     return {**off, **sigma, "p_value": float(errors.p_value[place]), "rejected": wrong, "reason": reason}
+
+
+def undetermined(error: UndeterminedNetworkError, rays: int, named: int) -> Fault:
+    """The fault of rays of which so many have a name, and which make no network."""
+    expected = "rays that make a network: images that see points in common, from different sides"
+    if named:
+        return Fault("image_points", expected, value=str(error))
+    # circles find each other along lines of sight of images that codes oriented
+    expected = f"targets with a code or a name, four in common to neighbouring images; none of {rays:,} rays has one"
+    return Fault("image_points", expected, column="point")
 
 
 def faults_of(error: KnownElsewhereError) -> list[Fault]:

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from truing.schemas.photographs import Board
-from truing.stages.bundle_adjustment.survey_distances import Printed, Survey, never_seen, with_scale
+from truing.stages.bundle_adjustment.survey_distances import never_seen, with_scale
 
 NO_FILES: Any = SimpleNamespace(entries=lambda table: ())
 CORNERS = [f"plate/M.{corner}" for corner in range(4)]
@@ -29,9 +29,11 @@ def scaled(
     image_points: pa.Table, scale_bars: pa.Table, noise_mm: float | None = 0.02, boards: tuple[Board, ...] = ()
 ) -> list[dict[str, Any]]:
     tables = {"image_points": image_points, "scale_bars": scale_bars, "image_targets": MARKER}
-    found = with_scale(
-        tables, Survey(mapped=False, noise_mm=noise_mm, reference=None), NO_FILES, Printed(None, boards), known=False
+    settings: Any = SimpleNamespace(
+        photographs=SimpleNamespace(datum="free", marker_mm=None, boards=boards),
+        noise=SimpleNamespace(point_mm=noise_mm),
     )
+    found = with_scale(tables, settings, NO_FILES)
     return [row for row in found["scale_bars"].to_pylist() if row["bar"] != "S"]
 
 

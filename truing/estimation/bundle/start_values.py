@@ -38,6 +38,8 @@ from truing.estimation.rigid_poses.umeyama import umeyama
 
 KNOWN, BARS, MARKERS, FREE, NOTHING = "known points", "scale bars", "markers", "none", "not oriented"
 _ROUNDS = 20
+_FLAT = 0.05  # of the larger extent: points nearer to a line tell no scale
+_MEDIAN_OF_NORMAL = 0.6745  # of absolute values, over the standard deviation
 _FIELD_WIDTHS = (1.25, 0.85, 1.8, 2.6, 0.6, 4.0)  # principal distance over the longer side, the usual first
 _FEW_SEEDS = 1  # beginnings tried with each field width before all are
 _PAIRS = 12  # pairs of images whose relative orientation is tried
@@ -140,7 +142,7 @@ def _similarity(
     here = own[known.point] & np.isfinite(points[known.point, 0])
     there, target = points[known.point[here]], known.xyz_m[here]
     if len(target) >= 3 and np.linalg.svd(target - target.mean(0), compute_uv=False)[1] > 1e-6:
-        return *_robust_similarity(there, target), KNOWN, KNOWN
+        return *robust_similarity(there, target), KNOWN, KNOWN
     bars = network.bars
     chosen = own[bars.first]
     lengths = [(bars.length_m[bars.bar[chosen]], bars.first[chosen], bars.second[chosen], BARS)]
@@ -160,9 +162,9 @@ def _similarity(
     return np.eye(3), 1.0 / size, np.zeros(3), FREE, FREE
 
 
-def _robust_similarity(source: Array, target: Array) -> tuple[Array, float, Array]:
-    """Return rotation, factor and shift from source to target (n, 3), by least absolute distances: a few wrong known
-    points move it little."""
+def robust_similarity(source: Array, target: Array) -> tuple[Array, float, Array]:
+    """Rotation, factor and shift from source to target (n, 3), by least absolute distances: a few wrong points move it
+    little."""
     weight = np.ones(len(source))
     for _ in range(_ROUNDS):
         fit = umeyama(source[None], target[None], weight[None], with_scale=True)
@@ -171,6 +173,17 @@ def _robust_similarity(source: Array, target: Array) -> tuple[Array, float, Arra
         weight = 1 / np.maximum(off, 1e-9 + 1e-3 * np.median(off))
         weight /= weight.max()
     return R, scale, shift
+
+
+def scale_ratio(seen: Array, stated: Array) -> tuple[float, float] | None:
+    """Stated lengths over those seen, of points (n, 3), with sigma by what the similarity leaves; None of points nearly
+    on one line."""
+    extent = np.linalg.svd(stated - stated.mean(0), compute_uv=False)
+    if extent[1] < _FLAT * extent[0]:
+        return None
+    R, scale, shift = robust_similarity(seen, stated)
+    off = np.linalg.norm(scale * seen @ R.T + shift - stated, axis=1)
+    return scale, float(np.median(off) / (_MEDIAN_OF_NORMAL * extent[0]))
 
 
 def usual_distance(network: Network) -> Array:
