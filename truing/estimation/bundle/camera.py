@@ -1,4 +1,4 @@
-"""What a camera does to a direction: principal distance, principal point, distortion with a balancing radius.
+"""What a camera does to a direction, and back: principal distance, principal point, distortion.
 
 Frame of a camera: x to the right, y down, z forward, origin in the projection centre. Image coordinates are in pixels,
 x to the right and y down, the centre of the first pixel at (0, 0). With X = (X, Y, Z) in the camera's frame:
@@ -10,17 +10,23 @@ x to the right and y down, the centre of the first pixel at (0, 0). With X = (X,
 
 where the centre is that of the format, ((width - 1) / 2, (height - 1) / 2). Brown (1971), with affinity C1 and shear C2
 and balanced radial distortion as in Luhmann et al., Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3.
+All functions take points by the row; image coordinates are smooth, so that a complex step differentiates them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+
 PARAMETERS = ("c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 UNITS = ("px", "px", "px", "px^-2", "px^-4", "px^-6", "px^-1", "px^-1", "1", "1")
+_ROUNDS = 30  # of Newton's method
+_SETTLED_PX = 1e-9
 
 
 @dataclass(frozen=True)
@@ -39,3 +45,65 @@ class Camera:
     def centre_px(self) -> NDArray[np.float64]:
         """The centre (2,) of the format in pixels."""
         return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
+
+
+def image_coordinates(interior: NDArray, centre: NDArray, radius: NDArray, X: NDArray) -> NDArray:
+    """Return image coordinates (N, 2) in px of points X (N, 3) in camera axes; interior (N, 10), centre (N, 2) and
+    balancing radius (N,) of the cameras in px."""
+    c, x0, y0, a1, a2, a3, b1, b2, c1, c2 = interior.T
+    xi, eta = c * X[:, 0] / X[:, 2], c * X[:, 1] / X[:, 2]
+    s, s0 = xi * xi + eta * eta, radius * radius
+    radial = 1 + a1 * (s - s0) + a2 * (s**2 - s0**2) + a3 * (s**3 - s0**3)
+    x = x0 + xi * radial + b1 * (s + 2 * xi * xi) + 2 * b2 * xi * eta + c1 * xi + c2 * eta
+    y = y0 + eta * radial + b2 * (s + 2 * eta * eta) + 2 * b1 * xi * eta
+    return centre + np.stack([x, y], -1)
+
+
+def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]:
+    """Return the derivatives of image coordinates by X (N, 2, 3) and by the interior (N, 2, 10)."""
+    c, _, _, a1, a2, a3, b1, b2, c1, c2 = interior.T
+    u, v, depth = X[:, 0] / X[:, 2], X[:, 1] / X[:, 2], X[:, 2]
+    xi, eta = c * u, c * v
+    s, s0 = xi * xi + eta * eta, radius * radius
+    radial = 1 + a1 * (s - s0) + a2 * (s**2 - s0**2) + a3 * (s**3 - s0**3)
+    slope = 2 * (a1 + 2 * a2 * s + 3 * a3 * s**2)
+    mixed = slope * xi * eta
+    xx = radial + slope * xi * xi + 6 * b1 * xi + 2 * b2 * eta + c1
+    xy = mixed + 2 * b1 * eta + 2 * b2 * xi + c2
+    yx = mixed + 2 * b2 * xi + 2 * b1 * eta
+    yy = radial + slope * eta * eta + 6 * b2 * eta + 2 * b1 * xi
+    per = c / depth
+    x = [xx * per, xy * per, -(xx * u + xy * v) * per]
+    y = [yx * per, yy * per, -(yx * u + yy * v) * per]
+    by_direction = np.stack([np.stack(x, -1), np.stack(y, -1)], 1)
+    one, none = np.ones_like(xi), np.zeros_like(xi)
+    powers = [s - s0, s**2 - s0**2, s**3 - s0**3]
+    of_x = [xx * u + xy * v, one, none, *(xi * p for p in powers), s + 2 * xi * xi, 2 * xi * eta, xi, eta]
+    of_y = [yx * u + yy * v, none, one, *(eta * p for p in powers), 2 * xi * eta, s + 2 * eta * eta, none, none]
+    return by_direction, np.stack([np.stack(of_x, -1), np.stack(of_y, -1)], 1)
+
+
+def directions(cameras: Sequence[Camera], interior: Array, camera: NDArray[np.int64], xy_px: Array) -> Array:
+    """Return X/Z and Y/Z (N, 2) of image points xy_px (N, 2), each taken by one of the cameras (N,) by number.
+
+    Distortion is undone by Newton's method from the undistorted place; image points where it does not settle (a
+    distortion that folds over) are NaN. interior (C, 10) in the order of PARAMETERS.
+    """
+    centre = np.stack([c.centre_px for c in cameras])[camera]
+    radius = np.array([c.balancing_radius_px for c in cameras])[camera]
+    values = interior[camera]
+    X = np.ones((len(xy_px), 3))
+    X[:, :2] = (xy_px - centre - values[:, 1:3]) / values[:, :1]
+    with np.errstate(all="ignore"):  # what overflows has not settled
+        for _ in range(_ROUNDS):
+            off, slope = xy_px - image_coordinates(values, centre, radius, X), derivatives(values, radius, X)[0]
+            (a, b), (d, e) = slope[:, :, :2].transpose(1, 2, 0)
+            step = (
+                np.stack([e * off[:, 0] - b * off[:, 1], a * off[:, 1] - d * off[:, 0]], 1) / (a * e - b * d)[:, None]
+            )
+            X[:, :2] += step
+            if np.nanmax(np.abs(step * values[:, :1]), initial=0.0) < _SETTLED_PX:
+                break
+        off, slope = xy_px - image_coordinates(values, centre, radius, X), derivatives(values, radius, X)[0]
+        settled = (np.abs(off).max(axis=1, initial=0.0) < 1e-6) & (np.linalg.det(slope[:, :, :2]) > 0)
+    return np.where(settled[:, None], X[:, :2], np.nan)

@@ -176,7 +176,8 @@ def _sorted(camera: int, images: Index, values: Array, covariance: Array) -> Ima
     off = values - reference
     apart = np.flatnonzero(setting > 0)
     if len(apart):  # against the others of its pose a principal distance is known better than by itself
-        off[apart], sigma[apart] = _differences(values, np.asarray(np.linalg.inv(covariance), np.float64), setting > 0)
+        found, cofactor, _ = _shifts(values, np.asarray(np.linalg.inv(covariance), np.float64), setting > 0)
+        off[apart], sigma[apart] = found[1:], np.sqrt(np.diagonal(cofactor)[1:])
     return ImageStability(camera, images, off, sigma, setting, p_value)
 
 
@@ -210,24 +211,20 @@ def _shared(values: Array, covariance: Array) -> tuple[Mask, float, float]:
     return inside, common, chi2
 
 
-def _differences(values: Array, P: Array, outside: Mask) -> tuple[Array, Array]:
-    """Return by how much each value outside (n,) differs from that which the others share, and its sigma."""
-    columns = np.eye(len(values))[:, outside]
-    design = np.concatenate([np.ones((len(values), 1)), columns], 1)
+def _shifts(values: Array, P: Array, outside: Mask) -> tuple[Array, Array, Array]:
+    """The value that all share and a shift of each of those outside (n,), together (1 + k,), their cofactors and the
+    design (n, 1 + k)."""
+    design = np.concatenate([np.ones((len(values), 1)), np.eye(len(values))[:, outside]], 1)
     cofactor = np.linalg.inv(design.T @ P @ design)
-    return (cofactor @ design.T @ P @ values)[1:], np.sqrt(np.diagonal(cofactor)[1:])
+    return cofactor @ design.T @ P @ values, cofactor, design
 
 
 def _tests(values: Array, P: Array, inside: Mask) -> tuple[Array, float]:
     """Return the test value (n,) of a shift of each value, those outside having one anyway, and the value shared."""
-    count = len(values)
-    outside = np.flatnonzero(~inside)
-    design = np.concatenate([np.ones((count, 1)), np.eye(count)[:, outside]], 1)
-    cofactor = np.linalg.inv(design.T @ P @ design)
-    found = cofactor @ design.T @ P @ values
+    found, cofactor, design = _shifts(values, P, ~inside)
     W = P - P @ design @ cofactor @ design.T @ P
-    T = np.zeros(count)
-    T[outside] = found[1:] ** 2 / np.diagonal(cofactor)[1:]
+    T = np.zeros(len(values))
+    T[~inside] = found[1:] ** 2 / np.diagonal(cofactor)[1:]
     shown = np.diagonal(W)[inside]
     with np.errstate(divide="ignore", invalid="ignore"):
         own = (W @ values)[inside] ** 2 / shown

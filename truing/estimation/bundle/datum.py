@@ -48,8 +48,8 @@ def freedoms(layout: Layout, state: State) -> tuple[Freedom, ...]:
     of_point, of_image = _owners(layout.point_start), _owners(layout.image_start)
     points = (points - middle[of_point]) / size[of_point, None]
     centres = (centres - middle[of_image]) / size[of_image, None]
-    of_points, of_images = _movements(points), np.zeros((len(centres), 6, 7))
-    of_images[:, :3], of_images[:, 3:, 3:6] = _movements(centres), np.eye(3) / size[of_image, None, None]
+    of_points, of_images = movements(points), np.zeros((len(centres), 6, 7))
+    of_images[:, :3], of_images[:, 3:, 3:6] = movements(centres), np.eye(3) / size[of_image, None, None]
     mixtures, has_length = _orthonormal(points, layout.point_start), np.zeros(layout.poses, bool)
     has_length[layout.distance_pose] = True
     found = []
@@ -106,7 +106,7 @@ def _orthonormal(points: Array, start: Index) -> Array:
     return found
 
 
-def _movements(points: Array) -> Array:
+def movements(points: Array) -> Array:
     """Return the movements (n, 3, 7) of points by shifts, turns and scale about the origin."""
     found = np.zeros((len(points), 3, 7))
     found[:, :, :3], found[:, :, 6] = np.eye(3), points
@@ -156,7 +156,7 @@ def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tupl
     whole, middle, size = np.eye(4), free.middle, free.size
     for _ in range(50):
         now = (points - middle) @ whole[:3, :3].T + whole[:3, 3]
-        by = held.T @ (_movements(now / size) @ free.mixture).reshape(-1, free.count)
+        by = held.T @ (movements(now / size) @ free.mixture).reshape(-1, free.count)
         change = free.mixture @ np.linalg.solve(by, held.T @ (start - middle - now).ravel())
         whole = _exponential(_generator(change, size)) @ whole  # along the freedoms: what is known stays where it is
         if np.abs(change).max() <= _SQUARED * size:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truing.estimation.bundle.adjustment import Adjustment, adjust
+from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.directions import directions
 from truing.estimation.bundle.intersection import Bundle, intersect
 from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Mask, Network, PoseNetwork, State
 from truing.estimation.bundle.orientation import FEWEST, Resection, resect

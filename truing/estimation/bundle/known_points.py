@@ -14,10 +14,10 @@ from itertools import combinations, islice
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.network import Array, Index, Mask, Network, State
 from truing.estimation.bundle.snooping import Snooped
 from truing.estimation.rigid_poses.umeyama import umeyama
-from truing.estimation.rotation import rigid_motions
 
 LEVEL = 1e-3  # probability that a good pose has any point that is called wrong
 _TRIPLES = 400
@@ -151,9 +151,7 @@ def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, in
     for n in range(count):
         sigma[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] += known_cov[n]
     placed = scale * points @ R.T + shift
-    arms = placed - placed[inside].mean(0)
-    of_similarity = np.concatenate([rigid_motions(arms), arms[..., None]], -1)
-    A = [of_similarity.reshape(3 * count, 7)]
+    A = [movements(placed - placed[inside].mean(0)).reshape(3 * count, 7)]
     A += [np.eye(3 * count)[:, 3 * n : 3 * n + 3] for n in np.flatnonzero(~inside).tolist()]
     design, P = np.concatenate(A, 1), np.linalg.inv(sigma)
     apart = (known - placed).ravel()

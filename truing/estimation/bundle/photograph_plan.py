@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.network import Array, Bars, Index
 from truing.estimation.bundle.planning import (
     Layout,
@@ -228,12 +229,8 @@ class Candidates:
     @property
     def movements(self) -> Array:
         """Orthonormal movements (3 P, 6 or 7) of all points together that no photograph tells."""
-        own = self.points - self.points.mean(axis=0)
-        columns = [np.tile(axis, (len(own), 1)) for axis in np.eye(3)]
-        columns += [np.cross(axis, own) for axis in np.eye(3)]
-        columns += [] if self.has_scale else [own]
-        basis, _ = np.linalg.qr(np.stack([column.ravel() for column in columns], axis=1))
-        return np.asarray(basis)
+        columns = movements(self.points - self.points.mean(axis=0))[..., : 6 if self.has_scale else 7]
+        return np.linalg.qr(columns.reshape(self.points.size, -1))[0]
 
 
 def one_by_one(candidates: Candidates, count: int, progress: Progress) -> Index:

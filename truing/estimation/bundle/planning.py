@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.bundle_covariance import BundleCovariance
-from truing.estimation.bundle.camera import PARAMETERS, Camera
+from truing.estimation.bundle.camera import PARAMETERS, Camera, image_coordinates
+from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.determinable import determinable
 from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Network, Rays, State
-from truing.estimation.bundle.projection import image_coordinates, linearise, project
+from truing.estimation.bundle.projection import linearise, project
 
 Mask = NDArray[np.bool_]
 
@@ -300,11 +301,7 @@ def body_motion(together: Array, points: Array, one: Index, other: Index | None,
     rows = np.zeros((6, len(together)))
     for sign, body in ((1.0, one), (-1.0, other)):
         if body is not None:
-            rows[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(_rigid(points[body] - about))
+            rows[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(
+                movements(points[body] - about)[..., :6].reshape(-1, 6)
+            )
     return rows @ together @ rows.T
-
-
-def _rigid(arm: Array) -> Array:
-    """How points at arm (n, 3) follow a translation and a rotation vector (3 n, 6)."""
-    turned = -np.cross(arm[:, None], np.eye(3)).transpose(0, 2, 1)
-    return np.concatenate([np.broadcast_to(np.eye(3), (len(arm), 3, 3)), turned], axis=2).reshape(-1, 6)

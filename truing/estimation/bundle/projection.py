@@ -1,7 +1,6 @@
 """Where a camera sees a point, and the exact derivatives of that by everything that is estimated.
 
-The equations are those of `truing.estimation.bundle.camera`. All functions take rays by the row and are smooth, so that
-a complex step differentiates them.
+The equations are those of `truing.estimation.bundle.camera`; all functions take rays by the row.
 """
 
 from __future__ import annotations
@@ -9,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.estimation.bundle.camera import derivatives, image_coordinates
 from truing.estimation.bundle.network import Array, Index, Network, State
 
 
@@ -37,18 +36,6 @@ def seen(state: State, image: Index, point: Index) -> Array:
     return np.einsum("nji,nj->ni", state.R[image], state.points[point] - state.centre[image])
 
 
-def image_coordinates(interior: NDArray, centre: NDArray, radius: NDArray, X: NDArray) -> NDArray:
-    """Return image coordinates (N, 2) in px of points X (N, 3) in camera axes; interior (N, 10), centre (N, 2) and
-    balancing radius (N,) of the cameras in px."""
-    c, x0, y0, a1, a2, a3, b1, b2, c1, c2 = interior.T
-    xi, eta = c * X[:, 0] / X[:, 2], c * X[:, 1] / X[:, 2]
-    s, s0 = xi * xi + eta * eta, radius * radius
-    radial = 1 + a1 * (s - s0) + a2 * (s**2 - s0**2) + a3 * (s**3 - s0**3)
-    x = x0 + xi * radial + b1 * (s + 2 * xi * xi) + 2 * b2 * xi * eta + c1 * xi + c2 * eta
-    y = y0 + eta * radial + b2 * (s + 2 * eta * eta) + 2 * b1 * xi * eta
-    return centre + np.stack([x, y], -1)
-
-
 def project(network: Network, state: State, image: Index, point: Index) -> Array:
     """Return image coordinates (N, 2) in px of points as seen in images; NaN where a point is not before its camera."""
     centre, radius = format_centres(network)
@@ -65,32 +52,8 @@ def linearise(network: Network, state: State, image: Index, point: Index) -> Lin
     interior, arm = state.interior[camera], state.points[point] - state.centre[image]
     X = np.einsum("nji,nj->ni", state.R[image], arm)
     X[X[:, 2] <= 0] = np.nan
-    by_direction, by_interior = _derivatives(interior, radius[camera], X)
+    by_direction, by_interior = derivatives(interior, radius[camera], X)
     by_point = np.einsum("nki,nji->nkj", by_direction, state.R[image])
     by_image = np.concatenate([-by_point, np.cross(by_point, arm[:, None])], -1)
     xy = image_coordinates(interior, format_centre[camera], radius[camera], X)
     return Linearised(xy, by_image, by_point, by_interior)
-
-
-def _derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]:
-    """Return the derivatives of image coordinates by the direction (N, 2, 3) in camera axes and the interior."""
-    c, _, _, a1, a2, a3, b1, b2, c1, c2 = interior.T
-    u, v, depth = X[:, 0] / X[:, 2], X[:, 1] / X[:, 2], X[:, 2]
-    xi, eta = c * u, c * v
-    s, s0 = xi * xi + eta * eta, radius * radius
-    radial = 1 + a1 * (s - s0) + a2 * (s**2 - s0**2) + a3 * (s**3 - s0**3)
-    slope = 2 * (a1 + 2 * a2 * s + 3 * a3 * s**2)
-    mixed = slope * xi * eta
-    xx = radial + slope * xi * xi + 6 * b1 * xi + 2 * b2 * eta + c1
-    xy = mixed + 2 * b1 * eta + 2 * b2 * xi + c2
-    yx = mixed + 2 * b2 * xi + 2 * b1 * eta
-    yy = radial + slope * eta * eta + 6 * b2 * eta + 2 * b1 * xi
-    per = c / depth
-    x = [xx * per, xy * per, -(xx * u + xy * v) * per]
-    y = [yx * per, yy * per, -(yx * u + yy * v) * per]
-    by_direction = np.stack([np.stack(x, -1), np.stack(y, -1)], 1)
-    one, none = np.ones_like(xi), np.zeros_like(xi)
-    powers = [s - s0, s**2 - s0**2, s**3 - s0**3]
-    of_x = [xx * u + xy * v, one, none, *(xi * p for p in powers), s + 2 * xi * xi, 2 * xi * eta, xi, eta]
-    of_y = [yx * u + yy * v, none, one, *(eta * p for p in powers), 2 * xi * eta, s + 2 * eta * eta, none, none]
-    return by_direction, np.stack([np.stack(of_x, -1), np.stack(of_y, -1)], 1)

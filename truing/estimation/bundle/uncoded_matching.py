@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.directions import directions
+from truing.estimation.bundle.camera import Camera, directions
 from truing.estimation.bundle.intersection import Bundle, nearest_points, refine_points, sums
 from truing.estimation.bundle.network import Array, Index, Mask
 from truing.estimation.rotation import skew
