@@ -79,7 +79,7 @@ def _components(found: AdjustedNetwork, components: VarianceComponents) -> list[
 
 def _coverage(found: AdjustedNetwork) -> list[Figure]:
     network = found.named.network
-    coverage = camera_coverage(network, found.adjustment.used.astype(float))
+    coverage = camera_coverage(network, found.adjustment.used)
     named = list(enumerate(network.cameras))
     rows: list[Figure] = [("covered share of the format", c.name, float(coverage.cells[n]), "1") for n, c in named]
     return rows + [("hull over the format", c.name, float(coverage.hull[n]), "1") for n, c in named]

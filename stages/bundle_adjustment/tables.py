@@ -39,10 +39,10 @@ class NetworkTables:
         factor = found.snooped.covariance_factor
         self.factor = float(factor) if np.isfinite(factor) else 1.0
         self.covariance = self.adjusted.covariance
+        self.camera_names = np.array([camera.name for camera in self.network.cameras], dtype=object)
         self.poses = [p for p in range(len(self.named.poses)) if len(self.covariance.point_numbers(p))]
-        common = self.covariance.common * self.factor
-        self.common_sigma = np.sqrt(np.diagonal(common))
-        self.common = common
+        self.common = self.covariance.common * self.factor
+        self.common_sigma = np.sqrt(np.diagonal(self.common))
         self.parameters = tuple(self._parameter(*name) for name in self.covariance.names)
 
     def _parameter(self, of: str, what: str | int) -> str:
@@ -69,7 +69,7 @@ class NetworkTables:
         numbers = np.concatenate([np.zeros(0, np.int64), *(self.covariance.point_numbers(p) for p in self.poses)])
         blocks = self.covariance.point_blocks()[numbers] * self.factor
         sigma, correlation = _sigma_and_correlation(blocks)
-        met = intersections(self.network, self.adjusted.state, self.adjusted.used.astype(float))
+        met = intersections(self.network, self.adjusted.state, self.adjusted.used)
         count = len(self.network.point_pose)
         square = self._squares(self.network.rays.point, count)
         return _table(
@@ -173,7 +173,6 @@ class NetworkTables:
         none = np.zeros((0, 6, 6))
         cov = np.concatenate([none, *(self.covariance.images(p) for p in self.poses)]) * self.factor
         state, used = self.adjusted.state, self.adjusted.used
-        cameras = np.array([camera.name for camera in self.network.cameras], dtype=object)
         count = len(self.network.image_pose)
         vector = log_so3(state.R[numbers])
         return _table(
@@ -181,7 +180,7 @@ class NetworkTables:
             {
                 "pose": self._pose(self.network.image_pose[numbers]),
                 "image": self.named.images[numbers],
-                "camera": cameras[self.network.image_camera[numbers]],
+                "camera": self.camera_names[self.network.image_camera[numbers]],
                 **{f"p{a}_mm": 1e3 * state.centre[numbers, k] for k, a in enumerate(_AXES)},
                 **{f"r{a}_rad": vector[:, k] for k, a in enumerate(_AXES)},
                 **{f"cov_{i}_{j}": cov[:, i, j] for i, j in _COVARIANCE},
@@ -204,12 +203,12 @@ class NetworkTables:
             w = np.max(np.abs(tests.w), axis=1)
         redundancy = np.clip(tests.redundancy, 0.0, 1.0)
         lost, table = self.found.unmatched, self.table
-        nothing = np.full(len(lost), np.nan)
+        image, nothing = np.concatenate([rays.image, table.image[lost]]), np.full(len(lost), np.nan)
         stated = np.sqrt(np.einsum("nii->ni", table.cov_px2[lost]))
         both: dict[str, Any] = {
             "pose": self._pose(np.concatenate([self.network.image_pose[rays.image], table.pose[lost]])),
-            "image": named.images[np.concatenate([rays.image, table.image[lost]])],
-            "camera": self._camera(np.concatenate([rays.image, table.image[lost]])),
+            "image": named.images[image],
+            "camera": self.camera_names[self.network.image_camera[image]],
             "point": np.concatenate([named.points[rays.point], table.point[lost]]),
             "kind": np.array(named.kinds, dtype=object)[np.concatenate([rays.kind, table.kind[lost]])],
             **_paired("{}_px", table.xy_px[np.concatenate([named.row, lost])]),
@@ -222,10 +221,6 @@ class NetworkTables:
             "reason": np.concatenate([reason, self.found.unmatched_reason]),
         }
         return _table("image_residuals", both, self.named)
-
-    def _camera(self, image: Index) -> NDArray[np.object_]:
-        names = np.array([camera.name for camera in self.network.cameras], dtype=object)
-        return names[self.network.image_camera[image]]
 
     def scale_bar_lengths(self, bars: pa.Table) -> pa.Table:
         """A row per bar and pose: what the adjusted points say of its length."""

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 # Below so many pixels a process of its own takes longer to begin than to measure them.
 _WORTH_PROCESSES = 30_000_000
+_TURNED = "its file says that it is {}; its pixels are taken as they stand"
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def read_photographs(
         open_all(source, settings, log)  # what is wrong further down is told with it
     if log or not photographs.found:
         return None
-    plan = _target_plan(settings.photographs, targets)
+    plan = target_plan(settings.photographs, targets)
     measured = []
     for photograph, one in zip(photographs.found, _measured(photographs, plan, progress, each), strict=True):
         if isinstance(one, Unusable):
@@ -116,7 +117,7 @@ def read_photographs(
     )
 
 
-def _target_plan(wanted: Any, targets: pa.Table | None) -> TargetPlan:
+def target_plan(wanted: Any, targets: pa.Table | None) -> TargetPlan:
     """What [photographs] asks for: families of codes as declared, else those of the table image_targets, else the usual
     ones; none beside boards, whose markers are codes, too."""
     from truing.estimation.image_targets.boards import BoardPlan
@@ -194,13 +195,9 @@ def _photographs(photographs: Photographs, measured: Sequence[PhotographTargets]
         **{name: [getattr(head, name) for head in heads] for name in of_heads},
         "grey_bits": [head.bits for head in heads],
         "targets_measured": [len(one.names) for one in measured],
-        "image_remark": [_remark(head.turned) for head in heads],
+        "image_remark": [_TURNED.format(head.turned) if head.turned else None for head in heads],
     }
     return _table("photographs", columns, photographs)
-
-
-def _remark(turned: str) -> str | None:
-    return f"its file says that it is {turned}; its pixels are taken as they stand" if turned else None
 
 
 def _rejections(photographs: Photographs, measured: Sequence[PhotographTargets]) -> pa.Table:

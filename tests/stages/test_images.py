@@ -19,9 +19,9 @@ from truing.pipeline.in_memory import call_stage, stage_line
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
-from truing.schemas.photographs import USUAL
+from truing.schemas.photographs import MARKERS, RINGS, USUAL
 from truing.stages.image_tables import photographs as tables
-from truing.stages.image_tables.photographs import families_of, target_plan
+from truing.stages.image_tables.photographs import target_plan
 
 CAMPAIGN = '[campaign]\nname = "c"\nkind = "photogrammetry"\n'
 # The smallest word of twelve bits with an even number of ones and two of them opposite each other: number 1.
@@ -171,5 +171,7 @@ def test_settings_that_cannot_be(folder, section, expected):
 def test_where_boards_alone_are_asked_for_their_markers_are_no_codes(told, codes, circles) -> None:
     head = {"campaign": {"name": "x", "kind": "photogrammetry"}}
     settings = read_campaign({**head, "photographs": told})
-    assert families_of(settings, None) == codes
-    assert target_plan(settings.photographs, codes).uncoded is circles
+    plan = target_plan(settings.photographs, None)
+    assert plan.rings == tuple(code for code in codes if code in RINGS)
+    assert plan.markers == tuple(code for code in codes if code in MARKERS)
+    assert plan.uncoded is circles

@@ -26,7 +26,7 @@ def test_rays_angles_and_condition_of_points():
     centre = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 0, np.sqrt(3)]])
     state = State(np.zeros((1, 10)), np.zeros((3, 3, 3)), centre, np.array([[0, 0, 0], [0, 0, -1.0], [5, 5, 5]]), [])
     made = network([0, 1, 2, 0, 1, 2], [0, 0, 1, 1, 1, 2], np.zeros((6, 2)), 3, 3)
-    found = intersections(made, state)
+    found = intersections(made, state, np.ones(made.rays.count, bool))
     assert found.rays.tolist() == [2, 3, 1]
     assert found.largest_angle == pytest.approx([np.pi, np.pi / 2, 0.0])
     assert found.condition[0] == np.inf  # both rays on one line
@@ -34,7 +34,7 @@ def test_rays_angles_and_condition_of_points():
     across = sum((np.eye(3) - np.outer(d, d)) / r**2 for d, r in directions_to(centre, state.points[1]))
     values = np.linalg.eigvalsh(across)
     assert found.condition[1] == pytest.approx(np.sqrt(values[2] / values[0]))
-    fewer = intersections(made, state, np.array([1, 0, 1, 1, 1, 1]))
+    fewer = intersections(made, state, np.array([1, 0, 1, 1, 1, 1], bool))
     assert fewer.rays.tolist() == [1, 3, 1]
 
 
@@ -47,14 +47,14 @@ def directions_to(centres, point):
 def test_coverage_of_the_format():
     corners = [[0, 0], [99, 0], [99, 99], [0, 99]]
     made = network([0, 0, 0, 0, 1, 1], [0, 1, 2, 3, 0, 1], [*corners, [10, 10], [12, 10]], 2, 4)
-    whole = camera_coverage(made, per_side=2)
+    whole = camera_coverage(made, np.ones(6, bool), per_side=2)
     assert whole.rays.tolist() == [6]
     assert whole.cells.tolist() == [1.0]
     assert whole.hull == pytest.approx([0.99**2])
-    alone = camera_coverage(made, np.array([0, 0, 0, 0, 1, 1]), per_side=2)
+    alone = camera_coverage(made, np.array([0, 0, 0, 0, 1, 1], bool), per_side=2)
     assert alone.cells.tolist() == [0.25]
     assert alone.hull.tolist() == [0.0]
-    dropped = camera_coverage(made, np.array([1, 1, 1, 0, 0, 0]), per_side=2)
+    dropped = camera_coverage(made, np.array([1, 1, 1, 0, 0, 0], bool), per_side=2)
     assert dropped.hull[0] == pytest.approx(0.99**2 / 2)
 
 

@@ -120,7 +120,8 @@ def adjust(
     if datum != "minimal":  # inner constraints are those of the adjusted network
         held = tuple(conditions(free, datum) for free in freedoms(layout, state))
     defect = np.array([one.shape[1] for one in held])
-    redundancy = _rows(layout) - _unknowns(layout) + int(defect.sum())
+    observations = 2 * len(layout.rays) + 3 * len(layout.known) + len(layout.distances) + int(np.sum(layout.bar >= 0))
+    unknowns = 6 * len(layout.images) + 3 * len(layout.points) + len(layout.common)
     chi2 = _total(observed, state)
     return Adjustment(
         network,
@@ -131,23 +132,13 @@ def adjust(
         w,
         settled.iterations,
         settled.converged,
-        redundancy,
+        observations - unknowns + int(defect.sum()),
         defect,
         held,
         chi2,
         observed,
         settled.before,
     )
-
-
-def _rows(layout: Layout) -> int:
-    """Return how many observations there are: rays count two, known points three, distances and lengths of bars one."""
-    return 2 * len(layout.rays) + 3 * len(layout.known) + len(layout.distances) + int(np.sum(layout.bar >= 0))
-
-
-def _unknowns(layout: Layout) -> int:
-    """Return how many unknowns there are."""
-    return 6 * len(layout.images) + 3 * len(layout.points) + len(layout.common)
 
 
 def _total(observed: Observed, state: State) -> float:

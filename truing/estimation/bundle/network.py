@@ -99,6 +99,11 @@ class Network:
     bars: Bars
     known: KnownPoints
 
+    @property
+    def poses(self) -> int:
+        """How many poses there are, those without images or points too."""
+        return 1 + int(max(self.image_pose.max(initial=-1), self.point_pose.max(initial=-1)))
+
 
 @dataclass(frozen=True)
 class State:
@@ -138,7 +143,7 @@ def pose_networks(network: Network) -> list[PoseNetwork]:
     """Return the networks of all poses."""
     rays, known = network.rays, network.known
     found = []
-    for pose in range(1 + int(max(network.image_pose.max(initial=-1), network.point_pose.max(initial=-1)))):
+    for pose in range(network.poses):
         image, point = np.flatnonzero(network.image_pose == pose), np.flatnonzero(network.point_pose == pose)
         to_image, to_point = np.full(len(network.image_pose), -1), np.full(len(network.point_pose), -1)
         to_image[image], to_point[point] = np.arange(len(image)), np.arange(len(point))

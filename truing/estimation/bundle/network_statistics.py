@@ -12,7 +12,7 @@ import numpy as np
 
 from truing.estimation.bundle.growing import format_cells
 from truing.estimation.bundle.intersection import sums
-from truing.estimation.bundle.network import Array, Index, Network, State
+from truing.estimation.bundle.network import Array, Index, Mask, Network, State
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,12 @@ class Intersections:
     condition: Array
 
 
-def intersections(network: Network, state: State, weight: Array | None = None) -> Intersections:
-    """Return how the rays of every point meet; weight (N,) 0 leaves a ray out.
+def intersections(network: Network, state: State, used: Mask) -> Intersections:
+    """Return how the rays used (N,) of every point meet.
 
     The condition is the square root of the ratio of the extreme eigenvalues of sum(1 - d d^T) / distance^2.
     """
     rays = network.rays
-    used = np.ones(rays.count, bool) if weight is None else weight > 0
     image, point = rays.image[used], rays.point[used]
     d = state.points[point] - state.centre[image]
     distance = np.linalg.norm(d, axis=1, keepdims=True)
@@ -64,39 +63,37 @@ def _largest_angles(point: Index, d: Array, count: int) -> Array:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How image points fill a format: rays (G,), share of its cells (G,) that hold any, area of their convex hull (G,)
-    as a share of the format; one row per image or per camera."""
+    """How image points fill the format of each camera (C): rays (C,), share of its cells (C,) that hold any, area of
+    their convex hull (C,) as a share of the format."""
 
     rays: Index
     cells: Array
     hull: Array
 
 
-def camera_coverage(network: Network, weight: Array | None = None, per_side: int = 5) -> Coverage:
-    """Return how the rays of all images of each camera (C) fill its format; weight (N,) 0 leaves a ray out."""
-    camera = network.image_camera[network.rays.image]
-    return _coverage(network, camera, len(network.cameras), weight, per_side)
-
-
-def _coverage(network: Network, group: Index, groups: int, weight: Array | None, per_side: int) -> Coverage:
+def camera_coverage(network: Network, used: Mask, per_side: int = 5) -> Coverage:
+    """Return how the rays used (N,) of all images of each camera fill its format."""
     from scipy.spatial import ConvexHull, QhullError
 
-    used = np.ones(network.rays.count, bool) if weight is None else weight > 0
-    camera = network.image_camera[network.rays.image[used]]
-    size = np.array([[c.width_px, c.height_px] for c in network.cameras], float).reshape(-1, 2)[camera]
-    xy, group = network.rays.xy_px[used], group[used]
-    cells = np.unique(np.stack([group, format_cells(xy, size[:, 0], size[:, 1], per_side)]), axis=1)[0]
-    hull = np.zeros(groups)
-    order = np.argsort(group, kind="stable")
-    for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
-        if len(members) > 2:
+    camera, size = _cameras(network, used)
+    xy, count = network.rays.xy_px[used], len(network.cameras)
+    cells = np.unique(np.stack([camera, format_cells(xy, size[:, 0], size[:, 1], per_side)]), axis=1)[0]
+    hull = np.zeros(count)
+    for number in range(count):
+        members = camera == number
+        if members.sum() > 2:
             try:
-                hull[group[members[0]]] = ConvexHull(xy[members] / size[members]).volume  # in the plane: the area
+                hull[number] = ConvexHull(xy[members] / size[members]).volume  # in the plane: the area
             except QhullError:  # on one line
                 continue
-    return Coverage(
-        np.bincount(group, minlength=groups), np.bincount(cells, minlength=groups) / per_side**2, hull
-    )  # fmt: skip
+    share = np.bincount(cells, minlength=count) / per_side**2
+    return Coverage(np.bincount(camera, minlength=count), share, hull)
+
+
+def _cameras(network: Network, used: Mask) -> tuple[Index, Array]:
+    """The camera (n,) of the rays used (N,), by number, and the width and height (n, 2) in px of its format."""
+    camera = network.image_camera[network.rays.image[used]]
+    return camera, np.array([[c.width_px, c.height_px] for c in network.cameras], float).reshape(-1, 2)[camera]
 
 
 @dataclass(frozen=True)
@@ -123,9 +120,8 @@ def residual_regions(network: Network, residuals_px: Array, cofactor_px2: Array,
     """
     from scipy.special import chdtrc
 
-    used = np.isfinite(residuals_px).all(axis=1)
-    camera = network.image_camera[network.rays.image[used]]
-    size = np.array([[c.width_px, c.height_px] for c in network.cameras], float).reshape(-1, 2)[camera]
+    used: Mask = np.all(np.isfinite(residuals_px), axis=1)
+    camera, size = _cameras(network, used)
     cell = format_cells(network.rays.xy_px[used], size[:, 0], size[:, 1], per_side)
     number = camera * per_side**2 + cell
     every = len(network.cameras) * per_side**2

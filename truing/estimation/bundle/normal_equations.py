@@ -67,12 +67,11 @@ class Layout:
 def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
     """Return where the unknowns of the rays used (N,) stand; known: whether known points take part."""
     rays = network.rays
-    poses = 1 + max(network.image_pose.max(initial=-1), network.point_pose.max(initial=-1))
-    images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, poses)
+    images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, network.poses)
     rows = np.flatnonzero(used)
     rows = rows[np.argsort(image_slot[rays.image[rows]], kind="stable")]
     seen = _present(rays.point[rows])
-    points, point_slot, point_start = _slots(seen, network.point_pose, poses)
+    points, point_slot, point_start = _slots(seen, network.point_pose, network.poses)
     bars = network.bars
     distances = np.flatnonzero((point_slot[bars.first] >= 0) & (point_slot[bars.second] >= 0))
     interior, bar, common = _common(network, images, distances)
@@ -239,9 +238,9 @@ def sum_of_squares(observed: Observed, state: State) -> float:
     """Return the weighted sum of squares without distances; infinite where a point is not before its camera."""
     from truing.estimation.bundle.kernels import weighted_squares
 
-    seen = _seen(observed, state)
+    cameras, places = _seen(observed, state)
     rays = observed.xy_px, observed.roots, observed.layout.first_ray, observed.layout.ray_point
-    return float(weighted_squares(*rays, *seen.cameras, *seen.places)) + _of_priors(observed, state)
+    return float(weighted_squares(*rays, *cameras, *places)) + _of_priors(observed, state)
 
 
 def residuals(network: Network, state: State) -> Array:
@@ -254,19 +253,12 @@ def residuals(network: Network, state: State) -> Array:
     return rays.xy_px - xy
 
 
-@dataclass(frozen=True)
-class _Seen:
+def _seen(observed: Observed, state: State) -> tuple[tuple[Index, Array, Array, Array], tuple[Array, Array, Array]]:
     """What the compiled code takes of a state: camera of every image, interior, centre of format, balancing radius;
     rotations and centres of images, points."""
-
-    cameras: tuple[Index, Array, Array, Array]
-    places: tuple[Array, Array, Array]
-
-
-def _seen(observed: Observed, state: State) -> _Seen:
     layout, network = observed.layout, observed.network
     cameras = network.image_camera[layout.images], np.ascontiguousarray(state.interior), *observed.formats
-    return _Seen(cameras, (state.R[layout.images], state.centre[layout.images], state.points[layout.points]))
+    return cameras, (state.R[layout.images], state.centre[layout.images], state.points[layout.points])
 
 
 def _of_priors(observed: Observed, state: State) -> float:
@@ -289,7 +281,7 @@ def normal_equations(observed: Observed, state: State, workspace: Workspace) -> 
     before its camera. They hold until the next ones in the same workspace."""
     from truing.estimation.bundle.kernels import accumulate
 
-    layout, seen = observed.layout, _seen(observed, state)
+    layout, (cameras, places) = observed.layout, _seen(observed, state)
     i, p, c, rows = len(layout.images), len(layout.points), len(layout.common), layout.rows
     images, image_sides = np.empty((i, 6, 6)), np.zeros((i, 6, c + 1))
     points, point_sides, common = np.zeros((p, 3, 3)), np.zeros((p, 3, c + 1)), np.zeros((c, c + 1))
@@ -297,7 +289,7 @@ def normal_equations(observed: Observed, state: State, workspace: Workspace) -> 
     flat[:] = 0.0
     chi2 = accumulate(
         *(observed.xy_px, observed.roots, layout.first_ray, layout.ray_point),
-        *(*seen.cameras, layout.interior, *seen.places),
+        *(*cameras, layout.interior, *places),
         *(rows.column, rows.image, rows.length, images, image_sides, points, point_sides, common, flat),
     )
     between = tuple(

@@ -57,7 +57,7 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     if len(members) > FEWEST:
         for turn, shift in _of_all(local[members], image[members]):
             other = _settled(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
-            best = other if _better(other, best) else best
+            best = min(best, other, key=_bounded_misses)
     R, t, off, depth = best
     agrees = (depth > 0) & (off < limit)
     if agrees.sum() < FEWEST:
@@ -78,12 +78,8 @@ def _of_all(X: Array, direction: Array) -> list[tuple[Array, Array]]:
     return list(zip(turns, shifts, strict=True)) if found else []
 
 
-def _better(one: tuple[Array, Array, Array, Array], other: tuple[Array, Array, Array, Array]) -> bool:
-    """Whether one orientation's bounded misses add up to less."""
-    return bool(_bounded_misses(one) < _bounded_misses(other))
-
-
 def _bounded_misses(found: tuple[Array, Array, Array, Array]) -> float:
+    """The sum of an orientation's misses, none counting for more than three times the middle one."""
     off, depth = found[2], found[3]
     middle = np.median(off)
     return float(np.where(depth > 0, np.minimum(off, 3 * middle + 1e-12), 1e3).sum())

@@ -99,7 +99,9 @@ def plan_photographs(
 ) -> PhotographPlan:
     """Choose stations; raises ValueError where none sees enough, or where what they see makes no network."""
     stations = _candidates(planned, wish)
-    limits = _limits(wish)
+    nearest = 0.0 if wish.nearest_mm is None else 1e-3 * wish.nearest_mm
+    farthest = np.inf if wish.farthest_mm is None else 1e-3 * wish.farthest_mm
+    limits = Limits(nearest, farthest, np.radians(wish.incidence_deg), wish.least_px)
     seen = sees(planned.camera, planned.interior, stations, planned.layout, limits)
     of_use = useful(seen)
     if len(of_use) < 2:
@@ -136,12 +138,6 @@ def _candidates(planned: PlannedNetwork, wish: PlanWish) -> Stations:
     distances = np.unique(np.clip(distances, low, high))
     bounds = tuple(np.radians(wish.elevation_deg))
     return shells(layout.middle, distances, wish.directions, (bounds[0], bounds[1]), np.radians([0.0, 90.0]))
-
-
-def _limits(wish: PlanWish) -> Limits:
-    nearest = 0.0 if wish.nearest_mm is None else 1e-3 * wish.nearest_mm
-    farthest = np.inf if wish.farthest_mm is None else 1e-3 * wish.farthest_mm
-    return Limits(nearest, farthest, np.radians(wish.incidence_deg), wish.least_px)
 
 
 def _restricted(planned: PlannedNetwork, some: Index) -> PlannedNetwork:

@@ -121,7 +121,7 @@ def _snooped(
             tests = _rescaled(tests, used, components, latest)
         fails, passes = _worst_failures(network, used, tests, alpha), tests.p_value >= alpha
         passes &= possible & ~active & (returns < _RETURNS)
-        settled = not with_components or _settled(components, latest)
+        settled = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _SETTLED))
         if rounds == _MOST_ROUNDS or (settled and not fails.any() and not passes.any()):
             break
         components = latest if with_components else components
@@ -171,10 +171,6 @@ def _rescaled(tests: RayTests, used: Mask, before: VarianceComponents, after: Va
     T = tests.T / ratio
     p_value = p_values(T, tests.freedom, after.redundancy[after.component], used)
     return replace(tests, T=T, p_value=p_value, w=tests.w / np.sqrt(ratio)[:, None])
-
-
-def _settled(before: VarianceComponents, after: VarianceComponents) -> bool:
-    return bool(np.all(np.abs(after.factor / before.factor - 1) < _SETTLED))
 
 
 def _worst_failures(network: Network, used: Mask, tests: RayTests, alpha: float) -> Mask:

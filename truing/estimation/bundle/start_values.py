@@ -80,8 +80,9 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
     found: list[Grown] = []
     values = interior.copy()
     for pose in poses:
-        corners, size_m = _markers_of(pose, markers)
-        found.append(begin(pose.network, values, corners, size_m))
+        own = np.isin(markers.corners, pose.point).all(axis=1)  # markers whose corners are all the pose's
+        corners = np.searchsorted(pose.point, markers.corners[own])
+        found.append(begin(pose.network, values, corners, markers.size_m[own]))
         used = np.unique(pose.network.image_camera[found[-1].oriented])
         values[used] = found[-1].interior[used]
     values[:, 0] = np.where(np.isnan(values[:, 0]), usual_distance(network), values[:, 0])
@@ -93,13 +94,6 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
         agrees[pose.ray] = now.agrees
     oriented, placed = np.isfinite(state.centre[:, 0]), np.isfinite(state.points[:, 0])
     return Start(state, oriented, placed, agrees, tuple(frame), tuple(scale))
-
-
-def _markers_of(pose: PoseNetwork, markers: Markers) -> tuple[Index, Array]:
-    """Return corners (m, 4), by the pose's own numbers, and sizes (m,) of the markers whose corners are all the
-    pose's."""
-    own = np.isin(markers.corners, pose.point).all(axis=1)
-    return np.searchsorted(pose.point, markers.corners[own]), markers.size_m[own]
 
 
 def _finished(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
@@ -120,9 +114,8 @@ def in_frame(network: Network, state: State, corners: Index, size_m: Array) -> t
     """Return the state with every pose in the frame of its known points, or to scale; and where each pose (S) has its
     frame and its scale from."""
     R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
-    poses = 1 + int(max(network.image_pose.max(initial=-1), network.point_pose.max(initial=-1)))
-    frames, scales = [FREE] * poses, [FREE] * poses
-    for pose in range(poses):
+    frames, scales = [FREE] * network.poses, [FREE] * network.poses
+    for pose in range(network.poses):
         images, own = network.image_pose == pose, network.point_pose == pose
         if not np.isfinite(centre[images]).any():
             frames[pose] = scales[pose] = NOTHING

@@ -23,6 +23,8 @@ AMBIGUOUS = "claimed by more than one point"
 NOT_ORIENTED = "its image has no orientation"
 MATCHED = ""
 _PARTNERS = 6  # images with which an image's circles are paired
+_FEWEST = 3  # images in which a point needs circles
+_ALPHA = 0.001  # share of true partners that a single test loses
 _GOOD_ANGLE = (np.radians(4.0), np.radians(60.0))  # between viewing directions of a pair
 
 
@@ -63,18 +65,16 @@ class Matched:
     reason: tuple[str, ...]
 
 
-def match_uncoded(circles: Circles, images: OrientedImages, fewest: int = 3, alpha: float = 0.001) -> Matched:
-    """Return the points that circles without a code belong to, one pose at a time.
-
-    A point needs circles in `fewest` images; alpha is the share of true partners that a single test loses.
-    """
+def match_uncoded(circles: Circles, images: OrientedImages) -> Matched:
+    """Return the points that circles without a code belong to, one pose at a time."""
     usable = np.flatnonzero(np.isfinite(images.centre[circles.image, 0]))
     some = Circles(circles.image[usable], circles.xy_px[usable], circles.cov_px2[usable])
     sight = _sight(some, images)
-    pairs = _epipolar_pairs(sight, images, alpha)
-    claims, paired = _hypotheses(pairs, sight, images, fewest, alpha)
-    kept, contested = _undisputed(claims, len(usable), fewest)
-    X, cov, members = _intersections(kept, sight, images)
+    pairs = _epipolar_pairs(sight, images)
+    claims, paired = _hypotheses(pairs, sight, images)
+    kept, contested = _undisputed(claims, len(usable))
+    members = _members(kept)
+    X, cov = _located(sight, images, members, len(kept))
     point = np.full(len(circles.image), -1, np.int64)
     reason = np.full(len(circles.image), NOT_ORIENTED, dtype=object)
     reason[usable] = np.where(contested, AMBIGUOUS, np.where(paired, TOO_FEW, NO_PARTNER))
@@ -138,11 +138,11 @@ def _partners(images: OrientedImages) -> list[tuple[int, int]]:
     return sorted(chosen)
 
 
-def _epipolar_pairs(sight: _Sight, images: OrientedImages, alpha: float) -> Index:
+def _epipolar_pairs(sight: _Sight, images: OrientedImages) -> Index:
     """Return pairs of circles (L, 2) of different images whose rays meet within their tolerance."""
     from scipy.special import chdtri
 
-    critical, found = float(chdtri(1, alpha)), [np.empty((0, 2), np.int64)]
+    critical, found = float(chdtri(1, _ALPHA)), [np.empty((0, 2), np.int64)]
     groups = {int(i): np.flatnonzero(sight.image == i) for i in np.unique(sight.image)}
     whole = np.concatenate([sight.direction, np.ones((len(sight.direction), 1))], axis=1)
     for i, j in _partners(images):
@@ -186,7 +186,7 @@ def _located(sight: _Sight, images: OrientedImages, members: _Members, points: i
     return X, cov
 
 
-def _hypotheses(pairs: Index, sight: _Sight, images: OrientedImages, fewest: int, alpha: float) -> tuple[Index, Mask]:
+def _hypotheses(pairs: Index, sight: _Sight, images: OrientedImages) -> tuple[Index, Mask]:
     """Return which circle (H, I) each supposed point has in each image (-1: none), points that are the same merged, and
     which circles (M,) have any partner."""
     paired = np.zeros(len(sight.image), bool)
@@ -195,12 +195,12 @@ def _hypotheses(pairs: Index, sight: _Sight, images: OrientedImages, fewest: int
     with np.errstate(invalid="ignore"):
         inside = np.all((X - images.box_m[0]) * (images.box_m[1] - X) >= 0, axis=1)
     paired[pairs[inside].ravel()] = True
-    claims = _seen_in_all(X[inside], cov[inside], sight, images, alpha)
+    claims = _seen_in_all(X[inside], cov[inside], sight, images)
     for _ in range(2):
-        claims = np.unique(claims[(claims >= 0).sum(axis=1) >= fewest], axis=0)
+        claims = np.unique(claims[(claims >= 0).sum(axis=1) >= _FEWEST], axis=0)
         X, cov = _located(sight, images, _members(claims), len(claims))
-        claims = _seen_in_all(X, cov, sight, images, alpha)
-    claims = np.unique(claims[(claims >= 0).sum(axis=1) >= fewest], axis=0)
+        claims = _seen_in_all(X, cov, sight, images)
+    claims = np.unique(claims[(claims >= 0).sum(axis=1) >= _FEWEST], axis=0)
     return claims, paired
 
 
@@ -209,12 +209,12 @@ def _members(claims: Index) -> _Members:
     return _Members(claims[point, image], point.astype(np.int64))
 
 
-def _seen_in_all(X: Array, cov: Array, sight: _Sight, images: OrientedImages, alpha: float) -> Index:
+def _seen_in_all(X: Array, cov: Array, sight: _Sight, images: OrientedImages) -> Index:
     """Return the circle (H, I) that each image shows where it should show the points (H, 3), -1 where none."""
     from scipy.spatial import cKDTree
     from scipy.special import chdtri
 
-    critical = float(chdtri(2, alpha))
+    critical = float(chdtri(2, _ALPHA))
     claims = np.full((len(X), len(images.R)), -1, np.int64)
     for i in np.unique(sight.image):
         here = np.flatnonzero(sight.image == i)
@@ -231,7 +231,7 @@ def _seen_in_all(X: Array, cov: Array, sight: _Sight, images: OrientedImages, al
     return claims
 
 
-def _undisputed(claims: Index, circles: int, fewest: int) -> tuple[Index, Mask]:
+def _undisputed(claims: Index, circles: int) -> tuple[Index, Mask]:
     """Return the supposed points (K, I) that stand against all others, and which circles (M,) more than one claimed.
 
     Two that share circles of two images are the same point: the better supported stands. Of points that share one
@@ -257,7 +257,7 @@ def _undisputed(claims: Index, circles: int, fewest: int) -> tuple[Index, Mask]:
         wins = open_ & (weight == most[members.circle])
         alone = np.bincount(members.circle[wins], minlength=circles)[members.circle] == 1
         has = np.bincount(members.point[wins & alone], minlength=len(claims))
-        falls = stands & (has < fewest)
+        falls = stands & (has < _FEWEST)
         if not falls.any():
             break
         falls &= support == support[falls].min()
@@ -266,10 +266,4 @@ def _undisputed(claims: Index, circles: int, fewest: int) -> tuple[Index, Mask]:
     claimants = np.bincount(members.circle[stands[members.point]], minlength=circles)
     kept = np.where((claims >= 0) & (claimants[np.maximum(claims, 0)] > 1), -1, claims)[stands]
     contested |= claimants > 1
-    return kept[(kept >= 0).sum(axis=1) >= fewest], contested
-
-
-def _intersections(kept: Index, sight: _Sight, images: OrientedImages) -> tuple[Array, Array, _Members]:
-    members = _members(kept)
-    X, cov = _located(sight, images, members, len(kept))
-    return X, cov, members
+    return kept[(kept >= 0).sum(axis=1) >= _FEWEST], contested

@@ -212,7 +212,8 @@ def _fit(
     values[:, _CONTRAST] = np.where(sign < 0.0, -1.0, 1.0) * np.maximum(spread, 1e-3)
     level = noise.variance(mean)
     # Dark squares have less noise than light ones; which pixel is what, the start tells well enough.
-    weight = np.where(usable, 1.0 / np.maximum(noise.variance(_expected(values, fx, fy)), 1e-12), 0.0)
+    expected = values[:, _MEAN, None] + values[:, _CONTRAST, None] * _distances(values, fx, fy)
+    weight = np.where(usable, 1.0 / np.maximum(noise.variance(expected), 1e-12), 0.0)
 
     def model(unknowns: Array, patches: NDArray[np.intp]) -> tuple[Array, Array]:
         return _picture(unknowns, fx[patches], fy[patches], radius[patches])
@@ -225,10 +226,6 @@ def _distances(values: Array, fx: Array, fy: Array) -> Array:
     """Sign (n, M) of the product of both distances."""
     a, b = values[:, _NORMAL_1, None], values[:, _NORMAL_2, None]
     return np.sign((np.cos(a) * fx + np.sin(a) * fy) * (np.cos(b) * fx + np.sin(b) * fy))
-
-
-def _expected(values: Array, fx: Array, fy: Array) -> Array:
-    return values[:, _MEAN, None] + values[:, _CONTRAST, None] * _distances(values, fx, fy)
 
 
 def _picture(unknowns: Array, fx: Array, fy: Array, radius: Array) -> tuple[Array, Array]:

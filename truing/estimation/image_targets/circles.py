@@ -222,7 +222,7 @@ def _code_faults(grey: NDArray, fit: Array, reading: Reading, plan: CirclePlan) 
     """Return why dots (N, RESULTS) are none of those looked for, by what is around them; empty where they are."""
     coded = reading.number >= 0
     tests = {
-        "at border": ~_ring_inside(grey, fit, plan),
+        "at border": ~inside_image(grey, fit[:, :2], matrices(fit), 3.0) & bool(plan.codes),
         "code of two families": reading.ambiguous & reading.unreadable,
         "unreadable code": reading.unreadable & ~coded,
         "part of a ring": ~coded & on_rings(fit, coded | reading.unreadable),
@@ -235,11 +235,6 @@ def _code_faults(grey: NDArray, fit: Array, reading: Reading, plan: CirclePlan) 
 def _of(reading: Reading, numbers: NDArray[np.int64]) -> Reading:
     """Return the readings of some rings, by number."""
     return Reading(*(getattr(reading, each.name)[numbers] for each in fields(Reading)))
-
-
-def _ring_inside(grey: NDArray, fit: Array, plan: CirclePlan) -> Mask:
-    """Return which rings (N,) lie in the image whole; where no codes are looked for, all do."""
-    return inside_image(grey, fit[:, :2], matrices(fit), 3.0) | (not plan.codes)
 
 
 def _targets(fit: Array, reading: Reading, rejected: Counter[str], noise: ImageNoise, plan: CirclePlan) -> ImageTargets:

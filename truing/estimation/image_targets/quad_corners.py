@@ -74,25 +74,19 @@ def refine_quads(grey: NDArray, corners: Array, module_px: Array, noise: ImageNo
         good = np.flatnonzero(refused == "")
         if not len(good):
             break
-        found = _refined(grey, xy[good], module_px[good], blur[good], noise)
+        found, blur[good] = _refined(grey, xy[good], module_px[good], blur[good], noise)
         xy[good], covariance[good] = found.xy, found.covariance
-        contrast[good], blur[good], refused[good] = found.contrast, found.blur, found.refused
+        contrast[good], refused[good] = found.contrast, found.refused
     moved = np.linalg.norm(xy - corners, axis=2).max(1, initial=0.0) if count else np.zeros(0)
     refused[(refused == "") & (moved > 3.0)] = "edges elsewhere than its cells"
     refused[(refused == "") & (module_px < _LEAST_MODULE * blur)] = "cells too small for the blur"
     return QuadCorners(xy, covariance, contrast, refused)
 
 
-@dataclass(frozen=True)
-class _Refined:
-    xy: Array
-    covariance: Array
-    contrast: Array
-    blur: Array
-    refused: NDArray[np.str_]
-
-
-def _refined(grey: NDArray, corners: Array, module_px: Array, blur: Array, noise: ImageNoise) -> _Refined:
+def _refined(
+    grey: NDArray, corners: Array, module_px: Array, blur: Array, noise: ImageNoise
+) -> tuple[QuadCorners, Array]:
+    """Corners after one fit of their edges, and the blur (Q,) in px that these show."""
     edges, quad, at_start, at_end = _edges_of(corners, module_px)
     fit = _fit_edges(grey, edges, blur[quad], noise)
     usable = _usable(fit, edges, noise)
@@ -112,7 +106,7 @@ def _refined(grey: NDArray, corners: Array, module_px: Array, blur: Array, noise
     sums = np.bincount(quad, minlength=count)
     contrast, found_blur = (np.bincount(quad, np.nan_to_num(fit.values[:, k]), count) / sums for k in (CONTRAST, BLUR))
     xy = corners + np.where(refused[:, None, None] == "", shift, 0.0)
-    return _Refined(xy, covariance, contrast, np.clip(found_blur, 0.5, 6.0), refused)
+    return QuadCorners(xy, covariance, contrast, refused), np.clip(found_blur, 0.5, 6.0)
 
 
 def _edges_of(corners: Array, module_px: Array) -> tuple[_Edges, NDArray, NDArray, NDArray]:

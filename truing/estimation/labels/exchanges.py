@@ -38,7 +38,8 @@ def exchanges(residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray,
     point, m.
     """
     found = [] if len(shape) < _FEWEST else _at_each_others_place(residual, seen, shape, sigma)
-    rows = np.flatnonzero(_few(seen))
+    count = seen.sum(1)
+    rows = np.flatnonzero((count >= _FEWEST) & (count <= _FEW))
     fit = umeyama(shape, points[rows], seen[rows].astype(float))
     bad = rows[~fit.ok | (np.nan_to_num(fit.rms) > _WORTH_LOOKING * sigma)]
     for pose in bad[~np.isin(bad, [exchange.pose for exchange in found])]:
@@ -76,11 +77,6 @@ def _off(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray:
     ranked = np.argsort(rms)
     best = ranked[0] if len(rms) > 1 and _BETTER_THAN_OTHERS * rms[ranked[0]] < rms[ranked[1]] else -1
     return np.asarray((places - fit.t[best]) @ fit.R[best] - shape)
-
-
-def _few(seen: NDArray) -> NDArray:
-    count = seen.sum(1)
-    return np.asarray((count >= _FEWEST) & (count <= _FEW))
 
 
 def _at_each_others_place(residual: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:

@@ -140,7 +140,8 @@ def label_bodies(
             continue
         rivals = []
         for rival in (h for h in offers[body] if contradict(cloud, survey, mine, h)):
-            odds = best_total - _best_choice(_forced(offers, at, rival), len(cloud))[0]
+            forced = [[rival] if i == at else offer for i, offer in enumerate(offers.values())]
+            odds = best_total - _best_choice(forced, len(cloud))[0]
             rivals.append(_rival(mine, rival, odds, known[body], owners))
         match = np.where((mine.match >= 0) & (owners[mine.match] == body), mine.match, -1)
         labellings[body] = _labelling(cloud, survey, mine, match, sorted(rivals, key=lambda rival: rival.log_odds))
@@ -201,10 +202,6 @@ def _best_choice(offers: list[list[Hypothesis]], n_points: int) -> tuple[float, 
 
     descend(0, np.zeros(n_points), [])
     return best[0], best[1]
-
-
-def _forced(offers: Mapping[str, list[Hypothesis]], at: int, hypothesis: Hypothesis) -> list[list[Hypothesis]]:
-    return [[hypothesis] if i == at else offer for i, offer in enumerate(offers.values())]
 
 
 def _owners(chosen: list[Hypothesis | None], bodies: list[str], n_points: int) -> NDArray:

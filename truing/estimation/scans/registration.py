@@ -193,18 +193,12 @@ def _rivals(trial: Scene, fits: list[SurfaceFit], best: SurfaceFit) -> Iterator[
     """Yield other poses (4, 4) that the best one does not beat point by point, to odds of a million to one."""
     independent = min(1.0, len(trial.reference) / (3 * len(trial.scan)))
     for fit in fits[1:]:
-        if same_pose(_pose(fit), _pose(best), 0.05 * trial.size):
+        if same_pose(_homogeneous(fit.R, fit.t), _homogeneous(best.R, best.t), 0.05 * trial.size):
             continue
         both = fit.judged & fits[0].judged
         worse = fit.cost[both] - fits[0].cost[both]
         if np.sum(worse) * np.sqrt(independent) <= BEATEN * np.sqrt(np.sum((worse - worse.mean()) ** 2)):
-            yield _pose(fit)
-
-
-def _pose(fit: SurfaceFit) -> NDArray:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = fit.R, fit.t
-    return T
+            yield _homogeneous(fit.R, fit.t)
 
 
 def _concluded(
@@ -217,7 +211,8 @@ def _concluded(
     if status == ScanStatus.OK and fit.covariance is not None:
         shift = np.eye(6)
         shift[:3, 3:] = skew(fit.R @ surface_centre)
-        T, covariance = _from_centroids(_pose(fit), scan_centre, surface_centre), shift @ fit.covariance @ shift.T
+        T = _from_centroids(_homogeneous(fit.R, fit.t), scan_centre, surface_centre)
+        covariance = shift @ fit.covariance @ shift.T
     return ScanFit(
         T,
         covariance,
@@ -279,7 +274,7 @@ def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDAr
     o3d = load_open3d()
     voxel = max(_voxel_for(o3d, reference), _voxel_for(o3d, scan))
     thin_reference, thin_scan = (_with_normals(o3d, cloud, voxel) for cloud in (reference, scan))
-    fewer = _every(thin_scan, max(1, len(thin_scan.points) // _FEWER))
+    fewer = thin_scan.uniform_down_sample(max(1, len(thin_scan.points) // _FEWER))
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         matched = list(_by_features(o3d, thin_reference, thin_scan, voxel))
     starts = [*matched, *_promising(o3d, thin_reference, fewer, _by_axes(reference, scan), voxel)]
@@ -315,10 +310,6 @@ def _with_normals(o3d: Any, points: NDArray, voxel: float) -> Any:
     return cloud
 
 
-def _every(cloud: Any, step: int) -> Any:
-    return cloud.uniform_down_sample(step)
-
-
 def _by_features(o3d: Any, reference: Any, scan: Any, voxel: float) -> Iterator[NDArray]:
     """Yield poses from matched fast point feature histograms (Rusu et al., ICRA 2009), by two ways of searching."""
     search = o3d.geometry.KDTreeSearchParamHybrid(6 * voxel, 100)
@@ -350,7 +341,8 @@ def _by_axes(reference: NDArray, scan: NDArray) -> Iterator[NDArray]:
     axes = [np.linalg.eigh(np.cov(cloud.T))[1] for cloud in (reference, scan)]
     for turn in _cube_rotations():
         R = axes[1] @ turn @ axes[0].T
-        yield _homogeneous(R * np.linalg.det(R), scan.mean(0), reference.mean(0))
+        R *= np.linalg.det(R)
+        yield _homogeneous(R, scan.mean(0) - R @ reference.mean(0))
 
 
 def _symmetric(reference: NDArray, T: NDArray) -> Iterator[NDArray]:
@@ -359,13 +351,13 @@ def _symmetric(reference: NDArray, T: NDArray) -> Iterator[NDArray]:
     angles = np.unique(np.r_[np.arange(12) / 12, np.arange(8) / 8, np.arange(5) / 5]) * 2 * np.pi
     for k, upside_down, angle in product(range(3), (0.0, np.pi), angles):
         S = exp_so3(upside_down * axes[:, (k + 1) % 3]) @ exp_so3(angle * axes[:, k])
-        yield T @ _homogeneous(S, centre, centre)
+        yield T @ _homogeneous(S, centre - S @ centre)
 
 
-def _homogeneous(R: NDArray, target: NDArray, source: NDArray) -> NDArray:
-    """Return the pose (4, 4) with rotation R that takes the point source to target."""
+def _homogeneous(R: NDArray, t: NDArray) -> NDArray:
+    """The pose (4, 4) of a rotation and a shift."""
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, target - R @ source
+    T[:3, :3], T[:3, 3] = R, t
     return T
 
 
