@@ -31,11 +31,11 @@ def test_gross_errors_are_found_with_their_size(sigma_px):
     assert not (found.used & made.gross).any()
     assert (~found.used & ~made.gross).sum() <= 4  # 0.4 expected
     listed = np.isin(found.rejected.ray, np.flatnonzero(made.gross))
-    size = np.linalg.norm(found.rejected.gross_error_px, axis=1)[listed]
+    size = np.linalg.norm(found.adjustment.residuals_px[found.rejected.ray], axis=1)[listed]
     true = made.gross_px[found.rejected.ray[listed]]
     assert np.abs(size - true).max() < 6 * sigma_px
     assert set(np.array(found.rejected.reason)[listed]) == {GROSS}
-    assert (found.rejected.p_value < found.alpha).all()
+    assert (found.tests.p_value[found.rejected.ray] < found.alpha).all()
 
 
 def test_good_rays_are_rejected_at_the_stated_rate():

@@ -119,7 +119,7 @@ class _Datum:
         return found
 
     def followed(self, by_common: Array) -> Array:
-        """Return how points (3 p, c) follow the common unknowns in the datum."""
+        """Derivatives of points (3 p, c) by the common unknowns in the datum, of those given."""
         found = by_common - self.freedoms @ (self.back @ by_common)
         found[self.certain] = 0.0
         return found
@@ -183,7 +183,7 @@ class BundleCovariance:
         return self._pose(pose).points
 
     def sensitivities(self, pose: int) -> Array:
-        """Return how the points of a pose follow the common unknowns (3 p, c), m per unit of each."""
+        """Derivatives of the points of a pose by the common unknowns (3 p, c), m per unit of each."""
         return self._pose(pose).points_by_common
 
     def between(self, one: int, other: int) -> Array:
@@ -387,7 +387,7 @@ def _check_pivots(layout: Layout, reduced: Reduced, least: float = _SINGULAR) ->
 
 
 def _pivots(one: EliminatedPose) -> tuple[Array, Index]:
-    """Return what part of the information of each unknown of a pose is left after those before it, and its place."""
+    """Share of each unknown's information that is left after the unknowns of its pose before it, and its place."""
     blocks = one.blocks
     own = np.diagonal(one.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
     kept = np.diagonal(one.factor) ** 2 / one.kept_diagonal

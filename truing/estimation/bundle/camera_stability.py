@@ -52,7 +52,7 @@ class CameraStability:
 
 
 def camera_stability(score: Array, information: Array) -> CameraStability:
-    """Return how much one camera differed between poses, from score (S, 3) and information (S, 3, 3) of each.
+    """Differences of one camera between poses, from score (S, 3) and information (S, 3, 3) of each.
 
     A pose's deviation from the common values, which it has a part in, has covariance N^-1 - (sum N)^-1.
     """
@@ -92,7 +92,7 @@ class ImageStability:
 
 
 def image_stability(adjusted: Adjustment, variance_factor: Array) -> list[ImageStability]:
-    """Return what the rays used say of each camera's images; none of cameras with few images, or whose network does
+    """Principal distances of each camera's images by the rays used; none of cameras with few images, or whose network does
     not tell.
 
     variance_factor (N,): by which the covariances of rays were multiplied.
@@ -182,7 +182,7 @@ def _sorted(camera: int, images: Index, values: Array, covariance: Array) -> Ima
 
 
 def _shared(values: Array, covariance: Array) -> tuple[Mask, float, float]:
-    """Return which values (n,) most share, that value, and the chi2 of all of them sharing one."""
+    """Mask (n,) of the values that most share, that value, and the chi2 of all of them sharing one."""
     from scipy.special import chdtri
 
     count = len(values)

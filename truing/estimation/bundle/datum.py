@@ -42,7 +42,7 @@ class Freedom:
 
 
 def freedoms(layout: Layout, state: State) -> tuple[Freedom, ...]:
-    """Return what the observations leave free of every pose: bars take the scale, known points what they fix."""
+    """Freedoms that the observations leave every pose: bars take the scale, known points what they fix."""
     points, centres = state.points[layout.points], state.centre[layout.images]
     middle, size = _middles(points, layout.point_start)
     of_point, of_image = _owners(layout.point_start), _owners(layout.image_start)

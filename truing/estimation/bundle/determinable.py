@@ -104,7 +104,7 @@ def check_determined(network: Network, used: NDArray[np.bool_], known: bool) -> 
 
 
 def _definite(covariance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which symmetric matrices (n, 2, 2) or (n, 3, 3) are positive definite: all leading minors are positive."""
+    """Mask (n,) of symmetric matrices (n, 2, 2) or (n, 3, 3) that are positive definite: leading minors above 0."""
     c = covariance
     minors = [c[:, 0, 0], c[:, 0, 0] * c[:, 1, 1] - c[:, 0, 1] * c[:, 1, 0]]
     if c.shape[1] > 2:

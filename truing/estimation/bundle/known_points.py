@@ -34,9 +34,7 @@ _FLAT = 0.01  # of their extent: known points nearer to one line give no frame
 class KnownPointErrors:
     """Per known point (m): off_m (m, 3) known less where rays and the other points have it, sigma_m (m, 3), T and its
     p_value, NaN where nothing tests it; wrong (m,). resolved: whether the others agree with each other; else nobody can
-    say which is wrong, and inflation is by how much the covariances of all would have to be larger.
-
-    scale: of the known coordinates over that of the rays, with its sigma."""
+    say which is wrong, and inflation is by how much the covariances of all would have to be larger."""
 
     off_m: Array
     sigma_m: Array
@@ -45,12 +43,10 @@ class KnownPointErrors:
     wrong: Mask
     resolved: bool
     inflation: float
-    scale: float
-    scale_sigma: float
 
 
 def known_point_errors(points: Array, covariance: Array, known: Array, known_cov: Array) -> KnownPointErrors:
-    """Return what the rays of one pose say of its known points.
+    """Errors of the known points of one pose against its rays.
 
     points (m, 3) in m as rays have them, covariance (3 m, 3 m) of these, known (m, 3) in m, known_cov (m, 3, 3); three
     points or more, not on one line.
@@ -88,9 +84,7 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
         inflation = max(found.chi2 / max(found.freedom, 1), 1.0)
     wrong, untold = ~inside & resolved, ~np.isfinite(found.T) & (not resolved)
     off = np.where(untold[:, None], found.misfit, found.off)
-    return KnownPointErrors(
-        off, found.sigma, found.T, p_value, wrong, resolved, inflation, found.scale, found.scale_sigma
-    )
+    return KnownPointErrors(off, found.sigma, found.T, p_value, wrong, resolved, inflation)
 
 
 def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> bool:
@@ -137,8 +131,6 @@ class _Tested:
     T: Array
     chi2: float
     freedom: int
-    scale: float
-    scale_sigma: float
 
 
 def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> _Tested:
@@ -173,16 +165,7 @@ def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, in
         off[n] = block @ (P @ left)[own]
         spread[n], T[n] = np.sqrt(np.diagonal(block)), off[n] @ M @ off[n]
     chi2, freedom = float(left @ P @ left), 3 * int(inside.sum()) - 7
-    return _Tested(
-        known - placed,
-        off,
-        spread,
-        T,
-        chi2,
-        max(freedom, 0),
-        scale * (1.0 + values[6]),
-        float(np.sqrt(cofactor[6, 6])),
-    )
+    return _Tested(known - placed, off, spread, T, chi2, max(freedom, 0))
 
 
 @dataclass(frozen=True)

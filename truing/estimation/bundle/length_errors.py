@@ -96,7 +96,7 @@ def _verdicts(error: Array, sigma: Array, permitted: Array) -> tuple[str, ...]:
 
 
 def _lacks(calibrated_m: Array, line: Index | None, volume_m: Array | None) -> tuple[str, ...]:
-    """Return what the guideline asks for that these lengths are not: lines, lengths per line, their extent."""
+    """Requirements of the guideline that these lengths do not meet: lines, lengths per line, their extent."""
     lacks: list[str] = []
     many: NDArray = np.bincount(line) if line is not None and len(line) else np.ones(len(calibrated_m), int)
     many = many[many > 0]

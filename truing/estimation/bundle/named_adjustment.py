@@ -6,20 +6,26 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truing.estimation.bundle.adjustment import Adjustment
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.eccentricity import facing, network_eccentricity
 from truing.estimation.bundle.known_points import KnownTested, loosened, tested_known
-from truing.estimation.bundle.network import ImagePoints, Index, NamedNetwork, Names, Network, Pose, State
+from truing.estimation.bundle.network import (
+    Array,
+    ImagePoints,
+    Index,
+    Mask,
+    NamedNetwork,
+    Names,
+    Network,
+    Pose,
+    State,
+)
 from truing.estimation.bundle.snooping import Snooped, adjust_robustly
 from truing.estimation.bundle.start_values import Start, find_start
 from truing.estimation.bundle.uncoded_matching import Circles, OrientedImages, match_uncoded
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _FEWEST_KNOWN = 4  # three can be anywhere
 _ELSEWHERE = 0.01  # of the extent of a pose's known points
@@ -118,7 +124,8 @@ def adjust_network(
         off, seen_radii = eccentricities(whole, table, snooped.adjustment.state, snooped.used, radii)
     if off.any():
         progress(3, 4, "centres of circles")
-        whole = replace(whole, network=without_eccentricity(whole.network, off))
+        centres = replace(whole.network.rays, xy_px=whole.network.rays.xy_px - off)
+        whole = replace(whole, network=replace(whole.network, rays=centres))
         snooped = _robustly(whole.network, snooped.adjustment.state, choices, snooped.used)
     return AdjustedNetwork(whole, snooped, off, unmatched, reason, start, seen_radii / radii, known)
 
@@ -227,7 +234,7 @@ def _box(points: Array) -> Array:
 
 
 def eccentricities(
-    named: NamedNetwork, table: ImagePoints, state: State, used: NDArray[np.bool_], radius_m: Array
+    named: NamedNetwork, table: ImagePoints, state: State, used: Mask, radius_m: Array
 ) -> tuple[Array, Array]:
     """By how much the centre of each ray's ellipse is off (N, 2) in px; 0 where no ellipse was measured, or the
     ellipses of its point leave open which way it faces. And the radii (P,) in m that the ellipses show, NaN without.
@@ -244,8 +251,3 @@ def eccentricities(
     off = network_eccentricity(named.network, state, rays.image, rays.point, found.normal, radius)
     no_ellipse = np.isnan(table.semi_axes_px[named.row]).any(axis=1, keepdims=True)
     return np.where(no_ellipse | ~np.isfinite(off), 0.0, off), found.radius_m
-
-
-def without_eccentricity(network: Network, off_px: Array) -> Network:
-    """The network with its rays through the circles' centres."""
-    return replace(network, rays=replace(network.rays, xy_px=network.rays.xy_px - off_px))

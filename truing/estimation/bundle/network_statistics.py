@@ -26,7 +26,7 @@ class Intersections:
 
 
 def intersections(network: Network, state: State, used: Mask) -> Intersections:
-    """Return how the rays used (N,) of every point meet.
+    """Intersections of the rays used (N,), point by point.
 
     The condition is the square root of the ratio of the extreme eigenvalues of sum(1 - d d^T) / distance^2.
     """
@@ -72,7 +72,7 @@ class Coverage:
 
 
 def camera_coverage(network: Network, used: Mask, per_side: int = 5) -> Coverage:
-    """Return how the rays used (N,) of all images of each camera fill its format."""
+    """Coverage of each camera's format by the rays used (N,) of all its images."""
     from scipy.spatial import ConvexHull, QhullError
 
     camera, size = _cameras(network, used)
@@ -112,7 +112,7 @@ class ResidualRegions:
 
 
 def residual_regions(network: Network, residuals_px: Array, cofactor_px2: Array, per_side: int = 5) -> ResidualRegions:
-    """Return what residuals (N, 2) keep in common per region of each camera's format.
+    """Mean residuals, of residuals (N, 2), and their tests per region of each camera's format.
 
     cofactor_px2 (N, 2, 2) is the covariance of the residuals; correlation between rays is neglected, which makes the
     test a little conservative (estimated parameters take up what regions have in common). Rays left out have residual

@@ -65,7 +65,7 @@ class Layout:
 
 
 def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
-    """Return where the unknowns of the rays used (N,) stand; known: whether known points take part."""
+    """Lay out the unknowns of the rays used (N,); known: whether known points take part."""
     rays = network.rays
     images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, network.poses)
     rows = np.flatnonzero(used)
@@ -105,7 +105,7 @@ def _present(numbers: Index) -> Index:
 
 
 def _image_rows(image_start: Index, point_start: Index) -> Rows:
-    """Return where the rows of images stand."""
+    """Lay out the rows of images."""
     images, points = np.diff(image_start), np.diff(point_start)
     lengths = 3 * points
     start = np.concatenate([[0], np.cumsum(6 * images * lengths)])
@@ -209,7 +209,7 @@ class Step:
 
 
 def observe(network: Network, layout: Layout, weights: Array, variance_factor: Array) -> Observed:
-    """Return what is adjusted; weights (N,) in [0, 1] and factors of the covariances (N,) of all rays."""
+    """Observations with their information; weights (N,) in [0, 1] and factors of the covariances (N,) of all rays."""
     rows = layout.rays
     (xx, xy), (_, yy) = network.rays.cov_px2[rows].transpose(1, 2, 0)
     per = weights[rows] / variance_factor[rows] / (xx * yy - xy * xy)

@@ -21,13 +21,11 @@ _STEPS = 8
 
 @dataclass(frozen=True)
 class Resection:
-    """Orientation of an image: R (3, 3) camera axes into measurement axes, centre (3,), which points agree (n,), and
-    the root mean square of their misses in ideal pixels."""
+    """Orientation of an image: R (3, 3) camera axes into measurement axes, centre (3,), which points agree (n,)."""
 
     R: Array
     centre: Array
     agrees: Mask
-    rms_px: float
 
 
 def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> Resection | None:
@@ -62,8 +60,7 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     agrees = (depth > 0) & (off < limit)
     if agrees.sum() < FEWEST:
         return None
-    rms = float(np.sqrt(np.mean(off[agrees] ** 2)) * scale_px)
-    return Resection(R, origin - R @ t * size, agrees, rms)
+    return Resection(R, origin - R @ t * size, agrees)
 
 
 def _of_all(X: Array, direction: Array) -> list[tuple[Array, Array]]:
@@ -129,7 +126,7 @@ class Pair:
 
 
 def common_points(image: Index, point: Index, images: int, points: int) -> Array:
-    """Return how many points (I, I) each pair of images has in common."""
+    """Number of points (I, I) that each pair of images has in common."""
     from scipy.sparse import csr_array
 
     seen = csr_array((np.ones(len(image)), (image, point)), shape=(images, points))

@@ -70,7 +70,7 @@ class RayStatistics:
 
 
 def ray_statistics(observed: Observed, state: State) -> RayStatistics:
-    """Return what each pose tells at an adjusted state."""
+    """Information, score and effects of the shared numbers, pose by pose, at an adjusted state."""
     network, layout = observed.network, observed.layout
     numbers = _numbers(observed, state)
     rays = network.rays
@@ -233,7 +233,7 @@ def _flat(freedoms: Array) -> Array:
 
 
 def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
-    """Return how far points (N, 3) in m, seen from centres (N, 3), seem to move (N, 3, 6) per second derivative of the
+    """Apparent movements (N, 3, 6) of points (N, 3) in m, seen from centres (N, 3), per second derivative of the
     index, 1/m^2, in the order of CURVATURES; origin (3,): where its gradient is none."""
     away = centres - points
     length = np.linalg.norm(away, axis=-1, keepdims=True)
@@ -247,7 +247,7 @@ def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
 
 
 def by_thickness(seen: Array) -> Array:
-    """Return how far points (N, 3) in a camera's axes seem to move along its axis (N,) per thickness of a pane."""
+    """Apparent movement (N,) of points (N, 3) in a camera's axes along its axis, per thickness of a pane."""
     cosine = seen[:, 2] / np.linalg.norm(seen, axis=-1)
     return np.asarray(cosine / np.sqrt(GLASS**2 - 1 + cosine**2) - 1)
 

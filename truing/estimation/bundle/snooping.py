@@ -277,15 +277,9 @@ def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Ma
 
 @dataclass(frozen=True)
 class RejectedRays:
-    """Rays left out: ray (R,) by number, w (R, 2), T (R,) and its p-value (R,), redundancy numbers (R, 2), estimated
-    gross error (R, 2) in px, and the reason (R,). Numbers are NaN where the network predicts nothing for a ray."""
+    """Rays left out: ray (R,) by number, and the reason (R,)."""
 
     ray: Index
-    w: Array
-    T: Array
-    p_value: Array
-    redundancy: Array
-    gross_error_px: Array
     reason: tuple[str, ...]
 
 
@@ -307,7 +301,7 @@ def _elsewhere(adjusted: Adjustment, components: VarianceComponents, rejected: M
 def rejected_rays(
     network: Network, start: State, adjusted: Adjustment, components: VarianceComponents, active: Mask, tests: RayTests
 ) -> RejectedRays:
-    """Return all rays that take no part, with what the others say of them."""
+    """Return all rays that take no part, and why."""
     rays, used = network.rays, adjusted.used
     placed, oriented = np.isfinite(start.points[rays.point, 0]), np.isfinite(start.centre[rays.image, 0])
     on_point = np.bincount(rays.point[used], minlength=len(network.point_pose))[rays.point]
@@ -320,16 +314,7 @@ def rejected_rays(
     reason = np.where(placed, reason, NO_POINT)
     reason = np.where(oriented, reason, NO_IMAGE)
     out = np.flatnonzero(~used)
-    error = np.where(np.isfinite(tests.T)[:, None], adjusted.residuals_px, np.nan)
-    return RejectedRays(
-        out,
-        tests.w[out],
-        tests.T[out],
-        tests.p_value[out],
-        tests.redundancy[out],
-        error[out],
-        tuple(reason[out].tolist()),
-    )
+    return RejectedRays(out, tuple(reason[out].tolist()))
 
 
 def possible_rays(network: Network, start: State) -> Mask:

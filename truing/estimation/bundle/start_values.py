@@ -238,7 +238,7 @@ def _misses(now: Grown) -> Array:
 
 
 def _score(network: Network, now: Grown) -> float:
-    """Return how many rays a beginning explains, those that it explains badly counted less."""
+    """Number of rays that a beginning explains, those that it explains badly counted less."""
     several = np.bincount(now.rays.point[now.agrees], minlength=now.rays.points) >= 2
     many = (several | np.isfinite(now.given[:, 0]))[now.rays.point]
     limit = _SCORED_PER_SIDE * float(longer_sides(network).max())

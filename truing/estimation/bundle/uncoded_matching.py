@@ -113,7 +113,7 @@ def _sight(circles: Circles, images: OrientedImages) -> _Sight:
 
 
 def _orientation_slope(R: Array, u: Array) -> Array:
-    """Return how X/Z, Y/Z of u = R^T (X - centre) move with (centre, theta) of the image: (n, 2, 6)."""
+    """Derivatives (n, 2, 6) of X/Z, Y/Z of u = R^T (X - centre) by (centre, theta) of the image."""
     P = _projection_slope(u)
     Rt = R.transpose(0, 2, 1)
     return np.concatenate([-P @ Rt, P @ skew(u) @ Rt], axis=2)
@@ -187,7 +187,7 @@ def _located(sight: _Sight, images: OrientedImages, members: _Members, points: i
 
 
 def _hypotheses(pairs: Index, sight: _Sight, images: OrientedImages) -> tuple[Index, Mask]:
-    """Return which circle (H, I) each supposed point has in each image (-1: none), points that are the same merged, and
+    """Circles (H, I) of each supposed point in each image (-1: none), points that are the same merged, and
     which circles (M,) have any partner."""
     paired = np.zeros(len(sight.image), bool)
     members = _Members(pairs.ravel(), np.repeat(np.arange(len(pairs)), 2))

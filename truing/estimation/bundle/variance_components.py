@@ -21,8 +21,8 @@ _BOUNDS = (1e-4, 1e4)  # of a factor; what lies outside is no matter of measurin
 @dataclass(frozen=True)
 class VarianceComponents:
     """Factors of the rays' covariances: component (N,) of each ray; per component camera (G,) and kind (G,) by number
-    (POOLED where several small groups share it), factor (G,) with its standard deviation sigma (G,), redundancy (G,)
-    and rays (G,), and whether the factor stands at a bound (G,)."""
+    (POOLED where several small groups share it), factor (G,) with its standard deviation sigma (G,), redundancy (G,),
+    and whether the factor stands at a bound (G,)."""
 
     component: Index
     camera: Index
@@ -30,7 +30,6 @@ class VarianceComponents:
     factor: Array
     sigma: Array
     redundancy: Array
-    rays: Index
     bounded: Mask
 
     def of_rays(self) -> Array:
@@ -91,10 +90,9 @@ def grouped(network: Network, used: Mask, redundancy: Array) -> VarianceComponen
     kept, component = np.unique(target[component], return_inverse=True)
     joint = [np.flatnonzero(target == k) for k in kept]
     first, second = zip(*((_common(pairs[m, 0]), _common(pairs[m, 1])) for m in joint), strict=True)
-    rays = np.bincount(component[used], minlength=len(kept))
     ones, nothing = np.ones(len(kept)), np.zeros(len(kept))
     return VarianceComponents(
-        component, np.array(first), np.array(second), ones, np.full(len(kept), np.nan), nothing, rays, nothing > 0
+        component, np.array(first), np.array(second), ones, np.full(len(kept), np.nan), nothing, nothing > 0
     )
 
 
@@ -124,13 +122,11 @@ def updated(
     shared = np.maximum(r - own, 0.0)
     S = np.diag(np.where(enough, own, 1.0)) + np.outer(shared, shared) / max(float(shared.sum()), 1e-12)
     spread = np.sqrt(2 * np.diag(np.linalg.inv(S)))
-    rays = np.bincount(group, minlength=G)
     bounded = (factor <= _BOUNDS[0]) | (factor >= _BOUNDS[1])
     return replace(
         components,
         factor=factor,
         sigma=np.where(enough, factor * spread, np.inf),
         redundancy=r,
-        rays=rays,
         bounded=bounded,
     )

@@ -180,7 +180,7 @@ def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float, top: 
 
 
 def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading, Array]:
-    """Return what the rings about dots (N, RESULTS) say, and out to which radii (N,) all light is known."""
+    """Read the rings about dots (N, RESULTS); and the radii (N,) out to which all light is known."""
     from scipy.special import erf
 
     A, centre, top = matrices(fit), fit[:, :2], _top(grey)
@@ -260,7 +260,7 @@ def _targets(fit: Array, reading: Reading, rejected: Counter[str], noise: ImageN
 
 
 def _noise_factor(fit: Array, noise: ImageNoise) -> Array:
-    """Return by which factor (N,) the covariances of centres (N, RESULTS) are larger than pixels alone would have it.
+    """Factors (N,) by which the covariances of centres (N, RESULTS) are larger than pixels alone would have it.
 
     Neighbouring pixels share noise, and edges are not quite ellipses: arcs of the edges scatter about them by so much
     more than independent pixels. All targets of an image together say so, and one that is worse for itself. Where no
@@ -306,7 +306,7 @@ def sample_ellipses(grey: NDArray, centre: Array, A: Array, radii: tuple[float, 
 
 
 def inside_image(grey: NDArray, centre: Array, A: Array, radius: float) -> NDArray[np.bool_]:
-    """Return which ellipses (N,) of so many times the target's size lie in the image whole."""
+    """Mask (N,) of ellipses of so many times the target's size that lie in the image whole."""
     x, y = _places(centre, A, (radius,), 32)
     rows, columns = grey.shape
     return ((x >= 0) & (y >= 0) & (x <= columns - 1) & (y <= rows - 1)).all((1, 2))
@@ -358,7 +358,7 @@ def unclipped(grey: Array, fit: Array, top: float, left: Array) -> Array:
 
 
 def doubles(fit: Array, axes: Array) -> Mask:
-    """Return which fits (N,) lie on another one that fits better."""
+    """Mask (N,) of fits that lie on another one that fits better."""
     from scipy.spatial import cKDTree
 
     double = np.zeros(len(fit), bool)
@@ -374,7 +374,7 @@ def doubles(fit: Array, axes: Array) -> Mask:
 
 
 def on_rings(fit: Array, ringed: Mask) -> Mask:
-    """Return which dots (N,) lie on the ring of another, where those have any (N,)."""
+    """Mask (N,) of dots that lie on the ring of another, where those have any (N,)."""
     from scipy.spatial import cKDTree
 
     owner = np.flatnonzero(ringed)
@@ -390,7 +390,7 @@ def on_rings(fit: Array, ringed: Mask) -> Mask:
 
 
 def about_others(fit: Array) -> Mask:
-    """Return which dots (N,) have another at their middle: what a target is printed on."""
+    """Mask (N,) of dots that have another at their middle: what a target is printed on."""
     from scipy.spatial import cKDTree
 
     size, about = axes_of(fit)[0][:, 1], np.zeros(len(fit), bool)

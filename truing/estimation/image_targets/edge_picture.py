@@ -148,7 +148,7 @@ def edge_light(p, nodes, count, lane, many):  # type: ignore[no-untyped-def]
 
 @inner
 def count_nodes(p):  # type: ignore[no-untyped-def]
-    """Return how many points round the ellipse its exact picture takes, 0 where a thin edge will do."""
+    """Number of points round the ellipse that its exact picture takes, 0 where a thin edge will do."""
     half, skew = (p[AXX] + p[AYY]) / 2, math.hypot((p[AXX] - p[AYY]) / 2, p[AXY])
     a, inverse_b = 1 / max(half - skew, 1e-9), half + skew
     count = math.ceil(_NODES * a / p[BLUR])
@@ -168,7 +168,7 @@ def set_spokes(p, ring, spokes):  # type: ignore[no-untyped-def]
 
 @inner
 def ring_light(p, dx, dy, spokes):  # type: ignore[no-untyped-def]
-    """Return how much of the ring's blurred light falls on a pixel."""
+    """Share of the ring's blurred light that falls on a pixel."""
     ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
     q = math.sqrt(ux * ux + uy * uy)
     gx, gy = p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy

@@ -126,7 +126,7 @@ class Reading:
 
 
 def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = None) -> Reading:
-    """Return what rings say whose levels (N, ROUND) were sampled clockwise at radius 2.5.
+    """Read rings whose levels (N, ROUND) were sampled clockwise at radius 2.5.
 
     Levels are in units of the dot's contrast; soft (N,) is the blur of edges between segments, in samples. Every number
     of segments at every phase is fitted; the best decides unless another number of them makes a code as well, a segment
@@ -169,7 +169,7 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
 
 
 def are_open(rims: Array, ring: Array) -> NDArray[np.bool_]:
-    """Return which rings (N,), read as ring (N, ROUND), show nothing near their rims, by levels (N, R, ROUND), where
+    """Mask (N,) of rings, read as ring (N, ROUND), that show nothing near their rims, by levels (N, R, ROUND), where
     they are not set: what hides a segment in the colour of the ground seldom leaves no sliver of it."""
     smooth = (np.roll(rims, 1, axis=-1) + rims + np.roll(rims, -1, axis=-1)) / 3
     turns = range(-_NEAR_EDGE, _NEAR_EDGE + 1)

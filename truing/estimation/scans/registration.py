@@ -118,7 +118,7 @@ def register_scan(points: ArrayLike, reference: ArrayLike, sigma: float | None =
 
 
 def refine_scan(points: ArrayLike, reference: ArrayLike, T_start: ArrayLike, sigma: float | None = None) -> ScanFit:
-    """Return what `register_scan` does, from a pose T_start (4, 4) that is known to a few times the points' spacing.
+    """Register a scan from a pose T_start (4, 4) that is known to a few times the points' spacing.
 
     No rivals are looked for. Raises ValueError for shapes and values that cannot be.
     """
@@ -385,7 +385,7 @@ def _left_over(o3d: Any, scan: Any, reference: Any, T: NDArray, voxel: float) ->
 
 
 def _settled(o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: float) -> list[tuple[float, NDArray]]:
-    """Return what every start leaves, in voxels, and where it settles, best first."""
+    """Settle every start: what it leaves, in voxels, and its pose, best first."""
     settled = []
     for start in starts:
         # The scan is laid onto the reference: a part of the surface looks for the whole, not the other way about.

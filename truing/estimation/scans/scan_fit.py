@@ -80,7 +80,6 @@ class SurfaceFit:
     scatter: float  # robust, of the heights over the surface, relative to what the noise explains
     noise_ratio: float  # the same with neighbouring errors added up; covariance is scaled by it where it is above 1
     converged: bool
-    steps: int
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def fit_surface(scene: Scene, R: NDArray, t: NDArray, max_steps: int = 40) -> Su
         delta = along @ motions
         R, t, steps = exp_so3(delta[3:]) @ R, t + delta[:3], steps + 1
         view = _see(scene, R, t)
-    return _summed_up(scene, R, t, view, converged, steps)
+    return _summed_up(scene, R, t, view, converged)
 
 
 def _see(scene: Scene, R: NDArray, t: NDArray) -> _View:
@@ -130,7 +129,7 @@ def _noise(scene: Scene, heights: Heights) -> NDArray:
     return np.sqrt(scene.sigma_scan**2 + scene.sigma_reference**2 * np.sum(heights.share**2, -1))
 
 
-def _summed_up(scene: Scene, R: NDArray, t: NDArray, view: _View, converged: bool, steps: int) -> SurfaceFit:
+def _summed_up(scene: Scene, R: NDArray, t: NDArray, view: _View, converged: bool) -> SurfaceFit:
     used, heights = view.used, view.heights
     height = heights.height[used]
     rms = float(np.sqrt(np.mean(height**2))) if np.any(used) else 0.0
@@ -153,7 +152,6 @@ def _summed_up(scene: Scene, R: NDArray, t: NDArray, view: _View, converged: boo
         view.scatter,
         ratio,
         converged,
-        steps,
     )
 
 
@@ -187,7 +185,7 @@ def _roughness(scene: Scene, view: _View, neighbours: NDArray) -> NDArray:
 
 
 def _noise_ratio(scan: NDArray, J: NDArray, height: NDArray, middle: NDArray) -> float:
-    """Return how much larger J^T heights is than its noise explains, errors of one region adding up; 1 if not certain.
+    """Ratio of J^T heights to what its noise explains, errors of one region adding up; 1 if not certain.
 
     Sums over regions of a sixth of the scan are compared with their covariance; below four standard deviations of the
     comparison the noise is taken at its word.
@@ -325,7 +323,7 @@ def heights_over(patches: Patches, which: NDArray, points: NDArray, sigma: float
 
 
 def workers_for(n_queries: int) -> int:
-    """Return how many threads a tree is asked with: starting them costs more than a few thousand queries."""
+    """Number of threads to ask a tree with: starting them costs more than a few thousand queries."""
     return -1 if n_queries >= _CHUNK else 1
 
 
