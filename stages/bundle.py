@@ -47,12 +47,12 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     tables = with_scale(tables, settings, source)
     photographs, bars = tables["photographs"], tables.get("scale_bars")
     rays = image_points(tables["image_points"], photographs)
-    cameras = given_cameras(photographs, tables.get("cameras_given"))
+    cameras, interior = given_cameras(photographs, tables.get("cameras_given"))
     named = named_network(rays, photographs, cameras, tables, given.marker_mm)
     radius_m = radii(tables.get("image_targets"), given.target_mm)
     choices = Choices(given.datum, given.false_alarm, given.variance_components, given.eccentricity, radius_m)
     try:
-        found = adjust_network(named, rays, cameras.interior, choices, progress)
+        found = adjust_network(named, rays, interior, choices, progress)
         artifacts = NetworkTables(found, rays).all(bars)
     except KnownElsewhereError as error:
         raise CampaignFaults(faults_of(error)) from None

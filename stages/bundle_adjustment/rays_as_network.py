@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,17 +28,9 @@ Array = NDArray[np.float64]
 _CORNERS = 4
 
 
-@dataclass(frozen=True)
-class GivenCameras:
-    """Cameras (C), the number of each name, and their interior (C, 10) to start from, NaN where c is not known."""
-
-    cameras: tuple[Camera, ...]
-    number: dict[str, int]
-    interior: NDArray[np.float64]
-
-
-def given_cameras(photographs: pa.Table, given: pa.Table | None) -> GivenCameras:
-    """The cameras that took any photograph, in order of appearance."""
+def given_cameras(photographs: pa.Table, given: pa.Table | None) -> tuple[tuple[Camera, ...], Array]:
+    """The cameras (C) that took any photograph, in order of appearance, and their interior (C, 10) to start from, NaN
+    where c is not known."""
     rows = photographs.to_pylist()
     known: dict[str, list[dict[str, Any]]] = {}
     for row in [] if given is None else given.to_pylist():
@@ -57,7 +48,7 @@ def given_cameras(photographs: pa.Table, given: pa.Table | None) -> GivenCameras
         if np.isnan(interior[number, 0]):
             said = [row["principal_distance_px"] for row in own if row["principal_distance_px"]]
             interior[number, 0] = np.median(said) if said else np.nan
-    return GivenCameras(tuple(cameras), {name: n for n, name in enumerate(names)}, interior)
+    return tuple(cameras), interior
 
 
 def _camera(name: str, photograph: dict[str, Any], told: list[dict[str, Any]]) -> Camera:
@@ -102,7 +93,7 @@ def _optional(table: pa.Table, name: str) -> Array:
 def named_network(
     table: ImagePoints,
     photographs: pa.Table,
-    cameras: GivenCameras,
+    cameras: tuple[Camera, ...],
     tables: Mapping[str, pa.Table],
     marker_mm: float | None,
 ) -> NamedNetwork:
@@ -120,8 +111,8 @@ def named_network(
     rays = Rays(table.image[rows], point, table.xy_px[rows], table.cov_px2[rows], table.kind[rows])
     bars, bar_names = _bars(tables.get("scale_bars"), poses, keys)
     network = Network(
-        cameras.cameras,
-        np.array([cameras.number[name] for name in photographs.column("camera").to_pylist()], dtype=np.int64),
+        cameras,
+        positions(photographs.column("camera"), tuple(camera.name for camera in cameras)),
         positions(photographs.column("pose"), poses),
         point_pose,
         rays,

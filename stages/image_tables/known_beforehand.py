@@ -225,14 +225,11 @@ def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
     for camera, row in rows.items():
         about = _about(row)
         for parameter, unit in zip(PARAMETERS, UNITS, strict=True):
-            value = _principal_distance(row) if parameter == "c" else row.get(_key(parameter)) or 0.0
+            key = f"{parameter}_px" if parameter in ("x0", "y0") else parameter
+            value = _principal_distance(row) if parameter == "c" else row.get(key) or 0.0
             free = parameter in row["free"]
             long.append({"camera": camera, "parameter": parameter, "unit": unit, "value": value, "free": free} | about)
     return pa.Table.from_pylist(long, schema=ARTIFACTS["cameras_given"].arrow_schema())
-
-
-def _key(parameter: str) -> str:
-    return f"{parameter}_px" if parameter in ("x0", "y0") else parameter
 
 
 def _about(row: dict[str, Any]) -> dict[str, Any]:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from truing.estimation.bundle.photograph_plan import PhotographPlan
 from truing.estimation.bundle.planning import Prediction, body_motion, largest_sigma
 from truing.report.numbers import count as counted
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 _FEW_RAYS = 4  # a target with fewer of them shows no gross error
 _NARROW = np.radians(60.0)
@@ -20,8 +18,6 @@ _NARROW = np.radians(60.0)
 
 def stations_table(plan: PhotographPlan) -> pa.Table:
     """The stations: where, which way the camera looks, how it is rolled about that, how many targets it sees."""
-    import pyarrow as pa
-
     stations, view = plan.stations, plan.stations.R[:, :, 2]
     distance = np.linalg.norm(stations.centre - plan.planned.layout.middle, axis=1)
     columns: dict[str, Any] = {"station": np.arange(1, stations.count + 1)}
@@ -37,8 +33,6 @@ def stations_table(plan: PhotographPlan) -> pa.Table:
 
 def targets_table(plan: PhotographPlan) -> pa.Table:
     """Per target its rays, predicted standard deviations, and what limits them."""
-    import pyarrow as pa
-
     own = plan.prediction
     sigmas = 1e3 * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
     columns: dict[str, Any] = {
@@ -76,8 +70,6 @@ def limits_of(prediction: Prediction) -> list[str]:
 def bodies_table(plan: PhotographPlan) -> pa.Table:
     """Per body its targets' standard deviations and that of the pose that follows from them, seen from the reference
     body."""
-    import pyarrow as pa
-
     own, body = plan.prediction, np.array(plan.targets.body)
     of_points = body[own.points]
     at = plan.planned.layout.points[own.points]
@@ -102,8 +94,6 @@ def bodies_table(plan: PhotographPlan) -> pa.Table:
 
 def curve_table(plan: PhotographPlan) -> pa.Table:
     """How well a number of stations does, chosen one by one."""
-    import pyarrow as pa
-
     number, worst, mean = zip(*plan.curve, strict=True) if plan.curve else ((), (), ())
     return pa.table(
         {"stations": list(number), "worst_mm": [1e3 * v for v in worst], "mean_mm": [1e3 * v for v in mean]}

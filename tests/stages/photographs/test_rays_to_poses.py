@@ -343,7 +343,7 @@ def _as_ellipses(folder: Path, tables: Tables, radius_m: float) -> Array:
     from truing.stages.bundle_adjustment.rays_as_network import given_cameras, image_points, named_network
 
     rays = image_points(tables["image_points"], tables["photographs"])
-    cameras = given_cameras(tables["photographs"], tables.get("cameras_given"))
+    cameras, _ = given_cameras(tables["photographs"], tables.get("cameras_given"))
     network = named_network(rays, tables["photographs"], cameras, tables, None).network
     orientation = tables["image_orientations"].to_pandas()
     adjusted = tables["cameras"].to_pandas()["value"].to_numpy()[None]

@@ -92,8 +92,8 @@ class ImageStability:
 
 
 def image_stability(adjusted: Adjustment, variance_factor: Array) -> list[ImageStability]:
-    """Principal distances of each camera's images by the rays used; none of cameras with few images, or whose network does
-    not tell.
+    """Principal distances of each camera's images by the rays used; none of cameras with few images, or whose network
+    does not tell.
 
     variance_factor (N,): by which the covariances of rays were multiplied.
     """

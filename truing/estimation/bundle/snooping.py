@@ -200,19 +200,16 @@ def relaxed(
     """
     open_ = [(camera, name) for name in RELEASE_ORDER for camera, known in error.elements if known == name]
     if open_:
-        return _holding(network, *open_[0]), possible, (open_[0],)
+        camera, element = open_[0]
+        cameras = tuple(
+            replace(one, free=tuple(name for name in one.free if name != element)) if one.name == camera else one
+            for one in network.cameras
+        )
+        return replace(network, cameras=cameras), possible, (open_[0],)
     loose = np.isin(network.rays.image, error.images) | np.isin(network.rays.point, error.points)
     if not (possible & loose).any():
         raise error
     return network, possible & ~loose, ()
-
-
-def _holding(network: Network, camera: str, element: str) -> Network:
-    cameras = tuple(
-        replace(one, free=tuple(name for name in one.free if name != element)) if one.name == camera else one
-        for one in network.cameras
-    )
-    return replace(network, cameras=cameras)
 
 
 @dataclass(frozen=True)

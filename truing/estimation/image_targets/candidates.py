@@ -77,7 +77,11 @@ _REASONS = ("at border", "too small", "too large", "too oblique", "not elliptica
 
 
 def _measured(outlines: Any, levels: NDArray | None, size_px: tuple[float, float], rejected: Counter[str]) -> Array:
-    """Return shapes (N, 10) of the outer outlines that are neither too short nor too long, counting the others."""
+    """Return shapes (N, 10) of the outer outlines that are neither too short nor too long, counting the others.
+
+    The ellipse has the area, centroid and second moments of the polygon, and half a pixel more all round, since the
+    outline runs through the centres of pixels. NaN where an outline encloses nothing.
+    """
     if levels is None:
         return np.empty((0, SHAPE))
     length = np.fromiter(map(len, outlines), np.int64, len(outlines))
@@ -89,9 +93,10 @@ def _measured(outlines: Any, levels: NDArray | None, size_px: tuple[float, float
     kept = np.flatnonzero(outer & ~short & ~long)
     if not len(kept):
         return np.empty((0, SHAPE))
-    points = np.concatenate([outlines[k] for k in kept])[:, 0, :]
-    ends = np.cumsum(length[kept])
-    return measure_outlines(points, np.concatenate([[0], ends]))
+    points, shape = np.concatenate([outlines[k] for k in kept])[:, 0, :], np.empty((len(kept), SHAPE))
+    starts = np.concatenate([[0], np.cumsum(length[kept])])
+    _measure(np.ascontiguousarray(points, np.int32), np.ascontiguousarray(starts, np.int64), shape)
+    return shape
 
 
 def _reasons(shape: Array, size: tuple[int, ...], size_px: tuple[float, float], least_ratio: float) -> NDArray:
@@ -104,19 +109,9 @@ def _reasons(shape: Array, size: tuple[int, ...], size_px: tuple[float, float], 
     return np.select(tests, range(1, 6), 0)
 
 
-def measure_outlines(points: NDArray, starts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the shapes (N, 10) of closed outlines: points (P, 2) in px one outline after the other, starts (N + 1,).
-
-    The ellipse has the area, centroid and second moments of the polygon, and half a pixel more all round, since the
-    outline runs through the centres of pixels. NaN where an outline encloses nothing.
-    """
-    shape = np.empty((len(starts) - 1, SHAPE))
-    _measure(np.ascontiguousarray(points, np.int32), np.ascontiguousarray(starts, np.int64), shape)
-    return shape
-
-
 @compiled(__file__)
 def _measure(points, starts, shape):  # type: ignore[no-untyped-def]
+    """Fill shapes (N, 10) of closed outlines: points (P, 2) in px one outline after the other, starts (N + 1,)."""
     for k in range(len(starts) - 1):
         first, last = starts[k], starts[k + 1]
         x0, y0 = float(points[first, 0]), float(points[first, 1])
