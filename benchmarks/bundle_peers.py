@@ -10,8 +10,7 @@ from scipy.sparse import coo_array
 
 from benchmarks.bundle_problem import FORMAT, FREE, SIGMA_PX, Problem, with_radial
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.network import State
-from truing.estimation.bundle.projection import linearise, project
+from truing.estimation.bundle.network import State, linearise, project
 from truing.estimation.rotation import exp_so3
 
 Solver = Callable[[], State]

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
-from truing.estimation.bundle.projection import project
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State, project
 from truing.estimation.rotation import exp_so3
 
 SIGMA_PX = 0.05

@@ -13,8 +13,7 @@ from tests.photographs.rays import Photographed, Shooting, draw_rays, true_turns
 from tests.tolerance import assert_close
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
-from truing.estimation.bundle.projection import project
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State, project
 
 MOVES = [at_rest(), *random_moves(2, 0, np.random.default_rng(3))]
 

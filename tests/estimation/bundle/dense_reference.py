@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from truing.estimation.bundle.projection import linearise
+from truing.estimation.bundle.network import linearise
 
 
 def unknowns(adjustment):

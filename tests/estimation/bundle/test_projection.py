@@ -9,7 +9,7 @@ import pytest
 
 from tests.estimation.bundle.drawn_networks import RADIUS, draw
 from truing.estimation.bundle.camera import image_coordinates
-from truing.estimation.bundle.projection import format_centres, linearise, project, seen
+from truing.estimation.bundle.network import format_centres, linearise, project, seen
 from truing.estimation.rotation import exp_so3
 
 STEP = 1e-30

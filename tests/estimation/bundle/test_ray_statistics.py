@@ -15,8 +15,7 @@ from tests.photographs.stations import Round
 from tests.tolerance import assert_close
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.network import Network
-from truing.estimation.bundle.projection import project
+from truing.estimation.bundle.network import Network, project
 from truing.estimation.bundle.ray_statistics import RayStatistics, ray_channels, ray_statistics
 
 MOVES = random_moves(4, 0, np.random.default_rng(3))

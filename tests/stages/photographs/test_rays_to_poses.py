@@ -337,8 +337,7 @@ def test_circles_are_brought_to_their_centres_where_ellipses_are_told(tmp_path: 
 def _as_ellipses(folder: Path, tables: Tables, radius_m: float) -> Array:
     """Write the folder's rays anew as the ellipses of circles that face upwards; returns what that shifts them by."""
     from truing.estimation.bundle.eccentricity import network_eccentricity
-    from truing.estimation.bundle.network import State
-    from truing.estimation.bundle.projection import linearise
+    from truing.estimation.bundle.network import State, linearise
     from truing.estimation.rotation import exp_so3
     from truing.stages.bundle_adjustment.rays_as_network import given_cameras, image_points, named_network
 

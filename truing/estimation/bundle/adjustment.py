@@ -19,7 +19,7 @@ from truing.estimation.bundle.bundle_covariance import BundleCovariance, covaria
 from truing.estimation.bundle.datum import Datum, Freedom, conditions, freedoms, in_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, check_determined
 from truing.estimation.bundle.elimination import Reduced, eliminate_poses, solve, tie_variances, tie_weights
-from truing.estimation.bundle.network import Array, Network, State
+from truing.estimation.bundle.network import Array, Network, State, project
 from truing.estimation.bundle.normal_equations import (
     Layout,
     NormalEquations,
@@ -34,7 +34,6 @@ from truing.estimation.bundle.normal_equations import (
     residuals,
     sum_of_squares,
 )
-from truing.estimation.bundle.projection import project
 from truing.estimation.one_thread import on_one_thread
 
 _START_DAMPING = 1e-6

@@ -20,9 +20,8 @@ from scipy.linalg.lapack import dpotri
 from truing.estimation.bundle.datum import Freedom, freedoms, into_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.elimination import EliminatedPose, Reduced, eliminate_poses, tie_variances, tie_weights
-from truing.estimation.bundle.network import Array, Index, State
+from truing.estimation.bundle.network import Array, Index, State, linearise
 from truing.estimation.bundle.normal_equations import Layout, Observed, Workspace, normal_equations, spread_interior
-from truing.estimation.bundle.projection import linearise
 from truing.estimation.one_thread import on_one_thread
 
 _SINGULAR = 1e-12  # of the information of an unknown, left after all others are taken out: nothing but rounding

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera import image_coordinates
-from truing.estimation.bundle.network import Array, Index, Network, State
-from truing.estimation.bundle.projection import format_centres, linearise, seen
+from truing.estimation.bundle.network import Array, Index, Network, State, format_centres, linearise, seen
 
 _ROUND = 12  # points of an ellipse that are distorted: the fit then is exact to terms of the fifth order
 

@@ -13,9 +13,8 @@ import numpy as np
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.intersection import Bundle, intersect
 from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Mask, Network, PoseNetwork, State
-from truing.estimation.bundle.orientation import FEWEST, Resection, resect
+from truing.estimation.bundle.orientation import FEWEST, Bundle, Resection, intersect, resect
 
 _ABREAST = 0.7  # images with so much of the best one's score are oriented in the same round
 _HALF = 0.5  # of the points with coordinates must agree

@@ -1,7 +1,8 @@
 """A photogrammetric network: which image saw which point where, what else is known of the points, and their names.
 
 A pose of the campaign is a state of the object that holds still while it is photographed: each pose has its own points
-and its own measurement frame; cameras and scale bars are common to all poses.
+and its own measurement frame; cameras and scale bars are common to all poses. Where images see points, with the exact
+derivatives by all that is estimated, follows from the equations of `truing.estimation.bundle.camera`.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.bundle.camera import Camera
+from truing.estimation.bundle.camera import Camera, derivatives, image_coordinates
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -222,3 +223,49 @@ class ImagePoints:
     kinds: tuple[str, ...]
     semi_axes_px: Array
     angle_rad: Array
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Rays at a state: computed xy_px (N, 2) and their derivatives by_image (N, 2, 6) in the order (centre, theta),
+    by_point (N, 2, 3), by_interior (N, 2, 10) of the ray's camera."""
+
+    xy_px: Array
+    by_image: Array
+    by_point: Array
+    by_interior: Array
+
+
+def format_centres(network: Network) -> tuple[Array, Array]:
+    """Return the centre of the format (C, 2) in px and the balancing radius (C,) in px of every camera."""
+    cameras = network.cameras
+    centres = np.array([camera.centre_px for camera in cameras]).reshape(-1, 2)
+    return centres, np.array([camera.balancing_radius_px for camera in cameras])
+
+
+def seen(state: State, image: Index, point: Index) -> Array:
+    """Return the points (N, 3) in the axes of the cameras that see them, m."""
+    return np.einsum("nji,nj->ni", state.R[image], state.points[point] - state.centre[image])
+
+
+def project(network: Network, state: State, image: Index, point: Index) -> Array:
+    """Return image coordinates (N, 2) in px of points as seen in images; NaN where a point is not before its camera."""
+    centre, radius = format_centres(network)
+    camera = network.image_camera[image]
+    X = seen(state, image, point)
+    X[X[:, 2] <= 0] = np.nan
+    return image_coordinates(state.interior[camera], centre[camera], radius[camera], X)
+
+
+def linearise(network: Network, state: State, image: Index, point: Index) -> Linearised:
+    """Return rays (N) and their derivatives; NaN where a point is not before its camera."""
+    format_centre, radius = format_centres(network)
+    camera = network.image_camera[image]
+    interior, arm = state.interior[camera], state.points[point] - state.centre[image]
+    X = np.einsum("nji,nj->ni", state.R[image], arm)
+    X[X[:, 2] <= 0] = np.nan
+    by_direction, by_interior = derivatives(interior, radius[camera], X)
+    by_point = np.einsum("nki,nji->nkj", by_direction, state.R[image])
+    by_image = np.concatenate([-by_point, np.cross(by_point, arm[:, None])], -1)
+    xy = image_coordinates(interior, format_centre[camera], radius[camera], X)
+    return Linearised(xy, by_image, by_point, by_interior)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.estimation.bundle.growing import format_cells
-from truing.estimation.bundle.intersection import sums
 from truing.estimation.bundle.network import Array, Index, Mask, Network, State
+from truing.estimation.bundle.orientation import sums
 
 
 @dataclass(frozen=True)

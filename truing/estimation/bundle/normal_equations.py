@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.network import Array, Index, Network, State
-from truing.estimation.bundle.projection import format_centres
+from truing.estimation.bundle.network import Array, Index, Network, State, format_centres
 from truing.estimation.rotation import exp_so3
 
 
@@ -244,7 +243,7 @@ def sum_of_squares(observed: Observed, state: State) -> float:
 
 
 def residuals(network: Network, state: State) -> Array:
-    """Return measured less computed image points (N, 2) in px of all rays, as `projection.project` has them."""
+    """Return measured less computed image points (N, 2) in px of all rays, as `network.project` has them."""
     from truing.estimation.bundle.kernels import image_points
 
     rays, xy = network.rays, np.empty((network.rays.count, 2))

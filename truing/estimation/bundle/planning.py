@@ -16,8 +16,7 @@ from truing.estimation.bundle.bundle_covariance import BundleCovariance
 from truing.estimation.bundle.camera import PARAMETERS, Camera, image_coordinates
 from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.determinable import determinable
-from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Network, Rays, State
-from truing.estimation.bundle.projection import linearise, project
+from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Network, Rays, State, linearise, project
 
 Mask = NDArray[np.bool_]
 

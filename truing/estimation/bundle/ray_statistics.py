@@ -21,9 +21,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.datum import Freedom, freedoms
-from truing.estimation.bundle.network import Array, Index, State
+from truing.estimation.bundle.network import Array, Index, Linearised, State, linearise, seen
 from truing.estimation.bundle.normal_equations import Distances, Observed, distances_at
-from truing.estimation.bundle.projection import Linearised, linearise, seen
 from truing.estimation.rotation import rigid_motions
 
 CAMERA, BAR, AIR, WINDOW = "camera", "bar", "air", "window"

@@ -16,8 +16,8 @@ from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.intersection import Bundle, intersect
 from truing.estimation.bundle.network import Array, Index, Mask, Network, State
+from truing.estimation.bundle.orientation import Bundle, intersect
 from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, grouped, updated
 
 _MOST_ROUNDS = 60

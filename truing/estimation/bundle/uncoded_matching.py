@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.estimation.bundle.camera import Camera, directions
-from truing.estimation.bundle.intersection import Bundle, nearest_points, refine_points, sums
 from truing.estimation.bundle.network import Array, Index, Mask
+from truing.estimation.bundle.orientation import Bundle, nearest_points, refine_points, sums
 from truing.estimation.rotation import skew
 
 NO_PARTNER = "no other image shows a circle on its line of sight"
@@ -55,13 +55,12 @@ class OrientedImages:
 
 @dataclass(frozen=True)
 class Matched:
-    """Points found: point (M,) of each circle by number or -1, xyz_m (K, 3), cov_m2 (K, 3, 3), rays (K,) of each, and
-    per circle the reason (M,) why it has no point, "" where it has one."""
+    """Points found: point (M,) of each circle by number or -1, xyz_m (K, 3), cov_m2 (K, 3, 3), and per circle the
+    reason (M,) why it has no point, "" where it has one."""
 
     point: Index
     xyz_m: Array
     cov_m2: Array
-    rays: Index
     reason: tuple[str, ...]
 
 
@@ -80,7 +79,7 @@ def match_uncoded(circles: Circles, images: OrientedImages) -> Matched:
     reason[usable] = np.where(contested, AMBIGUOUS, np.where(paired, TOO_FEW, NO_PARTNER))
     point[usable[members.circle]] = members.point
     reason[usable[members.circle]] = MATCHED
-    return Matched(point, X, cov, np.bincount(members.point, minlength=len(X)), tuple(reason.tolist()))
+    return Matched(point, X, cov, tuple(reason.tolist()))
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.estimation.bundle.drawn_networks import disturbed, draw, noisy, uneven
+from truing.estimation.bundle.network import linearise, project
 from truing.estimation.bundle.normal_equations import (
     Workspace,
     lay_out,
@@ -14,7 +15,6 @@ from truing.estimation.bundle.normal_equations import (
     residuals,
     sum_of_squares,
 )
-from truing.estimation.bundle.projection import linearise, project
 
 
 @pytest.fixture(scope="module")
