@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.bundle_covariance import BundleCovariance
 from truing.estimation.bundle.camera import PARAMETERS, Camera, image_coordinates
-from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.determinable import determinable
 from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Network, Rays, State, linearise, project
+from truing.estimation.rotation import rigid_motions
 
 Mask = NDArray[np.bool_]
 
@@ -300,7 +300,6 @@ def body_motion(together: Array, points: Array, one: Index, other: Index | None,
     rows = np.zeros((6, len(together)))
     for sign, body in ((1.0, one), (-1.0, other)):
         if body is not None:
-            rows[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(
-                movements(points[body] - about)[..., :6].reshape(-1, 6)
-            )
+            own = rigid_motions(points[body] - about).reshape(-1, 6)
+            rows[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(own)
     return rows @ together @ rows.T
