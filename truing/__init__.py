@@ -41,8 +41,7 @@ if TYPE_CHECKING:
     from truing.estimation.rotation import exp_so3, log_so3, skew
     from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
     from truing.estimation.sensor.calibrate import fit_calibration
-    from truing.estimation.sensor.calibration import Calibration, CalibrationModel
-    from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
+    from truing.estimation.sensor.calibration import Calibration, CalibrationModel, calibration_matrix, wrenches
     from truing.estimation.sensor.load_table import LoadTable, load_table
     from truing.runs.recorded_run import Run, load
     from truing.simulation.air import ciddor_index, edlen_index
@@ -182,8 +181,7 @@ _ROOMS = {
     "truing.estimation.rotation": ("exp_so3", "log_so3", "skew"),
     "truing.estimation.scans.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
     "truing.estimation.sensor.calibrate": ("fit_calibration",),
-    "truing.estimation.sensor.calibration": ("Calibration", "CalibrationModel"),
-    "truing.estimation.sensor.calibration_matrix": ("calibration_matrix", "wrenches"),
+    "truing.estimation.sensor.calibration": ("Calibration", "CalibrationModel", "calibration_matrix", "wrenches"),
     "truing.estimation.sensor.load_table": ("LoadTable", "load_table"),
     "truing.runs.recorded_run": ("Run", "load"),
     "truing.simulation.air": ("ciddor_index", "edlen_index"),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.sensor.calibration_matrix import newton_per_millivolt
+from truing.estimation.sensor.calibration import newton_per_millivolt
 from truing.estimation.sensor.load_table import LoadTable, load_table
 from truing.simulation.bench.six_upur.geometry import joint_centres
 from truing.simulation.bench.six_upur.influence import influence_matrix

@@ -27,8 +27,7 @@ from docs.experiments.sensor_bench import (
     six_channels,
 )
 from truing.estimation.sensor.calibrate import UndeterminedCalibrationError, fit_calibration
-from truing.estimation.sensor.calibration import CalibrationModel
-from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
+from truing.estimation.sensor.calibration import CalibrationModel, calibration_matrix, wrenches
 from truing.estimation.sensor.contenders import choose_calibration, covariance_by_case
 from truing.estimation.sensor.exchanged_loads import exchanged_loads
 from truing.estimation.sensor.load_cases import (

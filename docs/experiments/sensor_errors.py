@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.experiments.marked_tables import renew, table
-from truing.estimation.sensor.calibration_matrix import Figures, relative_errors
+from truing.estimation.sensor.calibration import Figures, relative_errors
 from truing.estimation.sensor.error_classes import AxisSeries, ErrorClass, creep, error_classes
 
 PAGE = Path(__file__).resolve().parents[1] / "error-classes.md"

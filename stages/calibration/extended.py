@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.calibration.accuracy import ESTIMATOR, MODEL, Extended, error_figures, errors_at, identifiable
@@ -21,8 +22,6 @@ from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.sections import Requirement
     from truing.simulation.mechanisms.recording import Conditions
 

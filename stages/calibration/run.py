@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.calibration.accuracy import Extended, Judged, choice, doubts
@@ -35,8 +36,6 @@ from truing.stages.common.words import listed
 from truing.stages.declaration import Outcome, Progress
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.sections import Requirement
 

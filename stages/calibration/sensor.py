@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, READING_UNITS
-from truing.estimation.sensor.calibration_matrix import (
+from truing.estimation.sensor.calibration import (
+    Figures,
     LegMatrix,
     MatrixEstimate,
     condition_number,
@@ -34,13 +36,13 @@ from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome, Progress
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.sensor_mechanism import SensorMechanism
 
 Array = NDArray[np.float64]
+Name = tuple[str, str]  # a matrix, and the model that it is of
 NOMINAL, SYNTHETIC, WITH_JOINTS = "nominal", "synthetic error", "elastic joints"
+_PER_MV = ("N/mV", "N m/mV")
 _LEGS = tuple(f"leg{number + 1}" for number in range(6))
 LEAVES = ("sensor_matrix", "sensor_merit", "sensor_choice", "error_classes")
 CLASSES = ("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk", "creep")
@@ -68,24 +70,30 @@ def leg_matrix(
 def matrix_rows(theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:
     """Every matrix entry by entry."""
     rows = Rows("sensor_matrix")
-    if theory is not None:
-        _entries(rows, "G", NOMINAL, theory.nominal, _LEGS, ("1", "m"))
-        _entries(rows, "G'", SYNTHETIC, theory.with_error, _LEGS, ("1", "m"))
-        if theory.with_joints is not None:
-            _entries(rows, "G", WITH_JOINTS, _exactly(theory.with_joints), _LEGS, ("1", "m"))
+    for name, estimate in _drawn(theory):
+        _entries(rows, name, estimate, _LEGS, ("1", "m"))
     if found is not None:
         names = found.table.signal_names
         for k, (one, matrix) in enumerate(zip(found.choice.contenders, found.matrices, strict=True)):
             chosen = k == found.choice.choice.chosen
             more = {"sigma_by_case": found.by_case.sigma.ravel()} if chosen else {}
-            _entries(rows, "G_B", one.fit.model.name, matrix, names, ("N/mV", "N m/mV"), chosen=chosen, **more)
+            _entries(rows, ("G_B", one.fit.model.name), matrix, names, _PER_MV, chosen=chosen, **more)
         if found.as_written is not None:
-            model = f"{found.chosen.model.name}, loads as written"
-            _entries(rows, "G_B", model, found.as_written, names, ("N/mV", "N m/mV"))
+            name = "G_B", f"{found.chosen.model.name}, loads as written"
+            _entries(rows, name, found.as_written, names, _PER_MV)
         _term_rows(rows, found)
     if legs is not None:
-        _entries(rows, "G_B'", legs.model, legs.estimate, _names_of(legs.estimate), ("1", "m"), chosen=True)
+        _entries(rows, ("G_B'", legs.model), legs.estimate, _names_of(legs.estimate), ("1", "m"), chosen=True)
     return rows
+
+
+def _drawn(theory: Theory | None) -> list[tuple[Name, MatrixEstimate]]:
+    """The matrices that the drawing tells, by name and model."""
+    if theory is None:
+        return []
+    found = [(("G", NOMINAL), theory.nominal), (("G'", SYNTHETIC), theory.with_error)]
+    joints = theory.with_joints
+    return found if joints is None else [*found, (("G", WITH_JOINTS), _exactly(joints))]
 
 
 def _exactly(matrix: Array) -> MatrixEstimate:
@@ -104,8 +112,7 @@ def _names_of(matrix: MatrixEstimate) -> tuple[str, ...]:
 
 def _entries(
     rows: Rows,
-    matrix: str,
-    model: str,
+    name: Name,
     estimate: MatrixEstimate,
     columns: tuple[str, ...],
     units: tuple[str, str],
@@ -115,8 +122,8 @@ def _entries(
 ) -> None:
     row, column = (index.ravel() for index in np.indices(estimate.value.shape))
     rows.add(
-        matrix=matrix,
-        model=model,
+        matrix=name[0],
+        model=name[1],
         row=[LOADS[i] for i in row],
         column_name=[columns[j] for j in column],
         value=estimate.value.ravel(),
@@ -149,92 +156,72 @@ def _term_rows(rows: Rows, found: SensorCalibrations) -> None:
 
 def merit_rows(theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:
     """Condition, isotropy and sensitivities of every matrix, moments as they are and over a characteristic length."""
-    rows = Rows("sensor_merit")
+    rows, drawn = Rows("sensor_merit"), _drawn(theory)
     length = 1.0 if theory is None else theory.length_m
     lengths = (1.0,) if length == 1.0 else (1.0, length)
-    whole = [] if theory is None else [("G", NOMINAL, theory.nominal), ("G'", SYNTHETIC, theory.with_error)]
-    if theory is not None and theory.with_joints is not None:
-        whole.append(("G", WITH_JOINTS, _exactly(theory.with_joints)))
-    whole += [] if legs is None else [("G_B'", legs.model, legs.estimate)]
-    for name, model, estimate in whole:
+    for name, estimate in [*drawn, *([] if legs is None else [(("G_B'", legs.model), legs.estimate)])]:
         for one in lengths:
-            _merit(rows, name, model, per_length(estimate, one), one)
+            _merit(rows, name, per_length(estimate, one), one)
     if found is not None:
         for one in lengths:
-            condition = condition_number(per_length(found.matrix, one))
-            _merit_row(
-                rows, "G_B", found.chosen.model.name, one, "condition", None, *_pair(condition.value, condition.sigma)
-            )
-    if theory is not None and legs is not None and legs.estimate.value.shape == (6, 6):
-        _types(rows, theory, legs, lengths)
-    if theory is not None:
-        motion = theory.synthetic / READING_SI
-        for name, value, unit in zip(CHANNELS, motion.tolist(), READING_UNITS, strict=True):
-            _merit_row(rows, "G'", SYNTHETIC, None, "synthetic_error", name, value, None, unit)
+            condition = _pair(condition_number(per_length(found.matrix, one)))
+            _merit_row(rows, ("G_B", found.chosen.model.name), one, "condition", *condition)
+    if theory is None:
+        return rows
+    if legs is not None and legs.estimate.value.shape == (6, 6):
+        for name, estimate in sorted(drawn, key=lambda one: one[0][0] != "G'"):
+            _theory_errors(rows, name, estimate, legs, lengths)
+    motion = theory.synthetic / READING_SI
+    for subject, value, unit in zip(CHANNELS, motion.tolist(), READING_UNITS, strict=True):
+        _merit_row(rows, ("G'", SYNTHETIC), None, "synthetic_error", value, None, subject, unit)
     return rows
 
 
-def _merit(rows: Rows, matrix: str, model: str, estimate: MatrixEstimate, length: float) -> None:
-    condition = condition_number(estimate)
-    value, sigma = _pair(condition.value, condition.sigma)
-    _merit_row(rows, matrix, model, length, "condition", None, value, sigma)
-    _merit_row(rows, matrix, model, length, "isotropy", None, 1.0 / value, sigma / value**2)
+def _merit(rows: Rows, name: Name, estimate: MatrixEstimate, length: float) -> None:
+    value, sigma = _pair(condition_number(estimate))
+    _merit_row(rows, name, length, "condition", value, sigma)
+    _merit_row(rows, name, length, "isotropy", 1.0 / value, sigma / value**2)
     if estimate.value.shape != (6, 6):
         return
-    figures = merit(estimate.value)
-    _merit_row(rows, matrix, model, length, "force_isotropy", None, float(figures.force_isotropy), None)
-    _merit_row(rows, matrix, model, length, "torque_isotropy", None, float(figures.torque_isotropy), None)
-    each = sensitivities(estimate)
+    figures, each = merit(estimate.value), sensitivities(estimate)
+    _merit_row(rows, name, length, "force_isotropy", float(figures.force_isotropy), None)
+    _merit_row(rows, name, length, "torque_isotropy", float(figures.torque_isotropy), None)
     for k, load in enumerate(LOADS):
         unit = "1" if k < 3 or length != 1.0 else "1/m"
-        _merit_row(rows, matrix, model, length, "sensitivity", load, float(each.value[k]), float(each.sigma[k]), unit)
+        _merit_row(rows, name, length, "sensitivity", float(each.value[k]), float(each.sigma[k]), load, unit)
 
 
-def _types(rows: Rows, theory: Theory, legs: LegMatrix, lengths: tuple[float, ...]) -> None:
+def _theory_errors(
+    rows: Rows, name: Name, estimate: MatrixEstimate, legs: LegMatrix, lengths: tuple[float, ...]
+) -> None:
     """How far theory is from calibration, as the paper's Table 5 has it: with the synthetic error, and without."""
-    pairs = [("type_1_error", "G'", SYNTHETIC, theory.with_error), ("type_2_error", "G", NOMINAL, theory.nominal)]
-    if theory.with_joints is not None:
-        pairs.append(("type_2_error", "G", WITH_JOINTS, _exactly(theory.with_joints)))
-    for figure, matrix, model, estimate in pairs:
-        measured, own = sensitivities(legs.estimate), sensitivities(estimate)
-        found = relative_errors(own.value, measured)
-        for k, load in enumerate(LOADS):
-            _merit_row(
-                rows, matrix, model, None, figure, load, 100 * float(found.value[k]), 100 * float(found.sigma[k]), "%"
-            )
-        for length in lengths:
-            condition = condition_number(per_length(legs.estimate, length))
-            theirs = condition_number(per_length(estimate, length)).value
-            one = relative_errors(theirs, condition)
-            value, sigma = _pair(one.value, one.sigma)
-            _merit_row(rows, matrix, model, length, figure, "condition", 100 * value, 100 * sigma, "%")
+    figure = "type_1_error" if name[0] == "G'" else "type_2_error"
+    found = relative_errors(sensitivities(estimate).value, sensitivities(legs.estimate))
+    for load, value, sigma in zip(LOADS, found.value.tolist(), found.sigma.tolist(), strict=True):
+        _merit_row(rows, name, None, figure, 100 * value, 100 * sigma, load, "%")
+    for length in lengths:
+        theirs = condition_number(per_length(estimate, length)).value
+        value, sigma = _pair(relative_errors(theirs, condition_number(per_length(legs.estimate, length))))
+        _merit_row(rows, name, length, figure, 100 * value, 100 * sigma, "condition", "%")
 
 
-def _pair(value: Array, sigma: Array) -> tuple[float, float]:
-    return float(value[0]), float(sigma[0])
+def _pair(figures: Figures) -> tuple[float, float]:
+    return float(figures.value[0]), float(figures.sigma[0])
 
 
 def _merit_row(
     rows: Rows,
-    matrix: str,
-    model: str,
+    name: Name,
     length: float | None,
     figure: str,
-    subject: str | None,
     value: float,
     sigma: float | None,
+    subject: str | None = None,
     unit: str = "1",
 ) -> None:
-    rows.add(
-        matrix=matrix,
-        model=model,
-        length_m=length,
-        figure=figure,
-        subject=subject,
-        value=value,
-        sigma=None if sigma is None or not np.isfinite(sigma) else sigma,
-        unit=unit,
-    )
+    finite = None if sigma is None or not np.isfinite(sigma) else sigma
+    where = {"matrix": name[0], "model": name[1], "length_m": length, "subject": subject}
+    rows.add(**where, figure=figure, value=value, sigma=finite, unit=unit)
 
 
 def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
@@ -351,24 +338,24 @@ def error_class_rows(found: Recorded, fitted: SensorCalibrations, ranges: Array)
         if told is None:
             continue
         for one in told:
-            rows.add(**_class_row(one))
+            _add_class(rows, one)
         for name in CLASSES:
             if name not in {one.name for one in told}:
                 rows.add(error_class=name, load=LOADS[axis], indicated=LOADS[axis], unit="%", reason=_WHY_NOT[name])
     return rows
 
 
-def _class_row(one: ErrorClass) -> dict[str, object]:
-    return {
-        "error_class": one.name,
-        "load": LOADS[one.axis],
-        "indicated": LOADS[one.component],
-        "value": 100.0 * one.value,
-        "sigma": 100.0 * one.sigma,
-        "limit": 100.0 * one.limit,
-        "unit": "%",
-        "applied": one.load,
-    }
+def _add_class(rows: Rows, one: ErrorClass) -> None:
+    rows.add(
+        error_class=one.name,
+        load=LOADS[one.axis],
+        indicated=LOADS[one.component],
+        value=100.0 * one.value,
+        sigma=100.0 * one.sigma,
+        limit=100.0 * one.limit,
+        unit="%",
+        applied=one.load,
+    )
 
 
 def theory(settings: Campaign, tables: Mapping[str, pa.Table]) -> Theory | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.sections import Overrule
 
+Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
@@ -36,15 +37,42 @@ class Decided:
         return self.chosen[:, len(CHANNELS) :]
 
 
+def chosen_by(
+    shape: tuple[int, ...], rules: Iterable[Overrule], verb: str, names: Callable[[Overrule], Mask]
+) -> tuple[Mask, NDArray[np.object_]]:
+    """What rules choose of an array of a shape, as ``names`` tells of each rule, and in which words.
+
+    verb: excluded, or kept.
+    """
+    chosen, words = np.zeros(shape, bool), np.full(shape, "", dtype=object)
+    for rule in rules:
+        own = names(rule)
+        chosen |= own
+        words[own] = f"{verb} by {rule.signed}: {rule.reason}"
+    return chosen, words
+
+
+def exclusion_row(number: int, rule: Overrule, subject: str, change: Array, over: Array) -> dict[str, object]:
+    """What is told of any [[exclude]], by number from 1, and a subject that it concerns.
+
+    change, over (N,): what taking it back changes, in a unit and in sigmas; NaN where there is nothing to compare with.
+    """
+    told = np.isfinite(change)
+    return {
+        "entry": f"exclude {number}",
+        "subject": subject,
+        "by": rule.by,
+        "decided_on": None if rule.on is None else str(rule.on),
+        "reason": rule.reason,
+        "largest_change": float(change[told].max()) if told.any() else None,
+        "over_sigma": float(over[told].max()) if told.any() else None,
+    }
+
+
 def decided(steps: RecordedSteps, rules: Sequence[Overrule], verb: str) -> Decided:
     """What rules choose of the readings and signals that there are; verb: excluded, or kept."""
     there = np.isfinite(np.concatenate([steps.reading, steps.signal], 1))
-    chosen, words = np.zeros(there.shape, bool), np.full(there.shape, "", dtype=object)
-    for rule in rules:
-        own = matched(steps, rule) & there
-        chosen |= own
-        words[own] = f"{verb} by {rule.signed}: {rule.reason}"
-    return Decided(chosen, words)
+    return Decided(*chosen_by(there.shape, rules, verb, lambda rule: matched(steps, rule) & there))
 
 
 def matched(steps: RecordedSteps, rule: Overrule) -> Mask:

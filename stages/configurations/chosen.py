@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.calibration.configuration_search import Bounded, DesignProblem, Judged
@@ -15,8 +16,6 @@ from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.load_cases import LoadDesign, LoadLimits
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.simulation.mechanisms.pose_regressors import Placed
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.calibration.configuration_search import DesignProblem, Limits, identifiable_parameters
@@ -22,8 +23,6 @@ from truing.stages.common.nominal_mechanism import FILE, plain_machine
 from truing.stages.common.point_arrays import number_column, survey_points
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism, Tolerance
 

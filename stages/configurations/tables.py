@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.calibration.configuration_search import DesignProblem, Judged, judged
@@ -14,17 +14,11 @@ from truing.stages.common.point_arrays import number_columns
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.configurations.chosen import DesignWish
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 RUN = 10  # loads between two readings without load, so that zero and drift of every run are told
 
 
 def readings_of(table: pa.Table, legs: int, file: str) -> NDArray:
     """The readings (N, L), m, of all poses but those for verification; raises CampaignFaults where they are none."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     names = [f"rho{leg + 1}_mm" for leg in range(legs)]
     missing = [name for name in names if name not in table.schema.names]
     if missing:
@@ -56,8 +50,6 @@ def configurations_table(
     rho: NDArray, order: PoseOrder, rest: NDArray | None, wish: DesignWish, extend: pa.Table | None
 ) -> pa.Table:
     """The configurations in the order of measurement, times still empty, after ``rest`` (L,) where given."""
-    import pyarrow as pa
-
     roles = np.repeat(["calibration", "verification"], [wish.poses, wish.verification])[order.order].tolist()
     values, first = rho[order.order], _first_number(extend)
     if rest is not None:
@@ -72,9 +64,6 @@ def configurations_table(
 
 def _first_number(extend: pa.Table | None) -> int:
     """The first free number of a pose."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     if extend is None or "pose" not in extend.schema.names or not pa.types.is_integer(extend.schema.field("pose").type):
         return 1
     return int(pc.max(extend.column("pose")).as_py() or 0) + 1
@@ -83,8 +72,6 @@ def _first_number(extend: pa.Table | None) -> int:
 def loads_table(loads: NDArray, check: NDArray) -> pa.Table:
     """Runs of some loads each, loads (N, 6) and then those for verification (V, 6), without load before and after;
     times still empty."""
-    import pyarrow as pa
-
     none = np.zeros((1, loads.shape[1]))
     parts, roles = [], []
     for role, values in (("calibration", loads), ("verification", check)):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import (
@@ -20,13 +21,11 @@ from truing.estimation.repeatability import Squares, known_mean, lack_of_fit, wi
 from truing.stages.common.overruled import without_excluded
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import load_steps
-from truing.stages.common.repeats import SAME_LOADS, Index
+from truing.stages.common.repeats import SAME_LOADS
 from truing.stages.common.rows import Rows
-from truing.stages.repeats.tables import Repeated
+from truing.stages.repeats.tables import Repeated, Repeats
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
@@ -34,35 +33,23 @@ Array = NDArray[np.float64]
 
 def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:
     """Rows of ``repeats`` and of ``lack_of_fit``; none where no run was repeated."""
-    repeats, fits = Rows("repeats"), Rows("lack_of_fit")
     try:
         steps, _ = without_excluded(load_steps(tables), settings)
     except ValueError:
-        return repeats, fits
+        return Rows("repeats"), Rows("lack_of_fit")
     groups = repeated_runs(steps)
     if not groups:
-        return repeats, fits
-    names: tuple[str, ...] = steps.signals
-    readings = Repeated("reading", CHANNELS, READING_UNITS, SAME_LOADS, len(groups))
-    declared = np.sqrt(known_mean(steps.sigma**2)) / READING_SI
-    readings.add_to(
-        repeats, within_runs(steps.reading / READING_SI, groups), declared, _each(steps.reading / READING_SI, groups)
-    )
-    signals = Repeated("signal", names, ("mV",) * len(names), SAME_LOADS, len(groups))
-    noise = settings.noise.signal_mv
-    stated = np.full(len(names), np.nan if noise is None else noise)
+        return Rows("repeats"), Rows("lack_of_fit")
+    told, names = Repeats(groups, SAME_LOADS, within_runs), steps.signals
+    readings = Repeated("reading", CHANNELS, READING_UNITS)
+    told.add(readings, steps.reading / READING_SI, np.sqrt(known_mean(steps.sigma**2)) / READING_SI)
     if names:
-        each = _each(1e3 * steps.signal, groups)
-        signals.add_to(repeats, within_runs(1e3 * steps.signal, groups), stated, each)
-        left = _linear_left(steps)
-        signals.add_fit(fits, "linear in the loads", lack_of_fit(left[1], within_runs(left[0], groups)))
-    _of_diagnosis(tables, steps, groups, readings, fits)
-    return repeats, fits
-
-
-def _each(values: Array, groups: Sequence[Index]) -> list[Squares]:
-    """Deviations of values (B, C) between runs that repeat each other, group by group."""
-    return [within_runs(values, [group]) for group in groups]
+        signals, noise = Repeated("signal", names, ("mV",) * len(names)), settings.noise.signal_mv
+        told.add(signals, 1e3 * steps.signal, np.full(len(names), np.nan if noise is None else noise))
+        left, squares = _linear_left(steps)
+        told.add_fit(signals, "linear in the loads", lack_of_fit(squares, within_runs(left, groups)))
+    _add_diagnosis(told, tables, steps, readings)
+    return told.repeats, told.fits
 
 
 def _linear_left(steps: RecordedSteps) -> tuple[Array, Squares]:
@@ -82,10 +69,8 @@ def _linear_left(steps: RecordedSteps) -> tuple[Array, Squares]:
     return left, Squares(square, freedom)
 
 
-def _of_diagnosis(
-    tables: Mapping[str, pa.Table], steps: RecordedSteps, groups: Sequence[Index], kind: Repeated, fits: Rows
-) -> None:
-    """What the simulation and the extended model leave of the readings, each run from its own zero."""
+def _add_diagnosis(told: Repeats, tables: Mapping[str, pa.Table], steps: RecordedSteps, readings: Repeated) -> None:
+    """Add what the simulation and the extended model leave of the readings, each run from its own zero."""
     errors = tables.get("reading_errors")
     if errors is None or not errors.num_rows:
         return
@@ -105,7 +90,8 @@ def _of_diagnosis(
         left[row[own], channel[own]] = number_column(errors, column)[own]
         whole = within_groups(left, [np.flatnonzero(steps.run == number) for number in range(len(steps.runs))])
         freedom = whole.freedom - spent / max(len(set(errors.column("channel").to_pylist())), 1)
-        kind.add_fit(fits, model, lack_of_fit(Squares(whole.square, freedom), within_runs(left, groups)))
+        repeated = within_runs(left, told.groups)
+        told.add_fit(readings, model, lack_of_fit(Squares(whole.square, freedom), repeated))
 
 
 def _numbers_found(diagnosis: pa.Table | None) -> float:

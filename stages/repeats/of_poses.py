@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.repeatability import (
@@ -35,11 +36,9 @@ from truing.stages.common.point_arrays import (
 )
 from truing.stages.common.repeats import DECLARED, Index, drive_readings, repeated_poses
 from truing.stages.common.rows import Rows
-from truing.stages.repeats.tables import Repeated
+from truing.stages.repeats.tables import Repeated, Repeats
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
@@ -138,32 +137,26 @@ def _reference(table: pa.Table | None, poses: Ids) -> tuple[Array, Array] | None
 
 def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:
     """Rows of ``repeats``, ``lack_of_fit`` and ``pose_repeatability``; none where nothing was repeated."""
-    repeats, fits, by_pose = Rows("repeats"), Rows("lack_of_fit"), Rows("pose_repeatability")
     configurations = tables.get("configurations")
     if configurations is None or not configurations.num_rows:
-        return repeats, fits, by_pose
+        return Rows("repeats"), Rows("lack_of_fit")
     groups, how = repeated_poses(configurations, settings.campaign.drives, settings.noise.actuator_mm)
     if not groups:
-        return repeats, fits, by_pose
+        return Rows("repeats"), Rows("lack_of_fit")
+    told = Repeats(groups, how, within_groups)
     poses = tuple(configurations.column("pose").to_pylist())
     readings = drive_readings(configurations, settings.campaign.drives)
     bodies = {}
     for body, values, sigma in _relative_poses(tables.get("poses"), poses, groups, settings.is_frame_fixed):
-        values = at_one_reading(values, readings, groups) if how == DECLARED else values
-        bodies[body] = values
-        found = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS, how, len(groups))
-        found.add_to(repeats, within_groups(values / _SI, groups), sigma / _SI, _each(values / _SI, groups))
-    _of_points(tables.get("residuals"), poses, groups, how, settings.noise.point_mm, repeats)
+        bodies[body] = at_one_reading(values, readings, groups) if how == DECLARED else values
+        what = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS)
+        told.add(what, bodies[body] / _SI, sigma / _SI)
+    _add_points(told, tables.get("residuals"), poses, settings.noise.point_mm)
     fitted = np.array(configurations.column("role").to_pylist(), dtype=object) != "verification"
-    _of_attachments(tables, poses, groups, how, fitted, repeats, fits)
-    _of_calibrations(tables, poses, [group[fitted[group]] for group in groups], fits)
-    by_pose.extend(repeatability_rows(bodies, tables, poses, groups, how))
-    return repeats, fits, by_pose
-
-
-def _each(values: Array, groups: Sequence[Index]) -> list[Squares]:
-    """Deviations of values (B, C) from the mean, group by group."""
-    return [within_groups(values, [group]) for group in groups]
+    inside = [group[fitted[group]] for group in groups]
+    _add_attachments(told, tables, poses, fitted, inside)
+    _add_calibrations(told, tables, poses, inside)
+    return told.repeats, told.fits, repeatability_rows(bodies, tables, poses, groups, how)
 
 
 def _relative_poses(
@@ -197,15 +190,8 @@ def _relative_poses(
             yield str(body), own, np.sqrt(known_mean(variance))
 
 
-def _of_points(
-    table: pa.Table | None,
-    poses: tuple[int | str, ...],
-    groups: Sequence[Index],
-    how: str,
-    declared_mm: float | None,
-    repeats: Rows,
-) -> None:
-    """Places of targets in their body's frame, all of a body together: a rigid motion of each repeat is taken out."""
+def _add_points(told: Repeats, table: pa.Table | None, poses: Ids, declared_mm: float | None) -> None:
+    """Add places of targets in their body's frame, a body as a whole: a rigid motion of each repeat is taken out."""
     if table is None or not table.num_rows:
         return
     bodies, targets = text_column(table, "body"), text_column(table, "target")
@@ -215,24 +201,18 @@ def _of_points(
         own = tuple(dict.fromkeys(targets[bodies == body]))
         used = used_targets(table, body, poses, own)
         left = np.where(used[..., None], residual_points(table, body, poses, own), np.nan)
-        spread = within_groups(1e6 * left.reshape(len(poses), -1), groups)
-        motions = sum(max(int(used[group].any(axis=1).sum()) - 1, 0) for group in groups)
+        spread = within_groups(1e6 * left.reshape(len(poses), -1), told.groups)
+        motions = sum(max(int(used[group].any(axis=1).sum()) - 1, 0) for group in told.groups)
         square[at], freedom[at] = spread.square.sum(), spread.freedom.sum() - 6.0 * motions
-    found = Repeated("point", tuple(f"{body} targets" for body in names), ("um",) * len(names), how, len(groups))
+    what = Repeated("point", tuple(f"{body} targets" for body in names), ("um",) * len(names))
     stated = np.nan if declared_mm is None else 1e3 * declared_mm
-    found.add_to(repeats, Squares(square, np.maximum(freedom, 0.0)), np.full(len(names), stated))
+    told.add_squares(what, Squares(square, np.maximum(freedom, 0.0)), np.full(len(names), stated))
 
 
-def _of_attachments(
-    tables: Mapping[str, pa.Table],
-    poses: tuple[int | str, ...],
-    groups: Sequence[Index],
-    how: str,
-    fitted: NDArray[np.bool_],
-    repeats: Rows,
-    fits: Rows,
+def _add_attachments(
+    told: Repeats, tables: Mapping[str, pa.Table], poses: Ids, fitted: NDArray[np.bool_], inside: Sequence[Index]
 ) -> None:
-    """Shifts of attachments between repeats, and what the deformation models leave."""
+    """Add shifts of attachments between repeats, and what the deformation models leave where they were fitted (B,)."""
     table = tables.get("deformation")
     if table is None or not table.num_rows:
         return
@@ -246,9 +226,8 @@ def _of_attachments(
     stated = "scatter_sigma_um" if "scatter_sigma_um" in table.column_names else "own_sigma_um"
     variance[at] = number_column(table, stated)[kept] ** 2
     subjects = tuple(f"leg {number + 1}" for number in range(legs))
-    found = Repeated("attachment", subjects, ("um",) * legs, how, len(groups))
-    found.add_to(repeats, within_groups(shift, groups), np.sqrt(known_mean(variance)), _each(shift, groups))
-    inside = [group[fitted[group]] for group in groups]
+    what = Repeated("attachment", subjects, ("um",) * legs)
+    told.add(what, shift, np.sqrt(known_mean(variance)))
     # Of every leg, for a matrix takes also those whose attachments carry no targets; their zero is of no account.
     drive = _readings(tables["configurations"])
     for model, left in _deformation_left(tables.get("deformation_models"), shift, drive):
@@ -257,7 +236,7 @@ def _of_attachments(
         spent = 1.0 + (1.0 if model == "linear" else drive.shape[1])
         centred = left - known_mean(left)
         all_left = Squares(np.nansum(centred**2, axis=0), count - spent)
-        found.add_fit(fits, model, lack_of_fit(all_left, within_groups(left, inside)))
+        told.add_fit(what, model, lack_of_fit(all_left, within_groups(left, inside)))
 
 
 def _readings(configurations: pa.Table) -> Array:
@@ -281,40 +260,36 @@ def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> It
         yield str(model), shift - 1e3 * followed
 
 
-def _of_calibrations(
-    tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], groups: Sequence[Index], fits: Rows
-) -> None:
-    """What each calibrated model leaves of the platform's poses that it was fitted to."""
+def _add_calibrations(told: Repeats, tables: Mapping[str, pa.Table], poses: Ids, groups: Sequence[Index]) -> None:
+    """Add what each calibrated model leaves of the platform's poses that it was fitted to."""
     accuracy = tables.get("accuracy")
     if accuracy is None or not accuracy.num_rows or _PARTS[0] not in accuracy.column_names:
         return
-    names = [
-        f"{m}, {d}" for m, d in zip(text_column(accuracy, "model"), text_column(accuracy, "deformation"), strict=True)
-    ]
-    model, fitted = np.array(names, dtype=object), text_column(accuracy, "role") != "verification"
+    model, fitted = _model_names(accuracy), text_column(accuracy, "role") != "verification"
     parts = number_columns(accuracy, _PARTS)
     place = positions(accuracy.column("pose"), poses)
     spent = _parameters(tables.get("calibration"))
-    found = Repeated("pose", tuple(f"platform {name}" for name in _COMPONENTS), _UNITS, "", len(groups))
-    for name in dict.fromkeys(names):
+    what = Repeated("pose", tuple(f"platform {name}" for name in _COMPONENTS), _UNITS)
+    for name in dict.fromkeys(model.tolist()):
         rows = (model == name) & fitted & (place >= 0)
         left = np.full((len(poses), 6), np.nan)
         left[place[rows]] = parts[rows]
         count = np.isfinite(left).sum(axis=0)
         all_left = Squares(np.nansum(left**2, axis=0), count - spent.get(name, 0.0) / 6.0)
-        found.add_fit(fits, name, lack_of_fit(all_left, within_groups(left, groups)))
+        told.add_fit(what, name, lack_of_fit(all_left, within_groups(left, groups)))
+
+
+def _model_names(table: pa.Table) -> NDArray[np.object_]:
+    """The model and its deformation of each row (N,)."""
+    pairs = zip(text_column(table, "model"), text_column(table, "deformation"), strict=True)
+    return np.array([f"{model}, {deformation}" for model, deformation in pairs], dtype=object)
 
 
 def _parameters(table: pa.Table | None) -> dict[str, float]:
     """How many numbers the data, and not the tolerances, gave each model."""
-    out: dict[str, float] = {}
     if table is None:
-        return out
-    names = zip(text_column(table, "model"), text_column(table, "deformation"), strict=True)
-    sigma, tolerance = number_column(table, "sigma"), number_column(table, "tolerance")
-    by_data = np.clip(
-        1.0 - np.where(tolerance > 0.0, sigma / np.where(tolerance > 0.0, tolerance, 1.0), 0.0) ** 2, 0.0, 1.0
-    )
-    for (model, deformation), share in zip(names, np.nan_to_num(by_data), strict=True):
-        out[f"{model}, {deformation}"] = out.get(f"{model}, {deformation}", 0.0) + float(share)
-    return out
+        return {}
+    names, sigma, tolerance = _model_names(table), number_column(table, "sigma"), number_column(table, "tolerance")
+    by_data = 1.0 - np.where(tolerance > 0.0, sigma / np.where(tolerance > 0.0, tolerance, 1.0), 0.0) ** 2
+    by_data = np.nan_to_num(np.clip(by_data, 0.0, 1.0))
+    return {name: float(by_data[names == name].sum()) for name in dict.fromkeys(names.tolist())}

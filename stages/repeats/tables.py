@@ -1,14 +1,15 @@
-"""The rows that tell of repeats and of what models leave beside them; and the stage's closing words on them."""
+"""The rows that tell of repeats, and of what models leave beside them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.repeatability import LackOfFit, Squares, equal_scatter
+from truing.stages.common.repeats import Index
 from truing.stages.common.rows import Rows
 
 Array = NDArray[np.float64]
@@ -18,66 +19,72 @@ POOLED = "all, over stated"  # subjects of one kind together, in units of their 
 
 @dataclass(frozen=True)
 class Repeated:
-    """What was repeated (pose, point, attachment, reading, signal): C subjects with their units.
-
-    how: how that is known; groups: how many of them there are.
-    """
+    """What was repeated (pose, point, attachment, reading, signal): C subjects with their units."""
 
     kind: str
     subjects: tuple[str, ...]
     units: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Rows of ``repeats`` and ``lack_of_fit`` of groups that repeat one another, and how that is known.
+
+    within: squares of values (B, C) about the mean of their groups.
+    """
+
+    groups: Sequence[Index]
     how: str
-    groups: int
+    within: Callable[[Array, Sequence[Index]], Squares]
+    repeats: Rows = field(default_factory=lambda: Rows("repeats"))
+    fits: Rows = field(default_factory=lambda: Rows("lack_of_fit"))
 
-    def add_to(self, rows: Rows, found: Squares, declared: Array, each: Sequence[Squares] = ()) -> None:
-        """A row per subject that was repeated, and one of all over what is stated.
+    def add(self, what: Repeated, values: Array, declared: Array) -> None:
+        """Add values (B, C) in their units, with the stated sigma (C,) of one of them, NaN where none is.
 
-        declared (C,): the stated sigma of one of them, NaN where none is. each: the same group by group, by which it is
-        tested whether one number holds for all.
+        Whether one number holds for all groups is tested group by group.
         """
+        each = [self.within(values, [group]) for group in self.groups]
         alike = [equal_scatter([g.square[c] for g in each], [g.freedom[c] for g in each]) for c in range(len(declared))]
         p = np.array([np.nan if one is None else one.p_value for one in alike])
-        self._add(rows, self.subjects, self.units, found, np.asarray(declared, float), p)
+        self.add_squares(what, self.within(values, self.groups), declared, p)
+
+    def add_squares(self, what: Repeated, found: Squares, declared: Array, p_equal: Array | None = None) -> None:
+        """Add a row per subject that was repeated, and one of all over what is stated (C,); p_equal (C,): the
+        probability that one number holds for all groups."""
+        self._add(what, found, declared, p_equal)
         stated = (found.freedom > 0) & (np.nan_to_num(declared) > 0.0)
         if stated.sum() > 1:
-            square = np.sum(found.square[stated] / np.asarray(declared, float)[stated] ** 2, keepdims=True)
-            pooled = Squares(square, found.freedom[stated].sum(keepdims=True))
-            self._add(rows, (POOLED,), ("1",), pooled, np.ones(1), np.array([np.nan]))
+            square = np.array([np.sum(found.square[stated] / declared[stated] ** 2)])
+            pooled = Squares(square, np.array([found.freedom[stated].sum()]))
+            self._add(Repeated(what.kind, (POOLED,), ("1",)), pooled, np.ones(1), None)
 
-    def _add(
-        self,
-        rows: Rows,
-        subjects: tuple[str, ...],
-        units: tuple[str, ...],
-        found: Squares,
-        declared: Array,
-        p_equal: Array,
-    ) -> None:
+    def _add(self, what: Repeated, found: Squares, declared: Array, p_equal: Array | None) -> None:
         lower, upper = found.interval()
         told = np.flatnonzero(found.freedom > 0)
         if len(told):
-            rows.add(
-                repeated=[self.kind] * len(told),
-                subject=[subjects[c] for c in told],
+            self.repeats.add(
+                repeated=what.kind,
+                subject=[what.subjects[c] for c in told],
                 pure_error=found.sigma[told],
                 lower=lower[told],
                 upper=upper[told],
                 declared_sigma=declared[told],
-                unit=[units[c] for c in told],
+                unit=[what.units[c] for c in told],
                 freedom_of_error=found.freedom[told],
-                groups=[self.groups] * len(told),
-                told_by=[self.how] * len(told),
-                p_equal=p_equal[told],
+                groups=len(self.groups),
+                told_by=self.how,
+                p_equal=None if p_equal is None else p_equal[told],
             )
 
-    def add_fit(self, rows: Rows, model: str, found: LackOfFit) -> None:
-        """A row per subject of which a model could be held against pure error."""
+    def add_fit(self, what: Repeated, model: str, found: LackOfFit) -> None:
+        """Add a row per subject of which a model could be held against pure error."""
         told = np.flatnonzero(np.isfinite(found.p_value))
         if len(told):
-            rows.add(
-                repeated=[self.kind] * len(told),
-                contender=[model] * len(told),
-                subject=[self.subjects[c] for c in told],
+            self.fits.add(
+                repeated=what.kind,
+                contender=model,
+                subject=[what.subjects[c] for c in told],
                 f_ratio=found.ratio[told],
                 freedom_of_fit=found.of_fit[told],
                 freedom_of_error=found.of_error[told],

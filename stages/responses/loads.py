@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.compliance import (
@@ -50,8 +51,6 @@ from truing.stages.declaration import Outcome
 from truing.stages.responses.tables import add_figures, error_rows
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.interferometer import Interferometer
 

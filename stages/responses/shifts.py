@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.estimation.deformation import (
@@ -57,8 +59,6 @@ from truing.stages.declaration import Outcome
 from truing.stages.responses.tables import add_figures, error_rows
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
 
@@ -329,7 +329,6 @@ def target_deformation(tables: Mapping[str, pa.Table], drives: tuple[str, ...]) 
 
 
 def _body_shifts(tables: Mapping[str, pa.Table], body: str) -> BodyShifts:
-    import pyarrow.compute as pc
 
     rows = tables["residuals"].filter(pc.equal(tables["residuals"].column("body"), body))
     poses, targets = pose_ids(rows), tuple(dict.fromkeys(rows.column("target").to_pylist()))

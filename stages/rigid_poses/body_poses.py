@@ -7,6 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.body_poses import BodyPoses, fit_body, without_targets
@@ -38,8 +40,6 @@ from truing.stages.rigid_poses.tables import (
 )
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 SOURCES = {"observations": "point", "scans": "dense scan", "measured_poses": "measured pose"}
@@ -115,8 +115,6 @@ def _with_poses(
 ) -> list[BodyPoses]:
     """The bodies with the poses of a table, of scans or measured as such, as a further method; and bodies of which
     nothing else is known."""
-    import pyarrow.compute as pc
-
     found = {body.name: body for body in bodies}
     for name in dict.fromkeys(table.column("body").to_pylist()):
         rows = table.filter(pc.equal(table.column("body"), name))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.covariance import relative_slope
@@ -14,9 +15,6 @@ from truing.estimation.rigid_poses.body_poses import BodyPoses, seen_from
 from truing.estimation.rotation import log_so3
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.common.point_arrays import decisions
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 MEASUREMENT = "measurement"
 _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
@@ -142,8 +140,6 @@ def _residual_columns(body: BodyPoses) -> dict[str, Any]:
 
 def _table(name: str, parts: list[dict[str, Any]], identifier: str) -> pa.Table:
     """The parts one after the other, NaN as empty."""
-    import pyarrow as pa
-
     schema = ARTIFACTS[name].arrow_schema(identifier, ARTIFACTS[name].optional)
     if not parts:
         return schema.empty_table()

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
@@ -15,7 +16,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.known_readings import BeamGeometry
 from truing.stages.common.declared_optics import beam_optics
 from truing.stages.common.nominal_sensor import simulated_compliance
-from truing.stages.common.overruled import Decided, decided, excluded_words, matched, without_excluded
+from truing.stages.common.overruled import Decided, decided, excluded_words, exclusion_row, matched, without_excluded
 from truing.stages.common.point_arrays import decisions
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI, load_steps
 from truing.stages.common.rows import Rows
@@ -23,8 +24,6 @@ from truing.stages.common.words import gross_errors
 from truing.stages.declaration import Outcome
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
@@ -126,18 +125,11 @@ def _exclusion_rows(
     for number, rule in enumerate(settings.exclude, 1):
         chosen = matched(whole, rule)[:, : len(CHANNELS)] & np.isfinite(whole.reading)
         for k in np.flatnonzero(chosen.any(axis=0)):
-            told = np.isfinite(change[:, k])
             rows.add(
-                entry=f"exclude {number}",
-                subject=f"channel {CHANNELS[k]}",
-                by=rule.by,
-                decided_on=None if rule.on is None else str(rule.on),
-                reason=rule.reason,
+                **exclusion_row(number, rule, f"channel {CHANNELS[k]}", change[:, k], over[:, k]),
                 rows=int(chosen[:, k].sum()),
                 gross_anyway=int((with_all.curves.rejected & chosen)[:, k].sum()),
-                largest_change=float(change[told, k].max()) if told.any() else None,
                 unit=READING_UNITS[k],
-                over_sigma=float(over[told, k].max()) if told.any() else None,
             )
     return rows
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI
@@ -15,9 +14,6 @@ from truing.simulation.bench.extended_model import ExtendedSensor, predict_readi
 from truing.simulation.bench.known_readings import ReadingConditions
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Array = NDArray[np.float64]
 
@@ -32,8 +28,6 @@ def predicted_readings(extended: ExtendedSensor, table: pa.Table, file: str) -> 
     Needs the columns run, step, time_s, channel, the loads (load_axis and load, or six columns) and those that the
     model's effects follow. Raises CampaignFaults where ``file`` lacks one of them or holds no number.
     """
-    import pyarrow as pa
-
     loads = _checked(extended, table, file)
     channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
     keys = list(zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True))

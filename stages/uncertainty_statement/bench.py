@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.compliance import budget_of_entries, compliance_budgets
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
-from truing.estimation.sensor.calibrate import fit_calibration
-from truing.estimation.sensor.calibration_matrix import (
+from truing.estimation.sensor.budget import (
     Calibrated,
-    calibration_matrix,
-    coefficient_parts,
-    matrix_parts,
-    wrenches,
+    budget_of_loads,
+    budget_of_matrix,
+    calibrated_again,
+    rms_of_held_out,
 )
-from truing.estimation.sensor.contenders import by_cases, contenders, covariance_by_case, hold_out
-from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget
+from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
 from truing.stages.common.loaded_steps import loaded_steps
 from truing.stages.common.nominal_sensor import simulated_compliance
 from truing.stages.common.recorded_signals import ranges_of, recorded
@@ -28,8 +26,6 @@ from truing.stages.uncertainty_statement.causes import found_causes
 from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
@@ -102,13 +98,13 @@ def state_sensor(statement: Statement, tables: Mapping[str, pa.Table], settings:
             statement.not_evaluated("G_B", "all", "no signals were calibrated")
         return
     try:
-        made = _calibrated(tables, settings, name)
+        made = calibrated_again(recorded(tables, settings), name, settings.noise.signal_mv is not None)
     except (ValueError, np.linalg.LinAlgError) as why:
         statement.not_evaluated("G_B", "all", f"the calibration cannot be made once more: {why}")
         return
-    _matrix(statement, made)
-    _loads(statement, made, ranges_of(settings, made.found))
-    _held_out(statement, made)
+    _state_matrix(statement, made)
+    _state_loads(statement, made, ranges_of(settings, made.found))
+    _state_held_out(statement, made)
     if not made.found.load_sigma.any():
         for result in ("G_B", "load"):
             statement.omitted(result, "applied loads", "[noise] declares neither load_n nor load_nm")
@@ -128,69 +124,27 @@ def _chosen(tables: Mapping[str, pa.Table]) -> str | None:
     return next((row["model"] for row in rows if row["chosen"] and row["matrix"] == "G_B"), None)
 
 
-def _calibrated(tables: Mapping[str, pa.Table], settings: Campaign, name: str) -> Calibrated:
-    found = recorded(tables, settings)
-    model = next(model for model in contenders(found) if model.name == name)
-    table, _ = by_cases(found, ~found.steps.held_out)
-    fit = fit_calibration(table, model)
-    spare = float(max(len(table.signals) - fit.matrix.shape[1], 1))
-    declared = settings.noise.signal_mv is not None
-    signals = Source("noise of the signals", "B") if declared else Source("noise of the signals", "A", spare)
-    parts = coefficient_parts(fit, table, signals)
-    return Calibrated(found, table, fit, parts, covariance_by_case(table, model), signals)
-
-
-def _matrix(statement: Statement, made: Calibrated) -> None:
-    matrix = calibration_matrix(made.fit, made.table.signal_cov)
-    told = budget(matrix_parts(made))
-    more = made.beyond_chance(np.diag(made.by_case.covariance), told.standard**2)
-    rows, columns = (index.ravel() for index in np.indices(matrix.value.shape))
+def _state_matrix(statement: Statement, made: Calibrated) -> None:
+    matrix, told = budget_of_matrix(made)
+    rows, columns = (index.ravel() for index in np.indices(matrix.shape))
     names = [f"{made.table.load_names[i]} per {made.table.signal_names[j]}" for i, j in zip(rows, columns, strict=True)]
-    units = [f"{_LOAD_UNITS[i]}/mV" for i in rows]
-    told = told.beside(made.cases, more).filled()
-    statement.state("G_B", made.fit.model.name, names, matrix.value.ravel(), units, told)
+    statement.state("G_B", made.fit.model.name, names, matrix.ravel(), [f"{_LOAD_UNITS[i]}/mV" for i in rows], told)
 
 
-def _loads(statement: Statement, made: Calibrated, ranges: Array) -> None:
+def _state_loads(statement: Statement, made: Calibrated, ranges: Array) -> None:
     """State each load at its full range, as one reading of the signals tells it."""
-    fit, table = made.fit, made.table
     axes = np.flatnonzero(np.isfinite(ranges))
-    loads = np.diag(ranges)[axes]
-    none = np.zeros((len(axes), table.covariates.shape[1]))
-    if fit.model.direction == "forward":
-        signals = fit.predict(loads, none)
-    else:
-        signals = loads @ np.linalg.pinv(fit.matrix[:, : len(fit.terms.inputs)]).T
-    noise = np.zeros((signals.shape[1],) * 2) if table.signal_cov is None else table.signal_cov
-    found = wrenches(fit, signals, none, noise)
-    own = np.arange(len(axes)), axes, axes
-    reading = Source("noise of the signals, in the one reading", made.signals.evaluation, made.signals.dof)
-    parts = {reading: found.own[own]}
-    for source, part in made.parts.items():
-        by_part = replace(found, own=np.zeros_like(found.own), coefficients=part).covariance
-        parts[Source(f"calibration: {source.name}", source.evaluation, source.dof)] = by_part[own]
-    told = Budget(tuple(parts), np.sqrt(np.maximum(np.array(list(parts.values())), 0.0)))
-    width = made.by_case.value.shape[1]
-    blocks = made.by_case.covariance.reshape(-1, width, len(table.load_names), width)
-    by_case = np.einsum("nc,ncd,nd->n", signals, blocks[axes, :, axes], signals)
-    calibration = told.standard**2 - parts[reading]
-    told = told.beside(made.cases, made.beyond_chance(by_case, calibration)).filled()
-    names = [table.load_names[k] for k in axes]
-    subject = [f"one reading at {ranges[k]:g} {_LOAD_UNITS[k]} of {table.load_names[k]}" for k in axes]
-    statement.state(
-        "load", subject, names, found.value[np.arange(len(axes)), axes], [_LOAD_UNITS[k] for k in axes], told
-    )
+    value, told = budget_of_loads(made, np.diag(ranges)[axes], axes)
+    names, units = [made.table.load_names[k] for k in axes], [_LOAD_UNITS[k] for k in axes]
+    subject = [f"one reading at {ranges[k]:g} {_LOAD_UNITS[k]} of {made.table.load_names[k]}" for k in axes]
+    statement.state("load", subject, names, value, units, told)
 
 
-def _held_out(statement: Statement, made: Calibrated) -> None:
+def _state_held_out(statement: Statement, made: Calibrated) -> None:
     """State the rms error of loads whose case the calibration has not seen."""
-    errors, cases = hold_out(made.table, made.fit.model).errors, made.table.cases
-    if len(cases) < 2:
+    found = rms_of_held_out(made)
+    if found is None:
         statement.not_evaluated("accuracy", "all", "there is one load case alone, and none to hold out")
         return
-    share = np.stack([np.sum(errors[made.table.case == case] ** 2, 0) for case in cases]) * len(cases) / len(errors)
-    value = np.sqrt(share.mean(0))
-    own = np.std(share, axis=0, ddof=1) / np.sqrt(len(cases)) / (2.0 * np.where(value > 0.0, value, 1.0))
-    source = Source("scatter from load case to load case", "A", float(len(cases) - 1))
     names = [f"{name}, rms" for name in made.table.load_names]
-    statement.state("accuracy", "held-out load cases", names, value, list(_LOAD_UNITS), Budget((source,), own[None]))
+    statement.state("accuracy", "held-out load cases", names, found[0], list(_LOAD_UNITS), found[1])

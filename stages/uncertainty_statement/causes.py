@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 
 from truing.estimation.uncertainty_budget import Budget, Source
 from truing.simulation.catalogue import catalogue, catalogue_of_rays, of_photographed_points
@@ -14,8 +15,6 @@ from truing.simulation.cause import Step
 from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Parts = dict[tuple[str, str, str], dict[Source, float]]  # by cause, subject and parameter

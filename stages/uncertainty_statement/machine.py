@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 
-from truing.calibration.every_case import screened_poses
-from truing.calibration.fits import answer
-from truing.calibration.knowledge import Answered, budget_of_answer
-from truing.calibration.question import cases, question, with_targets
+from truing.calibration.knowledge import answered_again, budget_of_answer
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, root_mean_square
-from truing.simulation.mechanisms.parameters import SHARED, Parameter
-from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages.common.calibration_data import gather
 from truing.stages.common.positioning import SEED, deviations, instrument
 from truing.stages.uncertainty_statement.causes import DEFORMATION, found_causes
 from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 _CLOSES = 1e-3  # relative: a fit from where the first one ended ends there again, within its own tolerance
@@ -34,12 +28,13 @@ LENGTH = Source("expansion and temperature of the axis", "B", distribution="draw
 
 def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
     """State every identified number of the chosen calibration."""
-    key = _chosen(tables)
     if not settings.mechanism.is_legged:
         return
-    if key is None:
+    keys = _chosen(tables) if "calibration" in tables else []
+    if not keys:
         statement.not_evaluated("calibration", "all", "no calibration was made, or none could be chosen")
         return
+    key = keys[0]
     rows = [row for row in tables["calibration"].to_pylist() if (row["model"], row["deformation"]) == key]
     names = [_name(row["parameter"], row["leg"]) for row in rows]
     told = [row["sigma"] is not None and row["identified"] is not None for row in rows]
@@ -65,13 +60,11 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
             statement.omitted("calibration", name, NOT_HELD)
 
 
-def _chosen(tables: Mapping[str, pa.Table]) -> tuple[str, str] | None:
-    if "model_choice" not in tables or "calibration" not in tables:
-        return None
+def _chosen(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
+    """Model and deformation of the calibration that is chosen."""
+    rows = tables["model_choice"].to_pylist() if "model_choice" in tables else []
     wanted = ("errors-in-variables", "chosen", 1.0)
-    rows = tables["model_choice"].to_pylist()
-    keys = [(r["model"], r["deformation"]) for r in rows if (r["estimator"], r["figure"], r["value"]) == wanted]
-    return keys[0] if keys else None
+    return [(r["model"], r["deformation"]) for r in rows if (r["estimator"], r["figure"], r["value"]) == wanted]
 
 
 def _name(parameter: str, leg: int | None) -> str:
@@ -79,11 +72,12 @@ def _name(parameter: str, leg: int | None) -> str:
 
 
 def _budget(
-    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[dict[str, object]]
+    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[dict[str, Any]]
 ) -> Budget | None:
     """The budget of the numbers in the units of the tables; None where the calibration cannot be made once more."""
+    stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows}
     try:
-        answered = _answered(tables, settings, key, rows)
+        answered = answered_again(gather(tables, settings), key, stood)
         if answered is None:
             return None
         found = budget_of_answer(answered)
@@ -91,29 +85,6 @@ def _budget(
         return None
     own = answered.asked.problem.parameters
     return budget(found, np.eye(len(own), len(answered.fit.values))).scaled(1.0 / own.units)
-
-
-def _answered(
-    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[dict[str, object]]
-) -> Answered | None:
-    gathered = gather(tables, settings)
-    every = list(cases(gathered, structures(gathered.machine)))
-    case = next((case for case in every if case.key == key), None)
-    if case is None:
-        return None
-    clean = screened_poses(gathered, gathered.measured.roles != "verification", every)
-    used = clean.measured.chosen(clean.kept)
-    asked = question(gathered, used, case)
-    asked = with_targets(asked, gathered, used, case.deformation != "none") or asked
-    parameters = asked.problem.parameters
-    stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows}
-    start = np.array([stood[entry.name, _leg(entry)] for entry in parameters.entries], float) * parameters.units
-    fit = answer(asked, start, robust=False)
-    return Answered(gathered, asked, fit) if fit.ok else None
-
-
-def _leg(entry: Parameter) -> int | None:
-    return None if entry.leg == SHARED else entry.leg + 1
 
 
 def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
@@ -139,14 +110,9 @@ def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], setting
 
 
 def _quoted(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
-    chosen = [
-        (row["model"], row["deformation"])
-        for row in tables["model_choice"].to_pylist()
-        if (row["estimator"], row["figure"], row["value"]) == ("errors-in-variables", "chosen", 1.0)
-    ]
     models, deformations = (tables["accuracy"].column(name).to_pylist() for name in ("model", "deformation"))
     keys = dict.fromkeys(zip(models, deformations, strict=True))
-    return [*chosen, *(key for key in keys if key[0] == "extended")]
+    return [*_chosen(tables), *(key for key in keys if key[0] == "extended")]
 
 
 def state_positioning(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.calibration.measured import BodyPoses
@@ -27,8 +29,6 @@ from truing.stages.uncertainty_statement.causes import found_causes, of_instrume
 from truing.stages.uncertainty_statement.statement import Statement
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
@@ -139,8 +139,6 @@ def parts_of_network(
     tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...], covariance: Array
 ) -> Mapping[Source, Array] | None:
     """The parts (B, 6, 6) of a body's covariance in m and rad; None where its points are not of photographs."""
-    import pyarrow.compute as pc
-
     effects = tables.get("pose_sensitivities")
     if effects is None or not effects.num_rows:
         return None

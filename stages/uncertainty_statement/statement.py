@@ -12,6 +12,7 @@ from truing.estimation.uncertainty_budget import Budget
 from truing.stages.common.rows import Rows
 
 Array = NDArray[np.float64]
+_MANY = 1e9  # degrees of freedom that make no difference to infinitely many
 
 
 @dataclass
@@ -46,8 +47,8 @@ class Statement:
             **names,
             estimate=estimate,
             standard_uncertainty=standard,
-            degrees_of_freedom=_bounded(told.dof),
-            coverage_factor=_finite(factor),
+            degrees_of_freedom=np.where(told.dof < _MANY, told.dof, np.nan),
+            coverage_factor=np.where(np.isfinite(factor), factor, np.nan),
             expanded_uncertainty=expanded,
             stated=True,
         )
@@ -73,12 +74,3 @@ class Statement:
 
 def _each(given: Sequence[str] | str, count: int) -> list[str]:
     return [given] * count if isinstance(given, str) else list(given)
-
-
-def _finite(values: Array) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
-
-
-def _bounded(dof: Array) -> list[float | None]:
-    """Degrees of freedom; none where there are so many that they make no difference."""
-    return [float(value) if value < 1e9 else None for value in dof]

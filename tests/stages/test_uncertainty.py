@@ -13,9 +13,9 @@ import pytest
 from tests.cut_telescope import SAMPLE, cut_telescope
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
+from truing.estimation.sensor.budget import BY_LOADS, coefficient_parts
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel, Estimator
-from truing.estimation.sensor.calibration_matrix import BY_LOADS, coefficient_parts
 from truing.estimation.sensor.load_table import load_table
 from truing.estimation.uncertainty_budget import Source, root_mean_square
 

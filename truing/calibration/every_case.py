@@ -55,7 +55,7 @@ def screened(gathered: Gathered, fitted: Measured, case: Case) -> Screened:
     asked = question(gathered, fitted, case)
     fit = answer(asked, robust=True)
     measured, legs = _without_bad_legs(asked.problem, fit.values, fitted)
-    if (more := with_targets(asked, gathered, measured, case.deformation != "none")) is not None:
+    if (more := with_targets(asked, gathered, measured, case)) is not None:
         fit = answer(more, fit.values[: asked.count], robust=True)
     kept = fit.weight > 0
     return Screened(measured, kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept), legs)

@@ -102,7 +102,7 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: N
     fit = answer(asked, robust=False)
     # All models are weighed on the same data: poses and readings, and what the targets said of the deformation.
     evidence, count = _log_evidence(fit, asked.prior), asked.count
-    if (more := with_targets(asked, gathered, used, case.deformation != "none")) is not None:
+    if (more := with_targets(asked, gathered, used, case)) is not None:
         fit = answer(more, fit.values[:count], robust=False)
     found = _enlarged(gathered, fit, asked)
     tolerance = (more or asked).tolerance

@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
+from truing.calibration.every_case import screened_poses
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration, answer
 from truing.calibration.measured import Gathered, Measured
 from truing.calibration.question import (
     Case,
     Question,
+    cases,
     is_deformation,
     observation_covariance,
     problem_of,
@@ -27,6 +29,7 @@ from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit
 from truing.estimation.uncertainty_budget import Source, beyond_declared, linear_estimate
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, full_set
+from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 
 # A shift of the attachments per displacement that is plausible of a platform, where no target tells.
@@ -37,7 +40,13 @@ READINGS = Source("readings of the actuators", "B")
 SURVEYED = Source("survey of the attachments", "B")
 WIDE = Source("numbers of which nothing is declared", "B")
 COMMON = Source("cameras, scale bars and frames of the survey, common to all poses", "B")
-_TOLERANCES = {"a": "lower joints", "b": "upper joints", "u": "directions of the actuators", "l": "lengths of the legs"}
+_TOLERANCES = {
+    "a": "lower joints",
+    "b": "upper joints",
+    "u": "directions of the actuators",
+    "l": "lengths of the legs",
+    "rho0": "reference readings",
+}
 
 
 @dataclass(frozen=True)
@@ -84,7 +93,7 @@ def observe_model(gathered: Gathered, fitted: Measured, chosen: Calibration) -> 
 
 def _whole_question(gathered: Gathered, measured: Measured, case: Case) -> Question:
     asked = question(gathered, measured, case)
-    return with_targets(asked, gathered, measured, case.deformation != "none") or asked
+    return with_targets(asked, gathered, measured, case) or asked
 
 
 def _with_common_known(jacobian: NDArray, asked: Question) -> NDArray:
@@ -197,9 +206,6 @@ def absorbed(gathered: Gathered, fitted: Measured, calibration: Calibration, who
     )
 
 
-_TOLERANCES |= {"rho0": "reference readings"}
-
-
 @dataclass(frozen=True)
 class Answered:
     """The chosen calibration, fitted once more from where it stood."""
@@ -207,6 +213,25 @@ class Answered:
     gathered: Gathered
     asked: Question
     fit: ErrorsInVariablesFit
+
+
+def answered_again(
+    gathered: Gathered, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
+) -> Answered | None:
+    """The maximum-likelihood calibration of a model (structure, deformation), from where it ended.
+
+    stood: values by parameter and leg, in the units of the tables. None where there is no such model, or no minimum.
+    """
+    every = list(cases(gathered, structures(gathered.machine)))
+    case = next((case for case in every if case.key == key), None)
+    if case is None:
+        return None
+    clean = screened_poses(gathered, gathered.measured.roles != "verification", every)
+    asked = _whole_question(gathered, clean.measured.chosen(clean.kept), case)
+    own = asked.problem.parameters
+    start = np.array([stood[entry.name, entry.leg_number] for entry in own.entries], float) * own.units
+    fit = answer(asked, start, robust=False)
+    return Answered(gathered, asked, fit) if fit.ok else None
 
 
 def budget_of_answer(answered: Answered) -> dict[Source, Array]:

@@ -207,13 +207,13 @@ def nothing_open(gathered: Gathered, case: Case) -> bool:
     return not len(free(full_set(case.nominal, case.deformation), gathered))
 
 
-def with_targets(asked: Question, gathered: Gathered, measured: Measured, deforming: bool) -> Question | None:
+def with_targets(asked: Question, gathered: Gathered, measured: Measured, case: Case) -> Question | None:
     """Return the question with what targets on legs and, of a deforming platform, on attachments measure; None without.
 
     The deformation's coefficients then follow from these shifts themselves, and nothing is known of them beforehand.
     """
     problem = with_bodies(asked.problem, measured)
-    problem = with_shifts(problem, gathered, measured) if deforming else problem
+    problem = with_shifts(problem, gathered, measured) if case.deformation != "none" else problem
     if problem is asked.problem:
         return None
     problem = with_common(problem, measured)

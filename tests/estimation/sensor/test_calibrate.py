@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from tests.estimation.sensor.toy_sensor import RANGE, ToySensor, loads, sensor, squares
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.sensor.calibrate import UndeterminedCalibrationError, fit_calibration
-from truing.estimation.sensor.calibration import CalibrationModel
-from truing.estimation.sensor.calibration_matrix import calibration_matrix
+from truing.estimation.sensor.calibration import CalibrationModel, calibration_matrix
 from truing.estimation.sensor.load_table import load_table
 
 seeds = st.integers(0, 2**32 - 1)

@@ -10,8 +10,7 @@ import pytest
 from tests.estimation.sensor.toy_sensor import RANGE, loads, sensor, squares
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.sensor.calibrate import fit_calibration
-from truing.estimation.sensor.calibration import CalibrationModel
-from truing.estimation.sensor.calibration_matrix import calibration_matrix, wrenches
+from truing.estimation.sensor.calibration import CalibrationModel, calibration_matrix, wrenches
 
 FORWARD = CalibrationModel("errors in both", "forward")
 STEP = 1e-30

@@ -10,7 +10,7 @@ import pytest
 
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.sensor.calibrate import fit_calibration
-from truing.estimation.sensor.calibration_matrix import (
+from truing.estimation.sensor.calibration import (
     Figures,
     MatrixEstimate,
     calibration_matrix,

@@ -165,9 +165,7 @@ def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body:
 
 def follows_frame(p: int, body: FramedBody, weight: Array) -> Array:
     """How sums of what lies at a body's targets, weight (Q, T, 3), follow its motion (t, theta), (Q, 6)."""
-    arm = apply_rotation(body.R[p], body.source)
-    lever = rigid_motions(arm)
-    return np.einsum("qti,tij->qj", weight, lever)
+    return np.einsum("qti,tij->qj", weight, rigid_motions(apply_rotation(body.R[p], body.source)))
 
 
 def by_shapes(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> Array:

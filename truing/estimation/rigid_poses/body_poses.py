@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from truing.estimation.covariance import relative, relative_of_pair, survey_frame_covariance
 from truing.estimation.rigid_poses.haralick import haralick
 from truing.estimation.rigid_poses.points import FittedPoints, PosePoints, SurveyPoints
-from truing.estimation.rigid_poses.procrustes import common_shape, generalised_procrustes
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, mask_entries
+from truing.estimation.rigid_poses.procrustes import common_shape, generalised_procrustes, typical_sigma
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rigid_poses.robust_pose import robust_poses, sigma_from_distances, target_scatter
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.uncertainty_budget import Source
@@ -184,7 +184,7 @@ def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
     """Fits relative to the shape that the poses share, with poses and shape estimated together."""
     usable = points.seen & allowed
     richest = int(usable.sum(axis=1).argmax())
-    sigma = _typical(_noise(points.points[richest], points, usable & usable[richest]), usable)
+    sigma = typical_sigma(_noise(points.points[richest], points, usable & usable[richest]), usable)
     source = common_shape(points.points, usable, sigma)
     known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
     place, usable = np.nan_to_num(source), usable & known
@@ -230,7 +230,7 @@ def _by_every_method(
     def in_frame(fit: RigidFit, W: Array, factor: Array | float = 1.0) -> RigidFit:
         covariance = survey_frame_covariance(fit.R, source, W, cov_source, cov_target, frame, fit.ok)
         covariance = covariance * np.broadcast_to(factor, len(covariance))[:, None, None]
-        return replace(fit, covariance=mask_entries(covariance, fit.ok))
+        return replace(fit, covariance=covariance).masked()
 
     weights = {
         "umeyama": (usable / sigma**2, np.ones(len(usable))),
@@ -260,14 +260,9 @@ def _movement(first: tuple[RigidFit, Mask, float], source: Array, target: Array,
     pose is judged for itself.
     """
     fit, _, ratio = first
-    sigma = _typical(cov, usable)
+    sigma = typical_sigma(cov, usable)
     tau = target_scatter(fit, source, target, cov, usable)
     return np.where((ratio == 1.0) & (tau > sigma) & (tau < _LARGEST_MOVEMENT * sigma), tau, 0.0)
-
-
-def _typical(cov: Array, usable: Mask) -> float:
-    """The median standard deviation per coordinate, in m; 0 where nothing is usable."""
-    return float(np.sqrt(np.median(np.trace(cov[usable], axis1=-2, axis2=-1)) / 3)) if usable.any() else 0.0
 
 
 def _reference(points: PosePoints, survey: SurveyPoints) -> tuple[Array, Array]:

@@ -8,6 +8,8 @@ settle. The constant of the biweight and the scale of the residuals are chosen h
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -15,7 +17,6 @@ from truing.estimation.rigid_poses.rigid import (
     FitStatus,
     RigidFit,
     check_correspondences,
-    masked_fit,
     solve_weighted,
 )
 
@@ -126,6 +127,5 @@ def _conclude(
     plain = solve_weighted(x, y, base * (robust > 0), sigma=noise).covariance
     covariance = plain * (scale**2 / biweight_efficiency(tuning))[:, None, None]
     status = np.where(fit.ok & ~settled, str(FitStatus.NOT_CONVERGED), fit.status)
-    sigma, used = fit.scale_sigma, fit.n_used
-    result = masked_fit(fit.R, fit.t, fit.scale, covariance, sigma, fit.rms, used, status, steps)
+    result = replace(fit, covariance=covariance, status=status, iterations=steps).masked()
     return result, np.where(result.ok[:, None], robust, 0.0)

@@ -7,6 +7,8 @@ true points, eliminated exactly: minimise ``sum r' S^-1 r``, ``r = target - R so
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -15,7 +17,6 @@ from truing.estimation.rigid_poses.rigid import (
     FitStatus,
     RigidFit,
     check_correspondences,
-    masked_fit,
     solve_weighted,
 )
 from truing.estimation.rotation import exp_so3, skew
@@ -154,16 +155,14 @@ def _merged(
     y: NDArray,
     used: NDArray,
 ) -> RigidFit:
-    """Return the closed-form fits with the iterated ones put in their rows."""
+    """The closed-form fits with the iterated ones put in their rows."""
     R, t, H, steps, settled = solved
-    out = [np.array(a) for a in (closed.R, closed.t, closed.covariance, closed.rms)]
     distance = np.sum((y - x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
     rms = np.sqrt(np.sum(used * distance, axis=-1) / used.sum(-1))
-    for whole, part in zip(out, (R, t, symmetric(np.linalg.inv(H)), rms), strict=True):
-        whole[rows] = part
-    status, iterations = closed.status.copy(), closed.iterations.copy()
-    status[rows[~settled]] = str(FitStatus.NOT_CONVERGED)
-    iterations[rows] = steps
-    return masked_fit(
-        out[0], out[1], closed.scale, out[2], closed.scale_sigma, out[3], closed.n_used, status, iterations
-    )
+    status = np.where(settled, closed.status[rows], str(FitStatus.NOT_CONVERGED))
+    found = {"R": R, "t": t, "covariance": symmetric(np.linalg.inv(H)), "rms": rms}
+    found |= {"status": status, "iterations": steps}
+    whole = {name: getattr(closed, name).copy() for name in found}
+    for name, part in found.items():
+        whole[name][rows] = part
+    return replace(closed, **whole).masked()

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from truing.estimation.covariance import apply_rotation, symmetric
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, masked_fit
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama
-from truing.estimation.rotation import exp_so3, rigid_motions, skew
+from truing.estimation.rotation import exp_so3, rigid_motions
 
 # Noise ratios at which poses are taken in: bodies may flex by more than their noise.
 _RATIOS = (1.0, 3.0, 10.0, 30.0)
@@ -215,7 +216,7 @@ def _prepare(
     if survey is None or survey_cov is None:
         surveyed = np.zeros(count, bool)
         survey, survey_cov = np.zeros((count, 3)), np.zeros((count, 3, 3))
-        shape = common_shape(points, mask, _typical_sigma(cov, mask)) if shape is None else shape
+        shape = common_shape(points, mask, typical_sigma(cov, mask)) if shape is None else shape
         known = np.isfinite(shape).all(axis=-1)
         shape = np.where(known[:, None], shape, 0.0)
     else:
@@ -243,7 +244,8 @@ def _connected(seen: NDArray, surveyed: NDArray) -> NDArray:
         reached = grown
 
 
-def _typical_sigma(cov: NDArray, mask: NDArray) -> float:
+def typical_sigma(cov: NDArray, mask: NDArray) -> float:
+    """The median standard deviation per coordinate, in m, of points (B, N) of covariances (B, N, 3, 3); 0 for none."""
     return float(np.sqrt(np.median(np.trace(cov[mask], axis1=-2, axis2=-1)) / 3)) if mask.any() else 0.0
 
 
@@ -283,25 +285,17 @@ def _normal(problem: _Problem, state: _State, W: NDArray, W_survey: NDArray) -> 
     R, posed = state.R, problem.seen.any(axis=1)
     arm = state.shape @ np.swapaxes(R, -1, -2)
     r = np.where(problem.seen[..., None], problem.y - arm - state.t[:, None], 0.0)
-    J = np.concatenate([np.broadcast_to(-np.eye(3), (*arm.shape, 3)), skew(arm)], axis=-1)
+    J = -rigid_motions(arm)
     JW = np.swapaxes(J, -1, -2) @ W
     pose = np.sum(JW @ J, axis=1) + np.where(posed, 0.0, 1.0)[:, None, None] * np.eye(6)
     coupling = np.swapaxes(-JW @ R[:, None], 1, 2).reshape(len(R), 6, -1)
     Rt = np.swapaxes(R, -1, -2)[:, None]
     own = np.sum(Rt @ W @ R[:, None], axis=0) + W_survey
     carried = np.linalg.solve(pose, coupling)
-    reduced = _block_diagonal(own) - np.tensordot(coupling, carried, axes=([0, 1], [0, 1]))
+    reduced = block_diag(*own) - np.tensordot(coupling, carried, axes=([0, 1], [0, 1]))
     off_survey = np.where(problem.surveyed[:, None], state.shape - problem.survey, 0.0)
     pull = -np.sum(apply_rotation(Rt, apply_rotation(W, r)), axis=0) + apply_rotation(W_survey, off_survey)
     return _Normal(pose, carried, np.sum(apply_rotation(JW, r), axis=1), pull.ravel(), symmetric(reduced))
-
-
-def _block_diagonal(blocks: NDArray) -> NDArray:
-    count = len(blocks)
-    out = np.zeros((count, 3, count, 3))
-    index = np.arange(count)
-    out[index, :, index, :] = blocks
-    return out.reshape(3 * count, 3 * count)
 
 
 def _shape_covariance(reduced: NDArray, shape: NDArray, known: NDArray, unknown: NDArray, free: bool) -> NDArray:
@@ -334,7 +328,7 @@ def _fitted_share(state: _State, normal: _Normal, covariance: NDArray, arm: NDAr
     With poses ``dp = -X dxi + e``, cov(e) = pose^-1 independent of the shape's dxi, the fitted point moves by
     ``J e - (J X + R E_k) dxi``.
     """
-    J = np.concatenate([np.broadcast_to(-np.eye(3), (*arm.shape, 3)), skew(arm)], axis=-1)
+    J = -rigid_motions(arm)
     through_poses = normal.carried @ covariance
     own = np.linalg.inv(normal.pose) + through_poses @ np.swapaxes(normal.carried, -1, -2)
     crossed = through_poses.reshape(len(arm), 6, -1, 3)
@@ -360,7 +354,7 @@ def _result(
     rms = np.sqrt(np.sum(distance * problem.seen, axis=1) / np.maximum(count, 1))
     each = np.where(posed, str(status), str(FitStatus.TOO_FEW_POINTS))
     one, steps = np.ones(len(posed)), np.full(len(posed), iterations)
-    poses = masked_fit(state.R, state.t, one, symmetric(pose_covariance), 0 * one, rms, count, each, steps)
+    poses = RigidFit(state.R, state.t, one, symmetric(pose_covariance), 0 * one, rms, count, each, steps).masked()
     shape = np.where(known[:, None], state.shape, np.nan)
     return ProcrustesFit(poses, shape, covariance, np.where(known, tau, np.nan), status, iterations)
 
@@ -370,8 +364,8 @@ def _nothing(problem: _Problem, posed: NDArray) -> ProcrustesFit:
     count, targets = problem.seen.sum(axis=1), problem.y.shape[1]
     status = np.full(len(posed), str(FitStatus.TOO_FEW_POINTS))
     empty = np.full((len(posed), 6, 6), np.nan)
-    one = np.ones(len(posed))
-    poses = masked_fit(empty[:, :3, :3], empty[:, 0, :3], one, empty, one, one, count, status)
+    one, none = np.ones(len(posed)), np.zeros(len(posed), np.int64)
+    poses = RigidFit(empty[:, :3, :3], empty[:, 0, :3], one, empty, one, one, count, status, none).masked()
     return ProcrustesFit(
         poses,
         np.full((targets, 3), np.nan),

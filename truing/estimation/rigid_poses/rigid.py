@@ -7,7 +7,7 @@ that is missing in an entry of the batch has weight 0 there, and may then be NaN
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 
 import numpy as np
@@ -66,6 +66,11 @@ class RigidFit:
     n_used: NDArray  # (B,) number of points with a weight
     status: NDArray  # (B,) of FitStatus values (str)
     iterations: NDArray  # (B,) 0 for a closed form
+
+    def masked(self) -> RigidFit:
+        """The fit with the numbers of every entry whose status is not OK masked with NaN."""
+        names = ("R", "t", "scale", "covariance", "scale_sigma", "rms")
+        return replace(self, **{name: mask_entries(getattr(self, name), self.ok) for name in names})
 
     @property
     def ok(self) -> NDArray:
@@ -183,34 +188,8 @@ def _assemble(
     covariance = weighted_fit_covariance(arm, w, noise, ok, with_scale)
     scale_sigma = scale * np.sqrt(covariance[:, 6, 6]) if with_scale else np.zeros(len(R))
     rms = np.sqrt(misfit / np.maximum(w.sum(-1), np.finfo(float).tiny))
-    return masked_fit(R, t, scale, covariance[:, :6, :6], scale_sigma, rms, used, status)
-
-
-def masked_fit(
-    R: NDArray,
-    t: NDArray,
-    scale: NDArray,
-    covariance: NDArray,
-    scale_sigma: NDArray,
-    rms: NDArray,
-    n_used: NDArray,
-    status: NDArray,
-    iterations: NDArray | None = None,
-) -> RigidFit:
-    """Return the fit with the numbers of every entry whose status is not OK masked with NaN."""
-    ok = status == FitStatus.OK
-    iterations = np.zeros(len(R), np.int64) if iterations is None else iterations
-    return RigidFit(
-        mask_entries(R, ok),
-        mask_entries(t, ok),
-        mask_entries(scale, ok),
-        mask_entries(covariance, ok),
-        mask_entries(scale_sigma, ok),
-        mask_entries(rms, ok),
-        n_used,
-        status,
-        iterations,
-    )
+    none = np.zeros(len(R), np.int64)
+    return RigidFit(R, t, scale, covariance[:, :6, :6], scale_sigma, rms, used, status, none).masked()
 
 
 def mask_entries(values: NDArray, ok: NDArray) -> NDArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truing.estimation.covariance import apply_rotation, symmetric
 from truing.estimation.rigid_poses.haralick import MEDIAN_LENGTH, residual_scale
 from truing.estimation.rigid_poses.likelihood import maximum_likelihood
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits, mask_entries
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rotation import rigid_motions
 
@@ -63,7 +63,7 @@ def robust_pose(
     if keep is not None and keep.any():
         kept = kept | keep & mask & agreed[:, None]
         fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
-    return _without_agreement(fit, agreed, status), kept
+    return replace(fit, status=np.where(agreed, fit.status, status)).masked(), kept
 
 
 def squared_residuals(
@@ -92,6 +92,23 @@ def squared_residuals(
     return np.einsum("bni,bni->bn", r, apply_rotation(np.linalg.inv(spread + floor), r))
 
 
+@dataclass(frozen=True)
+class _Body:
+    """One body over many poses, arguments of `robust_poses`: keep (B, N) where a person says so."""
+
+    source: NDArray
+    target: NDArray
+    cov_source: NDArray
+    cov_target: NDArray
+    mask: NDArray
+    keep: NDArray
+
+    def poses(self, rows: slice | NDArray) -> _Body:
+        """Some of the poses."""
+        own = ("target", "cov_target", "mask", "keep")
+        return replace(self, **{name: getattr(self, name)[rows] for name in own})
+
+
 def robust_poses(
     source: NDArray,
     target: NDArray,
@@ -107,72 +124,51 @@ def robust_poses(
     is not quite rigid, is not a gross error: where the poses together scatter more than declared, points are judged
     by that scatter. The covariances stay those of the declared noise.
     """
-    sigma = _largest_sigma(cov_source, cov_target, mask)
-    given = (source, target, cov_source, cov_target, mask, np.zeros_like(mask) if keep is None else keep)
-    ratio = 1.0
+    body = _Body(source, target, cov_source, cov_target, mask, np.zeros_like(mask) if keep is None else keep)
+    sigma, ratio = _largest_sigma(cov_source, cov_target, mask), 1.0
     for _ in range(_ROUNDS):
-        fit, kept = _in_blocks(*given, ratio)
-        renewed = _noise_ratio(fit, kept, source, target, sigma, mask)
+        fit, kept = _in_blocks(body, ratio)
+        renewed = _noise_ratio(fit, kept, body, sigma)
         if renewed < _WORTH_ANOTHER_ROUND * ratio:
             break
         ratio = renewed
-    wider = _ratio_that_most_poses_need(fit, *given, ratio)
-    return (fit, kept, ratio) if wider == ratio else (*_in_blocks(*given, wider), wider)
+    wider = _ratio_that_most_poses_need(fit, body, ratio)
+    return (fit, kept, ratio) if wider == ratio else (*_in_blocks(body, wider), wider)
 
 
-def _in_blocks(
-    source: NDArray,
-    target: NDArray,
-    cov_source: NDArray,
-    cov_target: NDArray,
-    mask: NDArray,
-    keep: NDArray,
-    ratio: float,
-) -> tuple[RigidFit, NDArray]:
-    """Return `robust_pose` of so many poses at a time that their intermediate matrices stay small."""
+def _in_blocks(body: _Body, ratio: float) -> tuple[RigidFit, NDArray]:
+    """`robust_pose` of so many poses at a time that their intermediate matrices stay small."""
     parts = []
-    for first in range(0, max(len(mask), 1), _POSES_AT_ONCE):
-        b = slice(first, first + _POSES_AT_ONCE)
-        here = (source, target[b], cov_source, cov_target[b], mask[b])
-        parts.append(robust_pose(*here, keep=keep[b], noise_ratio=ratio))
+    for first in range(0, max(len(body.mask), 1), _POSES_AT_ONCE):
+        b = body.poses(slice(first, first + _POSES_AT_ONCE))
+        given = (b.source, b.target, b.cov_source, b.cov_target, b.mask)
+        parts.append(robust_pose(*given, keep=b.keep, noise_ratio=ratio))
     return join_fits([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
-def _ratio_that_most_poses_need(
-    fit: RigidFit,
-    source: NDArray,
-    target: NDArray,
-    cov_source: NDArray,
-    cov_target: NDArray,
-    mask: NDArray,
-    keep: NDArray,
-    ratio: float,
-) -> float:
-    """Return a larger noise ratio where that, and no more than that, lets nearly all poses have an agreement.
+def _ratio_that_most_poses_need(fit: RigidFit, body: _Body, ratio: float) -> float:
+    """A larger noise ratio where that, and no more than that, lets nearly all poses have an agreement.
 
     Bodies that flex scatter with longer tails than noise does, which three or four targets cannot tell from gross
     errors, pose by pose; gross errors stay gross, so that no moderate ratio helps and the given one stays.
     """
     without = np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)])
-    allowed = max(1.0, _WITHOUT_AGREEMENT * (mask.sum(-1) >= 3).sum())
+    allowed = max(1.0, _WITHOUT_AGREEMENT * (body.mask.sum(-1) >= 3).sum())
     if without.sum() <= allowed:
         return ratio
     for wider in ratio * _WIDER:
-        again, _ = _in_blocks(
-            source, target[without], cov_source, cov_target[without], mask[without], keep[without], wider
-        )
+        again, _ = _in_blocks(body.poses(without), wider)
         if np.sum(~again.ok) <= allowed:
             return float(wider)
     return ratio
 
 
-def _noise_ratio(
-    fit: RigidFit, kept: NDArray, source: NDArray, target: NDArray, sigma: NDArray, mask: NDArray
-) -> float:
-    """Return the scatter in units of sigma (B, N), at least 1, from the poses in which most points agree.
+def _noise_ratio(fit: RigidFit, kept: NDArray, body: _Body, sigma: NDArray) -> float:
+    """The scatter in units of sigma (B, N), at least 1, from the poses in which most points agree.
 
     Where most poses have no agreement at all, from the distances between points.
     """
+    source, target, mask = body.source, body.target, body.mask
     usable = mask.sum(-1) >= 3
     if not usable.any():
         return 1.0
@@ -227,10 +223,3 @@ def _chi_square_limit(false_alarm: float, mask: NDArray) -> NDArray:
     from scipy.special import chdtri
 
     return chdtri(3, false_alarm / np.maximum(mask.sum(-1), 1))
-
-
-def _without_agreement(fit: RigidFit, agreed: NDArray, status: NDArray) -> RigidFit:
-    """Return the fit with the consensus's status, and no numbers, where points did not agree."""
-    names = ("R", "t", "scale", "covariance", "scale_sigma", "rms")
-    masked = {name: mask_entries(getattr(fit, name), agreed) for name in names}
-    return dataclasses.replace(fit, status=np.where(agreed, fit.status, status), **masked)

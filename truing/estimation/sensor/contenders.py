@@ -16,11 +16,13 @@ from truing.estimation.held_out import Choice, Contender, choose_model
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.least_squares.solver import SolverStatus
 from truing.estimation.sensor.calibrate import UndeterminedCalibrationError, check_loads, check_signals, fit_calibration
-from truing.estimation.sensor.calibration import Calibration, CalibrationModel, Zero
-from truing.estimation.sensor.calibration_matrix import (
+from truing.estimation.sensor.calibration import (
+    Calibration,
+    CalibrationModel,
     MatrixEstimate,
     UnreachedSignalsError,
     Wrenches,
+    Zero,
     calibration_matrix,
     wrenches,
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.sensor.calibration_matrix import MatrixEstimate
+from truing.estimation.sensor.calibration import MatrixEstimate
 from truing.simulation.bench.six_upur.assembly import closed_loop_map, influence_change, motion_of_sources
 from truing.simulation.bench.six_upur.geometry import JointCentres
 from truing.simulation.bench.six_upur.influence import characteristic_length, influence_matrix, influence_with_error

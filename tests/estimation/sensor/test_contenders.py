@@ -10,8 +10,7 @@ import pytest
 from tests.estimation.sensor.toy_sensor import RANGE, loads, sensor
 from tests.tolerance import assert_between
 from truing.estimation.sensor.calibrate import UndeterminedCalibrationError, fit_calibration
-from truing.estimation.sensor.calibration import CalibrationModel
-from truing.estimation.sensor.calibration_matrix import calibration_matrix
+from truing.estimation.sensor.calibration import CalibrationModel, calibration_matrix
 from truing.estimation.sensor.contenders import choose_calibration, covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable, load_table
 
