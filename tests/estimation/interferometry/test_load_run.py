@@ -7,7 +7,7 @@ import pytest
 
 from tests.estimation.interferometry.bench import LEVELS
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.interferometry.load_run import PLAIN, branch_gap, branches, fit_run, run_columns
+from truing.estimation.interferometry.load_run import PLAIN, branch_gap, branches, fit_run, run_columns, widest_gaps
 
 SIGMA = 0.5e-6
 TIME = 30.0 * np.arange(len(LEVELS))
@@ -93,3 +93,19 @@ def test_the_gap_between_the_ways_is_the_hysteresis() -> None:
     total = float((off**2).sum())
     assert_between(total, off.size - 4 * np.sqrt(2 * off.size), off.size + 4 * np.sqrt(2 * off.size))
     assert_close(gaps[0].sigma, np.full(8, SIGMA * np.sqrt(2.0)), atol=1e-12)
+
+
+def test_gaps_are_told_of_runs_that_load_one_axis_alone() -> None:
+    """Run 0 loads x and comes back 2 um off, run 1 loads x and y together: it tells of neither."""
+    size, run = len(LEVELS), np.repeat([0, 1], len(LEVELS))
+    load = np.zeros((2 * size, 6))
+    load[:, 0] = np.tile(LEVELS, 2)
+    load[size:, 1] = LEVELS
+    reading = np.full((2 * size, 6), np.nan)
+    reading[:, 3] = np.where(branches(LEVELS) < 0, 2e-6, 0.0)[np.tile(np.arange(size), 2)]
+    reading[size:, 3] *= 50.0
+    found = widest_gaps(load, run, reading, np.full(reading.shape, SIGMA))
+    assert set(found) == {(0, 3)}
+    gap, chance = found[0, 3]
+    assert abs(abs(gap) - 2e-6) < 1e-12
+    assert chance < 1e-3

@@ -18,6 +18,7 @@ from truing.estimation.sensor.load_cases import (
     corner_loads,
     judge_loads,
     predicted_sigma,
+    verification_loads,
 )
 
 LIMITS = LoadLimits(RANGE)
@@ -110,3 +111,12 @@ def test_the_sigma_foretold_is_the_one_that_the_fit_finds():
 def test_too_few_loads_are_refused():
     with pytest.raises(ValueError, match="found 6 loads, expected at least 7"):
         choose_loads(corner_loads(LIMITS), 6, LIMITS, rng=np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 6])
+def test_loads_for_verification_lie_within_the_range_with_so_many_components_at_once(at_once: int) -> None:
+    found = verification_loads(LIMITS, 400, at_once, np.random.default_rng(2))
+    assert found.shape == (400, 6)
+    assert np.all(np.abs(found) <= RANGE)
+    assert np.all(np.count_nonzero(found, axis=1) == at_once)
+    assert np.all(np.count_nonzero(found, axis=0) > 0)

@@ -1,0 +1,49 @@
+"""What 95 of 100 poses stay below: less what the measurement adds, and with an interval that holds the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truing.calibration.accuracy import error_of_95_percent
+
+TRIALS, POSES, MACHINE, NOISE = 2000, 30, 3.0, 1.0
+TRUE = 1.959964 * MACHINE
+
+
+def test_the_error_of_95_percent_is_the_machines_own_and_its_interval_holds_it() -> None:
+    rng = np.random.default_rng(5)
+    errors = rng.normal(scale=np.hypot(MACHINE, NOISE), size=(TRIALS, POSES))
+    found = [error_of_95_percent(one, np.full(POSES, NOISE**2)) for one in errors]
+    told = np.array([(one.low, one.value, one.high) for one in found if one is not None])
+    assert len(told) == TRIALS
+    covered = np.mean((told[:, 0] <= TRUE) & (told[:, 2] >= TRUE))
+    assert abs(covered - 0.95) < 4.0 * np.sqrt(0.95 * 0.05 / TRIALS)
+    # of a mean square of normal errors: variance 2 (machine^2 + noise^2)^2 / N
+    square = (told[:, 1] / 1.959964) ** 2
+    spread = (MACHINE**2 + NOISE**2) * np.sqrt(2.0 / POSES / TRIALS)
+    assert abs(square.mean() - MACHINE**2) < 4.0 * spread
+
+
+def test_a_measurement_noisier_than_what_was_seen_leaves_no_error() -> None:
+    found = error_of_95_percent(np.array([1.0, -1.0, 1.0]), np.full(3, 100.0))
+    assert found is not None
+    assert found.value == 0.0
+    assert found.low == 0.0
+    assert found.high > 0.0
+
+
+def test_poses_without_an_error_do_not_count() -> None:
+    some = error_of_95_percent(np.array([1.0, np.nan, -2.0]), np.array([0.1, 9.0, 0.1]))
+    assert some == error_of_95_percent(np.array([1.0, -2.0]), np.array([0.1, 0.1]))
+    assert error_of_95_percent(np.full(3, np.nan), np.ones(3)) is None
+
+
+@pytest.mark.parametrize("factor", [1e-3, 180.0 / np.pi])
+def test_the_unit_does_not_matter(factor: float) -> None:
+    errors, variances = np.array([1.0, -2.0, 0.5]), np.array([0.2, 0.1, 0.3])
+    one, other = error_of_95_percent(errors, variances), error_of_95_percent(factor * errors, factor**2 * variances)
+    assert one is not None
+    assert other is not None
+    expected = [factor * value for value in (one.value, one.low, one.high)]
+    assert [other.value, other.low, other.high] == pytest.approx(expected)
