@@ -2,7 +2,8 @@
 
 A caller fills `ROW` and `RESIDUAL` for one observation of all lanes after the other. Squaring the Jacobian costs half
 of the digits, so a lane whose scaled normal matrix has a pivot below `_CLEAR_PIVOT` is left unclear, and is for the QR
-of `least_squares` to solve. Importing this module imports numba.
+of `least_squares` to solve. Importing this module imports numba. It is the solver of `recalibration_kernel`, whose head
+says how much faster that is than a general one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The costly steps of a search for consensus with NumPy; `robust_kernel.py` has them compiled."""
+"""The costly steps of a search for consensus with NumPy; `robust_kernel.py` has them compiled.
+
+A module of its own, for the compiled steps fall back on these, and small batches never load numba.
+"""
 
 from __future__ import annotations
 
