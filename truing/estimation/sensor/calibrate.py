@@ -301,18 +301,21 @@ class LinearFit:
     dof: float
 
 
-def least_squares_fit(columns: NDArray, response: NDArray) -> LinearFit:
-    """Return the fit with equal weights, ``B = Y^T X (X^T X)^-1``, the noise being that of the residuals.
+def least_squares_fit(columns: NDArray, response: NDArray, cov: NDArray | None = None) -> LinearFit:
+    """Return the fit with equal weights, ``B = Y^T X (X^T X)^-1``, by default the noise being that of the residuals.
 
-    Solved by QR of the columns, scaled to unit length, and never by that inverse. There have to be more rows than
-    columns.
+    cov (W, W): declared covariance of every row's response, which drops out of the fit. Solved by QR of the columns,
+    scaled to unit length, and never by that inverse. There have to be more rows than columns.
     """
-    spare = columns.shape[0] - columns.shape[1]
+    spare = len(columns) - columns.shape[1]
     inverse, root = _scaled_inverse(columns)
     matrix = (root @ response).T
     residual = response - columns @ matrix.T
-    noise = residual.T @ residual / spare
-    return LinearFit(matrix, np.kron(noise, inverse), noise, float(np.trace(residual.T @ residual)), float(spare))
+    noise = residual.T @ residual / max(spare, 1)
+    if cov is None:
+        return LinearFit(matrix, np.kron(noise, inverse), noise, float(np.trace(residual.T @ residual)), float(spare))
+    squares = float(np.sum(np.linalg.solve(cov, residual.T) * residual.T))
+    return LinearFit(matrix, np.kron(cov, inverse), noise, squares, float(spare * response.shape[1]))
 
 
 def _scaled_inverse(columns: NDArray) -> tuple[NDArray, NDArray]:
@@ -330,7 +333,7 @@ def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior
     """
     rows, width = response.shape
     if prior is None and cov.ndim == 2:
-        return _alike(columns, response, cov)
+        return least_squares_fit(columns, response, cov)
     factor = np.linalg.inv(np.linalg.cholesky(np.broadcast_to(cov, (rows, width, width))))
     whole = np.einsum("nwi,nq->nwiq", factor, columns).reshape(rows * width, -1)
     target = np.einsum("nwi,ni->nw", factor, response).ravel()
@@ -344,17 +347,6 @@ def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior
     squares = float(np.sum((target - whole @ values) ** 2))
     dof = float(len(target) - len(values))
     return LinearFit(matrix, covariance, residual.T @ residual / max(dof / width, 1.0), squares, dof)
-
-
-def _alike(columns: NDArray, response: NDArray, cov: NDArray) -> LinearFit:
-    """Return the weighted fit where all rows have one covariance: that of least squares, as weights drop out of it."""
-    inverse, root = _scaled_inverse(columns)
-    matrix = (root @ response).T
-    residual = response - columns @ matrix.T
-    squares = float(np.sum(np.linalg.solve(cov, residual.T) * residual.T))
-    spare = float(len(columns) - columns.shape[1])
-    noise = residual.T @ residual / max(spare, 1.0)
-    return LinearFit(matrix, np.kron(cov, inverse), noise, squares, spare * response.shape[1])
 
 
 def _root(information: NDArray) -> NDArray:
