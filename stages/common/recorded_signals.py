@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.load_table import Recorded, zeros_of_runs
-from truing.simulation.bench.exchanged_rows import exchanged_rows, put_right
+from truing.simulation.bench.causes.rows_exchanged import exchanged_rows, put_right
 from truing.stages.common.overruled import decided, without_excluded
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 

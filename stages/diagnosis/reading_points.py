@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from truing.estimation.interferometry.load_run import zeros_of_runs
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
-from truing.simulation.bench.exchanged_rows import exchanged_rows
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, exchanged_rows
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.influence import influence_matrix

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
-from truing.simulation.bench.causes.rows_exchanged import Row, RowsExchanged, SignalsExchanged
-from truing.simulation.bench.exchanged_rows import put_right
+from truing.simulation.bench.causes.rows_exchanged import Row, RowsExchanged, SignalsExchanged, put_right
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.stages.common.nominal_sensor import nominal_sensor

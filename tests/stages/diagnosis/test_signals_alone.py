@@ -12,7 +12,7 @@ import pytest
 from tests.sensor_campaign import GAIN, HEIGHT_MM, LARGEST, LOWER_MM, SIGNAL_MV, UPPER_MM, campaign_toml
 from tests.tolerance import assert_between, assert_close
 from truing.schemas.campaign import read_campaign
-from truing.simulation.bench.exchanged_rows import exchanged_rows, put_right
+from truing.simulation.bench.causes.rows_exchanged import exchanged_rows, put_right
 from truing.simulation.bench.six_upur.geometry import joint_centres
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.stages import diagnose
