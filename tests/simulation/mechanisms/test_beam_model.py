@@ -35,7 +35,7 @@ def _shift_um(machine: Machine, model: BeamModel = MODEL) -> np.ndarray:
 
 
 def test_home_is_that_of_the_reference() -> None:
-    found, expected = reference_pose(flexure_telescope().legs), REFERENCE["reference_rotation"]
+    found, expected = reference_pose(flexure_telescope().legs), REFERENCE["home"]
     assert_close(found.p[0] * 1e3, expected["p0"], atol=1e-9 * 500.0, what="p0, mm")
     assert_close(found.R[0], expected["R0"], atol=1e-9, what="R0")
     assert_close(found.z[0], expected["z0"], atol=1e-9, what="z0")

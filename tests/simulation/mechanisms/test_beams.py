@@ -137,13 +137,13 @@ def _motion(rng: np.random.Generator, count: int) -> NDArray:
 
 def test_nodes_are_those_of_the_reference() -> None:
     inputs, outputs = vector("eq22")
-    legs, z0 = telescope(), np.array(REFERENCE["reference_rotation"]["z0"])
+    legs, z0 = telescope(), np.array(REFERENCE["home"]["z0"])
     half = 0.5 * inputs["l_b_mm"] * 1e-3 * z0
-    found = nodes(legs.closure.lower(legs, legs.rho0), legs.b, half, np.array(REFERENCE["reference_rotation"]["R0"]))
+    found = nodes(legs.closure.lower(legs, legs.rho0), legs.b, half, np.array(REFERENCE["home"]["R0"]))
     names = {"a": "a_prime", "c": "c_prime", "d": "d_prime_platform", "b": "b_prime_platform"}
     for name, key in names.items():
         assert_close(getattr(found, name)[0] * 1e3, outputs[key], atol=1e-9 * 500.0, what=key)
-    standing = np.array(REFERENCE["reference_rotation"]["p0"]) * 1e-3 + found.d - found.c  # R0 is the identity
+    standing = np.array(REFERENCE["home"]["p0"]) * 1e-3 + found.d - found.c  # R0 is the identity
     assert_close(np.linalg.norm(standing[0]) * 1e3, outputs["c_to_d_length"], atol=1e-9 * 500.0, what="tube, mm")
 
 
