@@ -17,7 +17,7 @@ from truing.estimation.interferometry.recorded_steps import (
     RecordedSteps,
     repeated_runs,
 )
-from truing.estimation.repeatability import Squares, known_mean, lack_of_fit, within_groups, within_runs
+from truing.estimation.repeatability import Squares, known_mean, lack_of_fit, left_by_lines, within_groups, within_runs
 from truing.stages.common.overruled import without_excluded
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import load_steps
@@ -46,27 +46,10 @@ def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
     if names:
         signals, noise = Repeated("signal", names, ("mV",) * len(names)), settings.noise.signal_mv
         told.add(signals, 1e3 * steps.signal, np.full(len(names), np.nan if noise is None else noise))
-        left, squares = _linear_left(steps)
+        left, squares = left_by_lines(1e3 * steps.signal, steps.load, steps.run, ~steps.held_out)
         told.add_fit(signals, "linear in the loads", lack_of_fit(squares, within_runs(left, groups)))
     _add_diagnosis(told, tables, steps, readings)
     return told.repeats, told.fits
-
-
-def _linear_left(steps: RecordedSteps) -> tuple[Array, Squares]:
-    """What a zero per run and a line in every load leave of the signals (B, S) in mV, where nothing is held out."""
-    left = np.full_like(steps.signal, np.nan)
-    square, freedom = np.zeros((2, len(steps.signals)))
-    zeros = (steps.run[:, None] == np.arange(len(steps.runs))).astype(float)
-    size = np.abs(steps.load).max(axis=0)
-    design = np.column_stack([zeros, steps.load[:, size > 0.0] / size[size > 0.0]])
-    for at in range(len(steps.signals)):
-        rows = np.isfinite(steps.signal[:, at]) & ~steps.held_out
-        own = design[rows]
-        values = 1e3 * steps.signal[rows, at]
-        coefficients, _, rank, _ = np.linalg.lstsq(own, values, rcond=None)
-        left[rows, at] = values - own @ coefficients
-        square[at], freedom[at] = np.sum(left[rows, at] ** 2), rows.sum() - rank
-    return left, Squares(square, freedom)
 
 
 def _add_diagnosis(told: Repeats, tables: Mapping[str, pa.Table], steps: RecordedSteps, readings: Repeated) -> None:

@@ -11,6 +11,7 @@ from truing.estimation.repeatability import (
     Squares,
     equal_scatter,
     lack_of_fit,
+    left_by_lines,
     orientation_repeatability,
     position_repeatability,
     position_sigma,
@@ -125,3 +126,17 @@ def test_groups_of_one_scatter_are_alike_and_one_that_is_thirty_times_as_wide_is
         assert_between(found.others, 0.6 * others, 1.5 * others)
     assert equal_scatter([1.0], [3.0]) is None
     assert equal_scatter([1.0, 0.0], [3.0, 0.0]) is None
+
+
+def test_zeros_of_runs_and_lines_in_drives_leave_the_noise_with_its_freedom():
+    rng, runs, steps = np.random.default_rng(8), 4, 9
+    run, drives = np.repeat(np.arange(runs), steps), rng.uniform(-1.0, 1.0, (runs * steps, 2))
+    noise = rng.standard_normal((runs * steps, DRAWS))
+    values = noise + 50.0 * rng.standard_normal(runs)[run, None] + drives @ rng.normal(size=(2, DRAWS))
+    values[3] = np.nan
+    fitted = run != 3
+    left, found = left_by_lines(values, drives, run, fitted)
+    assert np.isnan(left[3]).all()
+    assert np.isnan(left[~fitted]).all()
+    assert (found.freedom == 3 * steps - 1 - 3 - 2).all()
+    assert kstest(found.square, "chi2", args=(found.freedom[0],)).pvalue > 1e-3

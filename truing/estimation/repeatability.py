@@ -73,6 +73,24 @@ def within_runs(values: ArrayLike, groups: Sequence[Index]) -> Squares:
     return Squares(square, freedom)
 
 
+def left_by_lines(values: Array, drives: Array, run: Index, fitted: NDArray[np.bool_]) -> tuple[Array, Squares]:
+    """What a zero per run (B,) and a line in every drive (B, D) leave of values (B, C), where they may be fitted (B,).
+
+    NaN where nothing was fitted, or was recorded; and the squares of what is left with their freedom.
+    """
+    left = np.full_like(values, np.nan)
+    square, freedom = np.zeros((2, values.shape[1]))
+    zeros = (run[:, None] == np.unique(run)).astype(float)
+    size = np.abs(drives).max(axis=0)
+    design = np.column_stack([zeros, drives[:, size > 0.0] / size[size > 0.0]])
+    for at in range(values.shape[1]):
+        rows = np.isfinite(values[:, at]) & fitted
+        coefficients, _, rank, _ = np.linalg.lstsq(design[rows], values[rows, at], rcond=None)
+        left[rows, at] = values[rows, at] - design[rows] @ coefficients
+        square[at], freedom[at] = np.sum(left[rows, at] ** 2), rows.sum() - rank
+    return left, Squares(square, freedom)
+
+
 @dataclass(frozen=True)
 class LackOfFit:
     """Whether a model leaves more than pure error (C,): ratio F, the two degrees of freedom, p-value."""
