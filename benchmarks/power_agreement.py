@@ -25,7 +25,7 @@ from tests.blind.hidden_twice import CAUSES, Ground
 from truing.pipeline.power_command import diagnosed
 from truing.simulation.catalogue import catalogue
 from truing.simulation.detection_trials import Answer, Question, Trial, questions
-from truing.stages.diagnose import gathered_of
+from truing.stages.diagnosis.search import gathered_of
 from truing.stages.power import expected_sights
 
 RESULTS = Path("runs") / "power-agreement.jsonl"

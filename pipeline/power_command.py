@@ -87,7 +87,7 @@ def _check(wish: PowerWish, out: Path | None, settings: Campaign, of_rays: bool)
 
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
     """Raise CampaignFaults for names that are no causes of this kind of campaign."""
-    from truing.stages.diagnose import kinds_of
+    from truing.stages.diagnosis.search import kinds_of
 
     known = [name for name, kind in kinds_of(settings).items() if kind.catalogued]
     strange = [name for name in names if name not in known]
@@ -100,7 +100,7 @@ def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish, run: Pa
     run left of them. Raises CampaignFaults."""
     import numpy as np
 
-    from truing.stages.diagnose import gathered_of
+    from truing.stages.diagnosis.search import gathered_of
     from truing.stages.power import completed, reading_plan_of
     from truing.stages.simulated_campaigns.plan import bare_plan
 
@@ -218,29 +218,29 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
     import numpy as np
 
     from truing.simulation.detection_trials import answer
-    from truing.stages.diagnose import decided, gathered_of
     from truing.stages.diagnosis.rows import Words, diagnosis_table
+    from truing.stages.diagnosis.search import decided, gathered_of
 
     try:
         gathered = gathered_of(tables, settings)
         diagnosis = decided(gathered, settings, lambda *_: None)
     except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated
         return answer(trial, ())
-    table = diagnosis_table(diagnosis, Words({}, {}, "", gathered.shown), settings.diagnosis.false_alarm)
+    table = diagnosis_table(diagnosis, Words(shown=gathered.shown), settings.diagnosis.false_alarm)
     return answer(trial, table.to_pylist())
 
 
 def diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
     """What the diagnosis of a drawn campaign's rays says of what was hidden in them."""
     from truing.simulation.detection_trials import answer
-    from truing.stages.diagnose import rule_of
-    from truing.stages.diagnosis.ray_findings import rule_of_rays, searched
-    from truing.stages.diagnosis.ray_points import RayShown, gather_rays
+    from truing.stages.diagnosis.ray_points import gather_rays
     from truing.stages.diagnosis.rows import Words, diagnosis_table
+    from truing.stages.diagnosis.search import decided_of_rays, rule_of, rule_of_rays
 
     rule = rule_of(settings)
-    diagnosis = searched(gather_rays(tables, settings)[0], rule, lambda *_: None)
-    table = diagnosis_table(diagnosis, Words({}, {}, "", RayShown()), rule_of_rays(rule).noise_level)
+    gathered, _ = gather_rays(tables, settings)
+    diagnosis = decided_of_rays(gathered, rule, lambda *_: None)
+    table = diagnosis_table(diagnosis, Words(shown=gathered.shown), rule_of_rays(rule).noise_level)
     return answer(trial, table.to_pylist())
 
 

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truing.inference.fitted_model import Fitter
-from truing.stages.diagnose import gathered_of, kinds_of
 from truing.stages.diagnosis.next_loads import next_run, possible_runs
-from truing.stages.diagnosis.next_measurement import planned
-from truing.stages.diagnosis.next_plan import plan_table
+from truing.stages.diagnosis.next_measurement import plan_table, planned
+from truing.stages.diagnosis.search import gathered_of, kinds_of
 from truing.stages.power import reading_plan_of
 
 if TYPE_CHECKING:

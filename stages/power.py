@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from truing.inference.selection import Settings
     from truing.schemas.campaign import Campaign
-    from truing.stages.diagnosis.mechanism_points import Gathered
+    from truing.stages.diagnosis.gathered import Gathered
     from truing.stages.simulated_campaigns.plan import CampaignPlan, RayPlan, ReadingPlan
 
     Plan = CampaignPlan | ReadingPlan | RayPlan
@@ -27,8 +27,7 @@ _THRESHOLD_DRAWS = 1600
 def judged_by(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Settings]:
     """The causes that a diagnosis of such a campaign looks for, by id, and how sure it must be."""
     from truing.simulation.catalogue import catalogue_of_rays
-    from truing.stages.diagnose import kinds_of, rule_of
-    from truing.stages.diagnosis.ray_findings import rule_of_rays
+    from truing.stages.diagnosis.search import kinds_of, rule_of, rule_of_rays
     from truing.stages.simulated_campaigns.plan import RayPlan
 
     if isinstance(plan, RayPlan):
@@ -38,8 +37,8 @@ def judged_by(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Sett
 
 def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     """What a diagnosis compares of a drawn campaign; raises ValueError, saying why, where the tables do not hold it."""
-    from truing.stages.diagnose import gathered_of
     from truing.stages.diagnosis.ray_points import gather_rays
+    from truing.stages.diagnosis.search import gathered_of
     from truing.stages.simulated_campaigns.plan import RayPlan
 
     return gather_rays(tables, settings)[0] if isinstance(plan, RayPlan) else gathered_of(tables, settings)

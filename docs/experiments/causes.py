@@ -33,7 +33,7 @@ from truing.simulation.mechanisms.causes.warmth import APART
 
 if TYPE_CHECKING:
     from truing.simulation.mechanisms.model import PointModel
-    from truing.stages.diagnosis.mechanism_points import Gathered
+    from truing.stages.diagnosis.gathered import Gathered
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from truing.estimation.rigid_poses.points import FittedPoints, PosePoints, SurveyPoints
+from truing.estimation.rigid_poses.points import FittedPoints, PointResiduals, PosePoints, SurveyPoints
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,14 @@ def number_columns(table: pa.Table, names: Iterable[str]) -> Array:
 def pose_ids(table: pa.Table, name: str = "pose") -> tuple[int | str, ...]:
     """The poses of a table, each once, in order of appearance."""
     return tuple(dict.fromkeys(table.column(name).to_pylist()))
+
+
+def roles_of(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray[np.object_]:
+    """The role (B,) of each pose; empty where the table does not have it."""
+    place = positions(configurations.column("pose"), poses)
+    roles = np.full(len(poses), "", object)
+    roles[place[place >= 0]] = text_column(configurations, "role")[place >= 0]
+    return roles
 
 
 def survey_points(survey: pa.Table, body: str) -> SurveyPoints:
@@ -169,12 +177,23 @@ def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ..
     return above @ R, origin + (above @ found[:, :3, None])[..., 0]
 
 
-def residual_points(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Array:
-    """(B, T, 3) residuals of a body's targets in m, body frame; NaN where a target was not seen or was rejected."""
-    rows = residuals.filter(pc.and_(pc.equal(residuals.column("body"), body), pc.invert(residuals.column("rejected"))))
+def point_residuals(
+    table: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
+) -> PointResiduals:
+    """What the table of residuals says of a body's points, in the given orders of poses and targets."""
+    rows = table.filter(pc.equal(table.column("body"), body))
     at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
     known = (at_pose >= 0) & (at_target >= 0)
-    dense = np.full((len(poses), len(targets), 3), np.nan)
-    values = number_columns(rows, [f"d{a}_mm" for a in "xyz"]) * 1e-3
-    dense[at_pose[known], at_target[known]] = values[known]
-    return dense
+    place, shape = (at_pose[known], at_target[known]), (len(poses), len(targets))
+    found = PointResiduals(np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.zeros(shape, bool))
+    found.values[place] = number_columns(rows, [f"d{a}_mm" for a in _AXES])[known] * 1e-3
+    found.rejected[place] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]
+    if "decision" in rows.schema.names:
+        found.excluded[place] = (text_column(rows, "decision") == "excluded")[known]
+    return found
+
+
+def residual_points(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Array:
+    """(B, T, 3) residuals of a body's targets in m, body frame; NaN where a target was not seen or was rejected."""
+    found = point_residuals(residuals, body, poses, targets)
+    return np.where(found.rejected[..., None], np.nan, found.values)

@@ -1,90 +1,82 @@
-"""All that the stage diagnose leaves, from what was decided."""
+"""All that the stage diagnose leaves, and its closing line, from what was decided."""
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
+import pyarrow as pa
+
+from truing.report.numbers import count as counted
+from truing.report.numbers import two_decimals
 from truing.schemas.artifacts import ARTIFACTS
-from truing.stages.diagnosis.reading_artifacts import of_readings
+from truing.stages.common.words import gross_errors
+from truing.stages.declaration import Outcome
+from truing.stages.diagnosis.cause_tables import detectable_table, detectable_words, uncertainty_table
+from truing.stages.diagnosis.left_tables import left_out_table
+from truing.stages.diagnosis.ray_findings import with_rays
+from truing.stages.diagnosis.rows import Words, diagnosis_table
+from truing.stages.diagnosis.search import rule_beside_rays, rule_of
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.inference.fitted_model import FittedModel
-    from truing.inference.prediction import PredictionError
     from truing.inference.selection import Diagnosis, Settings
-    from truing.report.wordings.claim import Advice
     from truing.schemas.campaign import Campaign
-    from truing.stages.diagnosis.mechanism_points import Gathered
+    from truing.stages.diagnosis.gathered import Gathered, Shown
+    from truing.stages.diagnosis.ray_findings import RayFindings
+
+# Fewer platform targets off the attachments leave their shifts free by a plane.
+_FRAMING = 3
 
 
-def artifacts_of(diagnosis: Diagnosis, gathered: Gathered, rule: Settings, settings: Campaign) -> dict[str, Any]:
+def outcome(diagnosis: Diagnosis, gathered: Gathered[Any], rays: RayFindings | None, settings: Campaign) -> Outcome:
+    """What the stage made of points or readings, with what rays tell before them."""
+    rule = rule_of(settings)
+    artifacts = artifacts_of(diagnosis, gathered, rule if rays is None else rule_beside_rays(rule), settings)
+    shown = gathered.shown.whole(diagnosis.final.error)
+    gross = gross_errors(len(diagnosis.screened), shown.what) if diagnosis.screened else ""
+    read, left_out = _read(gathered, shown), [gathered.left_out, gross]
+    if rays is not None:
+        artifacts = with_rays(artifacts, rays, rule)
+        read, left_out = f"{read}; {rays.read}", [*left_out, rays.left_out]
+    figure = _figure(artifacts["diagnosis"], diagnosis, shown)
+    return Outcome(artifacts, read, "; ".join(filter(None, left_out)) or "nothing", figure)
+
+
+def outcome_of_rays(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
+    """What rays tell where points cannot be held against anything, and why not."""
+    artifacts = with_rays({"diagnosis": ARTIFACTS["diagnosis"].empty()}, rays, rule_of(settings))
+    figure = f"{_found(artifacts['diagnosis'])} in rays; points not evaluated: {why}"
+    return Outcome(artifacts, rays.read, rays.left_out or "nothing", figure)
+
+
+def not_evaluated(why: str) -> Outcome:
+    """Nothing, and why."""
+    return Outcome.not_evaluated({"diagnosis": ARTIFACTS["diagnosis"].empty()}, why)
+
+
+def artifacts_of(
+    diagnosis: Diagnosis, gathered: Gathered[Any], rule: Settings, settings: Campaign
+) -> dict[str, pa.Table | str]:
     """Tables and text by artifact."""
-    from truing.stages.diagnosis.detectable_rows import detectable_table, detectable_words
-    from truing.stages.diagnosis.left_out_rows import left_out_table
-    from truing.stages.diagnosis.rows import Words, diagnosis_table
-    from truing.stages.diagnosis.uncertainty_rows import uncertainty_table
-
     last, legs = diagnosis.search, diagnosis.plain.model.part_count
-    causes = [verdict.cause for verdict in diagnosis.verdicts]
-    found: dict[str, Any] = {"detectable": detectable_table(last, rule.level, legs)}
-    found["cause_uncertainty"] = uncertainty_table(diagnosis, legs)
-    found |= left_out_table(diagnosis, gathered)
-    advice: dict[str, Advice] = {}
-    if gathered.leaves is not None and gathered.shown is not None:
-        found |= gathered.leaves(diagnosis, gathered.shown, settings)
-    elif gathered.shown is not None:
-        found |= of_readings(diagnosis, gathered.shown, settings) | _changes(diagnosis)
-        advice = _next_loads(found, diagnosis, settings)
-    else:
-        found["prediction"] = _prediction_table(diagnosis, gathered)
-    if settings.mechanism.is_legged:
-        found |= _of_mechanism(diagnosis, settings)
-        advice = _next(found, diagnosis, settings)
-    remark = _remark(gathered, diagnosis.final)
-    words = Words(detectable_words(last, rule.level, causes, legs), advice, remark, gathered.shown)
-    return {"diagnosis": diagnosis_table(diagnosis, words, rule.noise_level), **found}
+    own = gathered.leaves(diagnosis, gathered, settings)
+    detectable = detectable_words(last, rule.level, [verdict.cause for verdict in diagnosis.verdicts], legs)
+    words = Words(detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown)
+    left = {
+        "diagnosis": diagnosis_table(diagnosis, words, rule.noise_level),
+        "detectable": detectable_table(last, rule.level, legs),
+        "cause_uncertainty": uncertainty_table(diagnosis, legs),
+        "diagnosis_left_out": left_out_table(diagnosis, gathered) if diagnosis.screened else None,
+        **own.artifacts,
+    }
+    return {name: artifact for name, artifact in left.items() if artifact is not None}
 
 
-def _of_mechanism(diagnosis: Diagnosis, settings: Campaign) -> dict[str, Any]:
-    from truing.simulation.mechanisms.extended_model import extended, write_model
-    from truing.stages.diagnosis.pull_tables import fitted_mechanism, pull_tables
-
-    plain, final = fitted_mechanism(diagnosis.plain), fitted_mechanism(diagnosis.final)
-    text = write_model(extended(final.model, final.shared, final.covariance, {"campaign": settings.campaign.name}))
-    return {"model": text, **pull_tables(plain, final), **_changes(diagnosis)}
-
-
-def _changes(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What has changed since the model that the campaign starts from; nothing where it starts from none."""
-    from truing.stages.diagnosis.earlier_campaign import changes_table
-
-    changes = changes_table(diagnosis.final)
-    return {} if changes is None else {"changes": changes}
-
-
-def _next(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, Advice]:
-    """The advice on what to measure next, by a cause's key; its table goes with what was ``found``."""
-    from truing.stages.diagnosis.next_measurement import next_of
-
-    following = next_of(diagnosis, settings)
-    found["next_poses"] = following.table
-    return following.advice
-
-
-def _next_loads(found: dict[str, Any], diagnosis: Diagnosis, settings: Campaign) -> dict[str, Advice]:
-    """The same of a bench."""
-    from truing.stages.diagnosis.next_measurement import next_loads_of
-
-    following = next_loads_of(diagnosis, settings)
-    found["next_loads"] = following.table
-    return following.advice
-
-
-def _remark(gathered: Gathered, final: FittedModel) -> str:
+def _remark(gathered: Gathered[Any], final: FittedModel) -> str:
     """What limits all statements."""
     said = []
-    if gathered.framing is not None and gathered.framing < 3:
+    if gathered.framing is not None and gathered.framing < _FRAMING:
         said.append(
             "Fewer than three platform targets sit away from the attachments, so shifts are known modulo a plane "
             "(z and two tilts)."
@@ -94,26 +86,28 @@ def _remark(gathered: Gathered, final: FittedModel) -> str:
     return " ".join(said)
 
 
-def _prediction_table(diagnosis: Diagnosis, gathered: Gathered) -> pa.Table:
-    """Rows of prediction.parquet: every pose without and with what was found."""
-    import pyarrow as pa
-
-    plain, final = diagnosis.plain, diagnosis.final
-    rows = _rows(gathered.calibration.conditions.poses, "calibration", plain.error, final.error)
-    if gathered.held_out is not None and plain.held_out is not None and final.held_out is not None:
-        rows += _rows(gathered.held_out.conditions.poses, "verification", plain.held_out, final.held_out)
-    identifier = "int64" if all(isinstance(row["pose"], int) for row in rows) else "string"
-    return pa.Table.from_pylist(rows, schema=ARTIFACTS["prediction"].arrow_schema(identifier))
+def _read(gathered: Gathered[Any], shown: Shown) -> str:
+    held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
+    seen = int(gathered.calibration.measured.seen.sum())
+    used = counted(len(gathered.calibration.conditions.readings), shown.epoch)
+    return f"{counted(seen, shown.what)} of {used}, {counted(held, shown.epoch)} held out"
 
 
-def _rows(poses: tuple[int | str, ...], role: str, before: PredictionError, after: PredictionError) -> list[Any]:
-    columns = {
-        "rms_before": before.rms_by_epoch,
-        "rms_after": after.rms_by_epoch,
-        "largest_before": before.largest_by_epoch,
-        "largest_after": after.largest_by_epoch,
-    }
-    return [
-        {"pose": pose, "role": role, "unit": "um", **{name: float(v[row]) * 1e6 for name, v in columns.items()}}
-        for row, pose in enumerate(poses)
+def _figure(table: pa.Table, diagnosis: Diagnosis, shown: Shown) -> str:
+    final = diagnosis.final
+    rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
+    left = f"{two_decimals(rms)} {shown.unit} rms, noise alone leaves {two_decimals(floor)}"
+    if not any(verdict == "found" for verdict in table.column("verdict").to_pylist()):
+        return f"nothing found: {left}"
+    before = shown.rms(diagnosis.plain.error) or 0.0
+    return f"{_found(table)}: {two_decimals(before)} -> {left}"
+
+
+def _found(table: pa.Table) -> str:
+    """What was found, in words."""
+    found = [row for row in table.to_pylist() if row["verdict"] == "found"]
+    # What is found of the noise has no name of its own among the causes.
+    names = [
+        "noise not as declared" if "noise_ratio" in json.loads(row["parameters"]) else row["cause"] for row in found
     ]
+    return f"found {', '.join(dict.fromkeys(names))}" if names else "nothing found"

@@ -1,30 +1,30 @@
-"""From the rows of an axis to what the diagnosis compares: readings of its encoders minus its commands."""
+"""From the rows of an axis to what the diagnosis compares, readings minus commands, and what it leaves of them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.inference.observations import Epochs, Frames, Observations
+from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import AxisRows
-from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
+from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
-from truing.stages.diagnosis.axis_artifacts import axis_artifacts
-from truing.stages.diagnosis.mechanism_points import Gathered
-from truing.stages.diagnosis.shown import Channels
+from truing.stages.diagnosis.gathered import Channels, Gathered, Left
+from truing.stages.diagnosis.left_tables import errors_by_role, identified_table
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
+    from truing.inference.selection import Diagnosis
+    from truing.schemas.axis_mechanism import AxisMechanism
     from truing.schemas.campaign import Campaign
     from truing.schemas.sections import Overrule
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # The zero of an encoder is anywhere: so many times as far as its readings lie from the commands.
@@ -32,8 +32,8 @@ _WIDE = 1e3
 _SCATTER = "Send the axis to one command ten times over from the same side: the scatter is the true noise."
 
 
-def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
-    """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[AxisModel]:
+    """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     if why := why_no_diagnosis(tables, settings):
         raise ValueError(why)
     table = tables["configurations"]
@@ -49,13 +49,8 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     sigma = np.array([encoder_sigma(settings, name) for name in columns.encoders], float)
     middle = np.nanmedian(np.where(seen, deviations, np.nan), axis=0)
     spread = float(np.abs(np.where(seen, deviations - middle, 0.0)).max())
-    noise = float(np.hypot(off, np.median(sigma)))
-    model = AxisModel(
-        replace(columns.axis(off), spread=spread, noise=noise),
-        rows.chosen(fitted),
-        _WIDE * max(largest, float(sigma.max())),
-        off,
-    )
+    axis = replace(columns.axis(off), spread=spread, noise=float(np.hypot(off, np.median(sigma))))
+    model = AxisModel(axis, rows.chosen(fitted), _WIDE * max(largest, float(sigma.max())), off)
 
     def poses(own: Mask) -> Epochs:
         covariance = np.broadcast_to(sigma**2, seen[own].shape)[..., None, None]
@@ -68,9 +63,8 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
         poses(fitted),
         poses(held) if held.any() else None,
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
-        None,
+        _left,
         shown=_shown(columns),
-        leaves=axis_artifacts,
     )
 
 
@@ -93,3 +87,39 @@ def _chosen(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:
     """Which rows (N,) a person named; a rule on a body, a target or nothing concerns no row."""
     named = {str(rule.pose) for rule in rules if rule.pose is not None and rule.body is None and rule.target is None}
     return np.array([str(pose) in named for pose in rows.poses], bool)
+
+
+def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+    """How far each reading is missed, and the extended model."""
+    final, section = diagnosis.final, cast("AxisMechanism", settings.mechanism)
+    context = {"campaign": settings.campaign.name}
+    assert isinstance(final.model, AxisModel)
+    extended = extended_axis(final.model, final.fit.shared, final.covariance(), context)
+    assert isinstance(gathered.shown, Channels)
+    errors = _errors(diagnosis, gathered.shown, section.unit)
+    return Left({"axis_errors": errors, "model": write_axis(extended)})
+
+
+def _errors(diagnosis: Diagnosis, channels: Channels, unit: str) -> pa.Table:
+    """Rows of axis_errors.parquet: every reading without and with what was found."""
+    floor = np.sqrt(diagnosis.final.floor.square) / channels.si
+    rows: list[dict[str, Any]] = []
+    for role, before, after in errors_by_role(diagnosis):
+        assert isinstance(before.model, AxisModel)
+        names, own = before.model.channel_names, before.model.rows
+        rows += [
+            {
+                "pose": own.poses[b],
+                "role": role,
+                "encoder": names[k],
+                "command": float(own.command[b] / SI[unit]),
+                "command_unit": unit,
+                "approach": int(own.direction[b]),
+                "missed_before": float(before.gap[b, k, 0] / channels.si[k]),
+                "missed_after": float(after.gap[b, k, 0] / channels.si[k]),
+                "unit": channels.units[k],
+                "noise_floor": float(floor[k]),
+            }
+            for b, k in np.argwhere(before.seen & after.seen)
+        ]
+    return identified_table("axis_errors", rows, "pose")

@@ -4,35 +4,52 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.inference.observations import Epochs, Frames, Observations
+from truing.estimation.rigid_poses.points import PosePoints
+from truing.estimation.target_positions import median_places
 from truing.report.numbers import count as counted
 from truing.schemas.covariates import stand_in
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
-from truing.simulation.bodies.model import FIRST_BODY, BodyConditions, BodyModel, KnownBodies
+from truing.simulation.bodies.measured_bodies import (
+    FEWEST_TARGETS,
+    BodyTargets,
+    MeasuredBodies,
+    Standing,
+    frame_is_common,
+    measured_body,
+    not_standing,
+    standing_at,
+)
+from truing.simulation.bodies.model import BodyModel, KnownBodies
 from truing.simulation.inputs import approach, order_in_time
-from truing.simulation.targets import Targets, shape_unknowns
-from truing.stages.common.point_arrays import number_column, pose_ids, positions
-from truing.stages.common.why_not import NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
-from truing.stages.diagnosis.body_standing import Standing, standing
-from truing.stages.diagnosis.body_targets import BodyTargets, targets_of
-from truing.stages.diagnosis.mechanism_points import Gathered
+from truing.simulation.targets import shape_unknowns
+from truing.stages.common.point_arrays import (
+    default_motions,
+    number_column,
+    point_residuals,
+    pose_ids,
+    pose_points,
+    positions,
+    roles_of,
+    survey_points,
+)
+from truing.stages.common.why_not import HELD_OUT, NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
+from truing.stages.diagnosis.gathered import Gathered, Left
+from truing.stages.diagnosis.left_tables import prediction_table
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
+    from truing.inference.selection import Diagnosis
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
 
 # So many poses are never too many.
 _ALWAYS = 60
-_KNOWN_SHARE = 0.9
 # A drive has moved where it did so by more than this share of its range.
 _MOVED = 1e-3
 # Numbers that all candidates of a search may hold; beyond it, poses are left out evenly. A body's targets have about so
@@ -40,33 +57,101 @@ _MOVED = 1e-3
 _MOST_NUMBERS, _COURSES = 6_000_000, 16
 
 
-def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
-    """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[BodyModel]:
+    """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     if any(name not in tables or not tables[name].num_rows for name in ("observations", "poses", "residuals")):
         raise ValueError("needs measured points of bodies")
     poses = pose_ids(tables["observations"])
     covariates, role = known_of_poses(tables.get("configurations"), poses, settings.campaign.drives)
-    found, words = targets_of(tables, poses, covariates["order"], settings.noise.point_mm)
+    found, words = _targets(tables, poses, covariates["order"], settings.noise.point_mm)
     if not found:
         raise ValueError(_why_none(tables, settings.reference_body))
-    stands = [standing(body, settings, covariates) for body in found]
-    lead = -1 if any(one.levels for one in stands) else _lead(found, settings.reference_body)
-    covariates |= _places(found, lead, covariates["order"]) if not settings.campaign.drives else {}
-    model = _model(found, stands, lead, covariates, poses, settings)
+    stands = [_standing(body, settings, covariates) for body in found]
+    bodies = MeasuredBodies.led(found, stands, settings.reference_body)
+    covariates |= bodies.places(covariates["order"]) if not settings.campaign.drives else {}
+    model = _model(bodies, covariates, poses, settings)
     usable = np.any([body.ok for body in found], 0)
-    fitted, held = usable & (role != "verification"), usable & (role == "verification")
+    fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
     if why := why_too_few_determined(int(fitted.sum())):
         raise ValueError(why)
     fitted, thinned = _thinned(fitted, model)
     words += [f"{counted(int((~usable).sum()), 'pose')} without a body that is determined"] if not usable.all() else []
     return Gathered(
-        model.at(_at(model.conditions, fitted)),
-        _poses(found, model.conditions, lead, fitted),
-        _poses(found, model.conditions, lead, held) if held.any() else None,
+        model.at(model.conditions.chosen(fitted)),
+        bodies.epochs(model.conditions, fitted),
+        bodies.epochs(model.conditions, held) if held.any() else None,
         "; ".join([*words, *thinned]),
-        None,
+        _left,
         tuple(cause for body in found for cause in body.certain),
     )
+
+
+def _targets(
+    tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], order: Array, noise_mm: float | None
+) -> tuple[list[BodyTargets], list[str]]:
+    """Every body with three targets seen together in three poses, and what was left out, in words."""
+    found, words = [], []
+    for name in dict.fromkeys(tables["observations"].column("body").to_pylist()):
+        body = _body(tables, name, poses, order, (noise_mm or 0.0) * 1e-3)
+        if body is None:
+            words.append(f"body {name} (no three targets seen together in three poses)")
+            continue
+        gone = int((~body.ok & body.seen.any(1)).sum())
+        words += [f"{counted(gone, 'pose')} of body {name}, not determined by its targets"] if gone else []
+        found.append(body)
+    return found, words
+
+
+def _body(
+    tables: Mapping[str, pa.Table], name: str, poses: tuple[int | str, ...], order: Array, noise: float
+) -> BodyTargets | None:
+    points = pose_points(tables["observations"], name, poses)
+    survey = survey_points(tables["survey"], name) if "survey" in tables else None
+    cov = None
+    if survey is not None and survey.targets:
+        points = pose_points(tables["observations"], name, poses, survey.targets)
+        shape, cov = survey.points, survey.cov
+    else:
+        shape = _measured_shape(tables, name, points)
+    enough = np.asarray(np.isfinite(shape).all(1) & points.seen.any(0))
+    if enough.sum() < FEWEST_TARGETS:
+        return None
+    points = PosePoints(
+        poses,
+        tuple(t for t, kept in zip(points.targets, enough, strict=True) if kept),
+        points.points[:, enough],
+        points.cov[:, enough],
+        points.seen[:, enough],
+    )
+    residuals = point_residuals(tables["residuals"], name, poses, points.targets)
+    return measured_body(name, points, residuals, shape[enough], None if cov is None else cov[enough], order, noise)
+
+
+def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoints) -> Array:
+    """Where targets (k, 3) sit on a body that was not surveyed: at their median over the poses."""
+    R, t = default_motions(tables["poses"], name, points.poses)
+    ok = np.isfinite(t[:, 0]) & np.isfinite(R[:, 0, 0])
+    places = np.einsum("bji,bkj->bki", np.nan_to_num(R), points.points - np.nan_to_num(t)[:, None])
+    known = points.seen & ok[:, None]
+    trusted = known & point_residuals(tables["residuals"], name, points.poses, points.targets).fitted
+    return median_places(places, np.where(trusted.any(0), trusted, known))
+
+
+def _standing(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> Standing:
+    """How a body stands: still where it is the reference and hardly moves, or where campaign.toml says so.
+
+    A body that campaign.toml names stands still where the drives do: in one place for every combination of them.
+    """
+    order = covariates["order"]
+    named = body.name in settings.bodies.still
+    if (named or body.name == settings.reference_body) and frame_is_common(body, order):
+        return standing_at(body, np.zeros(len(order), np.int64), order)
+    drives = [covariates[d] for d in map(stand_in, settings.campaign.drives) if d in covariates]
+    if named and drives:
+        level = np.unique(np.column_stack(drives), axis=0, return_inverse=True)[1].ravel()
+        if 2 * (level.max() + 1) <= len(level) + 1:  # most places are seen twice: else nothing can be compared
+            return standing_at(body, level, order)
+    return not_standing(body)
 
 
 def _why_none(tables: Mapping[str, pa.Table], reference: str | None) -> str:
@@ -82,11 +167,10 @@ def known_of_poses(
     table: pa.Table | None, poses: tuple[int | str, ...], drives: tuple[str, ...]
 ) -> tuple[dict[str, Array], NDArray]:
     """Covariates (B,) by column, with the order in time and the direction of each drive's last movement; roles (B,)."""
-    role = np.full(len(poses), "", object)
+    role = np.full(len(poses), "", object) if table is None else roles_of(table, poses)
     covariates: dict[str, Array] = {}
     if table is not None:
         place = positions(table.column("pose"), poses)
-        role[place[place >= 0]] = np.asarray(table.column("role").to_pylist(), object)[place >= 0]
         for field in table.schema:
             if field.name not in ("pose", "role") and str(field.type) in ("double", "int64"):
                 values = np.full(len(poses), np.nan)
@@ -103,101 +187,23 @@ def known_of_poses(
     return covariates, role
 
 
-def _lead(found: list[BodyTargets], reference: str | None) -> int:
-    """The body in whose frame the others are modelled: the reference, else the one that is determined most often."""
-    names = [body.name for body in found]
-    if reference in names:
-        return names.index(reference)
-    return int(np.argmax([body.ok.sum() for body in found]))
-
-
-def _places(found: list[BodyTargets], lead: int, order: Array) -> dict[str, Array]:
-    """Where other bodies are, seen from the leading one (B,), m: without drives, what there is to deform with.
-
-    Between poses that do not tell, a body is taken to go straight; one that most poses do not tell is left out.
-    """
-    columns: dict[str, Array] = {}
-    for body in found if lead >= 0 else []:
-        known = body.ok & found[lead].ok
-        if body is found[lead] or known.mean() < _KNOWN_SHARE:
-            continue
-        centre = body.t + body.R @ body.shape.mean(0) - found[lead].t
-        seen = np.einsum("bji,bj->bi", found[lead].R, centre)
-        rows = np.flatnonzero(known)[np.argsort(order[known], kind="stable")]
-        for axis, name in enumerate(place_columns(body.name)):
-            columns[name] = np.interp(order, order[rows], seen[rows, axis])
-    return columns
-
-
 def _model(
-    found: list[BodyTargets],
-    stands: list[Standing],
-    lead: int,
-    covariates: Mapping[str, Array],
-    poses: tuple[int | str, ...],
-    settings: Campaign,
+    bodies: MeasuredBodies, covariates: Mapping[str, Array], poses: tuple[int | str, ...], settings: Campaign
 ) -> BodyModel:
-    counts = [len(body.names) for body in found]
-    targets = Targets(
-        np.repeat(np.arange(len(found)) + FIRST_BODY, counts),
-        np.full(sum(counts), -1),
-        tuple(name for body in found for name in body.names),
-        tuple(body.name for body in found for _ in body.names),
-    )
+    found, targets = bodies.bodies, bodies.targets
     shape = np.concatenate([body.shape for body in found])
     known = KnownBodies(
         shape,
         shape_unknowns(targets, shape, np.concatenate([body.shape_cov for body in found])),
-        np.repeat([body.surveyed for body in found], [3 * count - 6 for count in counts]),
-        np.array([one.levels for one in stands]),
-        np.stack([one.jitter for one in stands]),
-        lead,
+        np.repeat([body.surveyed for body in found], [3 * len(body.names) - 6 for body in found]),
+        np.array([one.levels for one in bodies.stands]),
+        np.stack([one.jitter for one in bodies.stands]),
+        bodies.lead,
         tuple(map(stand_in, settings.campaign.drives)),
         tuple(body.name for body in found if place_columns(body.name)[0] in covariates),
         settings.mechanism.reference_temperature_c,
     )
-    return BodyModel(targets, _conditions(stands, lead, covariates, poses), known)
-
-
-def _conditions(
-    stands: list[Standing], lead: int, covariates: Mapping[str, Array], poses: tuple[int | str, ...]
-) -> BodyConditions:
-    """Where each body was found in the model's frame: that of the leading body where it was found, else as measured."""
-    R, t = np.stack([one.R for one in stands], 1), np.stack([one.t for one in stands], 1)
-    if lead >= 0:
-        back = np.swapaxes(R[:, lead], 1, 2)[:, None]
-        t = (back @ (t - t[:, [lead]])[..., None])[..., 0]
-        R = back @ R
-    time = covariates.get("time_s")
-    known = time is not None and bool(np.isfinite(time).all())
-    span = (float(np.min(time)), float(np.max(time))) if time is not None and known else None
-    level = np.stack([one.level for one in stands], 1)
-    return BodyConditions(np.zeros((len(poses), 0)), dict(covariates), poses, span, R, t, level)
-
-
-def _at(conditions: BodyConditions, rows: NDArray[np.bool_]) -> BodyConditions:
-    return replace(
-        conditions,
-        readings=conditions.readings[rows],
-        covariates={name: values[rows] for name, values in conditions.covariates.items()},
-        poses=tuple(pose for pose, kept in zip(conditions.poses, rows, strict=True) if kept),
-        R=conditions.R[rows],
-        t=conditions.t[rows],
-        level=conditions.level[rows],
-    )
-
-
-def _poses(found: list[BodyTargets], conditions: BodyConditions, lead: int, rows: NDArray[np.bool_]) -> Epochs:
-    measured = Observations(
-        np.concatenate([body.points[rows] for body in found], 1),
-        np.concatenate([body.cov[rows] for body in found], 1),
-        np.concatenate([body.seen[rows] & body.ok[rows, None] for body in found], 1),
-    )
-    count = int(rows.sum())
-    frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
-    if lead >= 0:
-        frames = Frames(found[lead].R[rows], found[lead].t[rows])
-    return Epochs(measured, _at(conditions, rows), frames)
+    return BodyModel(targets, bodies.conditions(covariates, poses), known)
 
 
 def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool_], list[str]]:
@@ -212,3 +218,8 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
     return kept, [
         f"{count - most} of {counted(count, 'pose')}, evenly over the campaign: all together would not fit into memory"
     ]
+
+
+def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+    """How far each pose is missed."""
+    return Left({"prediction": prediction_table(diagnosis, gathered)})

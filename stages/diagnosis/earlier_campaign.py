@@ -29,14 +29,14 @@ from truing.stages.common.rows import Rows
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.stages.diagnosis.mechanism_points import Gathered
+    from truing.stages.diagnosis.gathered import Gathered
 
 ModelT = TypeVar("ModelT", bound=EffectsModel)
 
 _UNNAMED = "the earlier campaign"
 
 
-def started(gathered: Gathered, text: str, seed: int) -> Gathered:
+def started(gathered: Gathered[Any], text: str, seed: int) -> Gathered[Any]:
     """What is compared, with the effects and the knowledge of an earlier model.
 
     Numbers that have changed since are let free, and all of them where the machine is another one. Raises

@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.design.rival_design import Fitted, Instrument, narrowed, told_apart
+from truing.estimation.design.rival_design import Candidates, Choice, Fitted, Instrument, narrowed, told_apart
 from truing.inference.observations import Frames, Observations
 from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import Advice, AdviceKind
+from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name
-from truing.stages.diagnosis.claims import claim_of
 from truing.stages.diagnosis.next_candidates import possible
-from truing.stages.diagnosis.next_plan import Plan, Reach, plan_table
+from truing.stages.diagnosis.next_loads import next_run, possible_runs
+from truing.stages.diagnosis.rows import claim_of
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import Diagnosis
     from truing.schemas.campaign import Campaign
@@ -33,8 +33,80 @@ _MOST = 8  # as many configurations or runs as a person sets up in one go
 _STEP = 1e-3
 # Odds that are worth no measurement.
 _WORTH = 1.5
+_TOLD = 4  # as many as a sentence holds
 # A target that was never seen tells nothing.
 _UNSEEN_M2 = 1.0
+
+
+class Options(Protocol):
+    """Candidates for what to measure next, and what each is called."""
+
+    what: ClassVar[tuple[str, str]]  # what one is, and several
+    unit: ClassVar[str]  # what they are counted in
+    do: ClassVar[str]
+    between: ClassVar[str]  # of several in a sentence
+
+    def seen(self, fitted: Fitted) -> Candidates:
+        """Return the candidates as a fitted model sees them."""
+
+    def named(self, k: int) -> str:
+        """Return a candidate in words."""
+
+    def rows(self, k: int) -> list[dict[str, Any]]:
+        """Return a candidate as rows of its table, which hold what is asked for."""
+
+
+# What could be measured next to judge some fitted models by.
+Reach = Callable[[Sequence[Fitted]], Options]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Candidates chosen for a purpose, what each adds, and what all of them give, in words."""
+
+    purpose: str
+    options: Options
+    choice: Choice
+    expected: tuple[str, ...]
+    given: str
+    least: float = 0.0  # of the choice's value, to be worth measuring
+
+    @property
+    def leads(self) -> bool:
+        """Return whether they lead to anything at all."""
+        return self.choice.times is not None or self.choice.final >= self.least
+
+    @property
+    def effort(self) -> float:
+        """Return the number of poses or runs to measure; infinite where no number gives what is wanted."""
+        return np.inf if self.choice.times is None else float(self.choice.times * len(self.choice.chosen))
+
+    def advice(self, kind: AdviceKind, aim: str) -> Advice:
+        """Return what to measure for an aim ("To ..."), and what it gives; in short without the candidates' names."""
+        count, places = len(self.choice.chosen), dict.fromkeys(self.choice.chosen)
+        again = "" if self.choice.times in (1, None) else f", {self.choice.times} times each"
+        named = self.options.between.join(self.options.named(k) for k in list(places)[:_TOLD])
+        more = f"{self.options.between}.." if len(places) > _TOLD else ""
+        one, several = self.options.what
+        what = f"this {one}" if count == 1 else f"these {count} {several}"
+        said = f"{aim}, {self.options.do} {what}{again}"
+        return Advice(kind, f"{said} ({named}{more}): {self.given}.", f"{said}: {self.given}.")
+
+
+def plan_table(artifact: str, plans: Sequence[Plan]) -> pa.Table:
+    """Return the candidates of all plans that lead somewhere, in the order of a round."""
+    rows = [row for plan in plans if plan.leads for row in _rows(plan)]
+    present = tuple(dict.fromkeys(name for row in rows for name in row))
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS[artifact].arrow_schema(present=present))
+
+
+def _rows(plan: Plan) -> list[dict[str, Any]]:
+    """Return the rows of a plan, each with the number of the pose or run that it belongs to."""
+    return [
+        {"purpose": plan.purpose, plan.options.unit: n, "times": plan.choice.times, **row, "expected": expected}
+        for n, (k, expected) in enumerate(zip(plan.choice.chosen, plan.expected, strict=True), 1)
+        for row in plan.options.rows(k)
+    ]
 
 
 @dataclass(frozen=True)
@@ -89,8 +161,6 @@ def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
 
     What was found alone keeps the words of its cause, which ask for more than more loads; these are in the table.
     """
-    from truing.stages.diagnosis.next_loads import next_run, possible_runs
-
     found, rivals = _asked(diagnosis, next_run)
     plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
     told = {cause.key for pair in rivals for cause in (pair.cause, pair.other)}

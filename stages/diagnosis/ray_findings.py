@@ -6,45 +6,46 @@ together (cameras, lengths of bars) stays a nuisance of theirs, with the covaria
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.bundle.ray_statistics import shared_errors
-from truing.estimation.rigid_poses.points import PointErrors
-from truing.simulation.catalogue import catalogue_of_rays
+from truing.estimation.bundle.shared_errors import MOST_PATTERNS, independent_errors
+from truing.estimation.bundle.shared_errors import with_shared_errors as points_with_shared_errors
+from truing.report.numbers import count as counted
+from truing.report.numbers import two_decimals
+from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.bodies.model import BodyModel
+from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.point_causes import Photographed
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import BAR
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.point_errors import point_errors
 from truing.stages.common.ray_statistics import effects_on_points
-from truing.stages.diagnosis.mechanism_points import Gathered
-from truing.stages.diagnosis.ray_points import gather_rays
-from truing.stages.diagnosis.scale_height import scale_height
+from truing.stages.diagnosis.cause_tables import detectable_table, detectable_words, uncertainty_table
+from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.ray_points import gather_rays, scale_height
+from truing.stages.diagnosis.rows import Words, diagnosis_table, ranked_table
+from truing.stages.diagnosis.search import decided_of_rays, rule_of, rule_of_rays
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.inference.observations import Epochs
     from truing.inference.selection import Diagnosis, Settings
     from truing.schemas.campaign import Campaign
     from truing.stages.declaration import Progress
 
 Array = NDArray[np.floating]
+Recorded = PointModel | BodyModel
 
-# Of the probability of any false finding in a campaign, what rays may take of it; the rest is left to points.
-SHARE_OF_RAYS = 1.0 / 3.0
-# Common errors that move points by less, rms, are none; m.
-_LEAST_EFFECT = 1e-8
-# What is left of a point's own covariance, at least, once errors common to all poses are taken off.
-_LEAST_OWN = 0.05
-# Patterns in which the points of a pose err together (its scale, ..), and points that can have any.
-_MOST_PATTERNS, _FEWEST_POINTS = 6, 4
 _SI = 1e-3
+_UM = 1e6
+_ORDER = ("found", "indistinguishable", "rejected")
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class RayFindings:
     (N, 3), m, and how it follows the errors that all poses share (N, 3, Q), m per standard deviation."""
 
     diagnosis: Diagnosis
-    gathered: Gathered
+    gathered: Gathered[RayModel]
     points: Mapping[tuple[Any, str], int]
     off: Array
     common: Array
@@ -66,16 +67,21 @@ class RayFindings:
         return bool(self.moves)
 
     @property
+    def read(self) -> str:
+        """What was read, in words."""
+        return f"rays of {counted(len(self.gathered.calibration.conditions.poses), 'pose')}"
+
+    @property
     def left_out(self) -> str:
         """What was left out of the rays' statements, in words."""
         gross = len(self.diagnosis.screened)
         return f"{gross} statements of rays as gross errors" if gross else ""
 
 
-def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, rule: Settings, progress: Progress) -> RayFindings:
+def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> RayFindings:
     """Search what rays tell for causes, and say what they do to the points."""
     gathered, whole = gather_rays(tables, settings)
-    diagnosis = searched(gathered, rule, progress)
+    diagnosis = decided_of_rays(gathered, rule_of(settings), progress)
     keys, effects = effects_on_points(tables["ray_effects"], whole.parameters)
     points = {key: row for row, key in enumerate(keys)}
     pose = np.array([whole.poses.index(key[0]) for key in keys], int)
@@ -90,40 +96,13 @@ def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, rule: Setti
     if moves:
         off = -np.einsum("nat,nt->na", effects, (model.offsets(final.fit.shared) / scale)[pose])
     by_shared = effects @ (model.by_shared(final.fit.shared) @ _root(final.covariance()))[pose]
-    return RayFindings(diagnosis, gathered, points, off, _told(by_shared), whole.owners(BAR), moves)
-
-
-def searched(gathered: Gathered, rule: Settings, progress: Progress) -> Diagnosis:
-    """All that the search for causes of rays decides; ``rule`` is the whole campaign's."""
-    from truing.inference.selection import Acceptance
-
-    search = Acceptance(
-        gathered.model,
-        gathered.calibration,
-        gathered.held_out,
-        rule_of_rays(rule),
-        lambda what: progress(0, 1, f"rays: {what}"),
-    )
-    return search.run(list(catalogue_of_rays().values()))
-
-
-def rule_of_rays(rule: Settings) -> Settings:
-    """How sure a finding of rays must be, by the rule of the whole campaign."""
-    return replace(rule, false_alarm=SHARE_OF_RAYS * rule.false_alarm)
+    return RayFindings(diagnosis, gathered, points, off, independent_errors(by_shared), whole.owners(BAR), moves)
 
 
 def _root(covariance: Array) -> Array:
     """A matrix whose product with its transpose is the covariance, some of which may be none."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _told(by_shared: Array) -> Array:
-    """The independent combinations (N, 3, Q) of common errors that move points by enough to matter."""
-    rows = by_shared.reshape(-1, by_shared.shape[-1])
-    values, vectors = np.linalg.eigh(rows.T @ rows)
-    kept = values > _LEAST_EFFECT**2 * max(len(rows), 1)
-    return np.asarray(by_shared @ vectors[:, kept])
 
 
 def corrected(tables: Mapping[str, pa.Table], rays: RayFindings) -> dict[str, pa.Table]:
@@ -140,7 +119,9 @@ def corrected(tables: Mapping[str, pa.Table], rays: RayFindings) -> dict[str, pa
     return {**tables, "observations": table}
 
 
-def with_shared_errors(gathered: Gathered, tables: Mapping[str, pa.Table], rays: RayFindings) -> Gathered:
+def with_shared_errors(
+    gathered: Gathered[Recorded], tables: Mapping[str, pa.Table], rays: RayFindings
+) -> Gathered[Recorded]:
     """What is compared of points, with the errors that all poses share, and those that the points of a pose do, among
     its unknowns and not in its noise."""
     table = tables["observations"]
@@ -152,59 +133,20 @@ def with_shared_errors(gathered: Gathered, tables: Mapping[str, pa.Table], rays:
     place = np.array([rays.points.get(key, -1) for key in keys], int)
     common = np.where((place >= 0)[:, None, None], rays.common[place], 0.0)
     errors = point_errors(table, tables.get("point_correlations"), None)
-    photographed = Photographed(rays.common.shape[-1], 0 if errors is None else _MOST_PATTERNS, rays.bars)
+    photographed = Photographed(rays.common.shape[-1], 0 if errors is None else MOST_PATTERNS, rays.bars)
     names = list(zip(gathered.model.targets.bodies, gathered.model.targets.names, strict=True))
 
     def told(poses: Epochs | None) -> Epochs | None:
         if poses is None:
             return None
         rows = np.array([[row.get((pose, *name), -1) for name in names] for pose in poses.conditions.poses], int)
-        return _with_errors(poses, np.where(poses.measured.seen, rows, -1), common, errors)
+        return points_with_shared_errors(poses, np.where(poses.measured.seen, rows, -1), common, errors)
 
     calibration = told(gathered.calibration)
     assert calibration is not None
     photographed = replace(photographed, scale_height_m=scale_height(tables, calibration))
     model = replace(gathered.model.at(calibration.conditions), photographed=photographed)
     return replace(gathered, model=model, calibration=calibration, held_out=told(gathered.held_out))
-
-
-def _with_errors(poses: Epochs, rows: NDArray[np.int64], common: Array, errors: PointErrors | None) -> Epochs:
-    """Poses whose points, at rows (B, K) of the table, share errors: common (N, 3, Q) ones, and those of each pose."""
-    measured, conditions = poses.measured, poses.conditions
-    known = (rows >= 0)[..., None, None]
-    shared = np.where(known, common[rows], 0.0)
-    own = measured.covariance - shared @ np.swapaxes(shared, -1, -2)
-    of_pose = None
-    if errors is not None:
-        of_pose = np.zeros((*rows.shape, 3, _MOST_PATTERNS))
-        for pose, of_points in enumerate(rows):
-            seen = np.flatnonzero(of_points >= 0)
-            if len(seen) < _FEWEST_POINTS:
-                continue
-            by_common = shared[pose, seen].reshape(3 * len(seen), -1)
-            covariance = errors.covariance(of_points[seen]) - by_common @ by_common.T
-            found = shared_errors(covariance, measured.values[pose, seen], _MOST_PATTERNS)
-            of_pose[pose, seen, :, : found.patterns.shape[-1]] = found.patterns
-            own[pose, seen] = found.own
-    turned = np.swapaxes(poses.frames.R, 1, 2)[:, None]
-    return replace(
-        poses,
-        measured=replace(measured, covariance=_held(own, measured.covariance, measured.seen)),
-        conditions=replace(
-            conditions,
-            common_errors=turned @ shared,
-            pose_errors=None if of_pose is None else turned @ of_pose,
-        ),
-    )
-
-
-def _held(own: Array, whole: Array, seen: NDArray[np.bool_]) -> Array:
-    """Covariances (B, K, 3, 3) of points by themselves, no less than a share of the whole in any direction."""
-    factor = np.linalg.cholesky(np.where(seen[..., None, None], whole, np.eye(3)))
-    inverse = np.linalg.inv(factor)
-    values, vectors = np.linalg.eigh(inverse @ own @ np.swapaxes(inverse, -1, -2))
-    spread = factor @ vectors * np.sqrt(np.maximum(values, _LEAST_OWN))[..., None, :]
-    return np.where(seen[..., None, None], spread @ np.swapaxes(spread, -1, -2), whole)
 
 
 def _keys(table: pa.Table) -> list[tuple[Any, str]]:
@@ -215,3 +157,52 @@ def _keys(table: pa.Table) -> list[tuple[Any, str]]:
         own = table.column("point").to_pylist()
         names = [point or name for point, name in zip(own, names, strict=True)]
     return list(zip(poses, names, strict=True))
+
+
+def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -> dict[str, Any]:
+    """The artifacts of a diagnosis of points, with what rays told before them; ``rule`` is the whole campaign's."""
+    diagnosis, found = rays.diagnosis, dict(artifacts)
+    own_rule = rule_of_rays(rule)
+    level, causes = own_rule.level, [verdict.cause for verdict in diagnosis.verdicts]
+    words = Words(detectable_words(diagnosis.search, level, causes, 0), shown=rays.gathered.shown)
+    own = diagnosis_table(diagnosis, words, own_rule.noise_level).to_pylist()
+    of_causes = [row for row in own if "noise_ratio" not in json.loads(row["parameters"])]
+    for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):
+        if verdict.cause.key in rays.moves and row["verdict"] == "found":
+            row["explanation"] += _on_points(rays.moves[verdict.cause.key])
+    found["diagnosis"] = _ranked(own, found["diagnosis"])
+    for name, table in (
+        ("detectable", detectable_table(diagnosis.search, level, 0)),
+        ("cause_uncertainty", uncertainty_table(diagnosis, 0)),
+    ):
+        found[name] = _together(name, [found[name], table] if name in found else [table])
+    return found
+
+
+def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:
+    """All rows in the order of their verdicts, those of rays first; what either found is rejected by neither."""
+    rows = [*rays, *points.to_pylist()]
+    told = {row["cause"] for row in rows if row["verdict"] != "rejected"}
+    kept: list[dict[str, Any]] = []
+    for verdict in _ORDER:
+        of_verdict = [row for row in rows if row["verdict"] == verdict]
+        if verdict == "rejected":
+            of_verdict.sort(key=lambda row: -row["probability"])
+            once = {row["cause"]: row for row in reversed(of_verdict) if row["cause"] not in told}
+            of_verdict = [row for row in of_verdict if once.get(row["cause"]) is row]
+        kept += of_verdict
+    return ranked_table(kept)
+
+
+def _on_points(moved: Any) -> str:
+    """How far an effect moved the points that were computed from the rays."""
+    size = np.linalg.norm(moved, axis=-1) * _UM
+    return (
+        f" It moved object points by up to {two_decimals(float(size.max(initial=0.0)))} um against each other, "
+        f"{two_decimals(float(np.sqrt(np.mean(size**2))))} um rms; that is taken off before anything is looked for in "
+        "them."
+    )
+
+
+def _together(name: str, tables: list[pa.Table]) -> pa.Table:
+    return pa.concat_tables(tables, promote_options="default").cast(ARTIFACTS[name].arrow_schema())

@@ -3,61 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.bundle.ray_statistics import RayChannels, ray_channels
-from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.inference.prediction import PredictionError
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
-from truing.stages.common.point_arrays import number_column, pose_ids, positions
+from truing.stages.common.point_arrays import default_motions, number_column, pose_ids, positions
 from truing.stages.common.ray_statistics import information_and_score, shared_numbers
+from truing.stages.common.why_not import HELD_OUT
 from truing.stages.diagnosis.body_points import known_of_poses
-from truing.stages.diagnosis.mechanism_points import Gathered
-from truing.stages.diagnosis.shown import Shown
+from truing.stages.diagnosis.gathered import RAYS, Gathered, Left
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
+    from truing.inference.selection import Diagnosis
     from truing.schemas.campaign import Campaign
 
 # Poses that must tell of their rays before they can be held against each other.
 _FEWEST_POSES = 3
-
-
-@dataclass(frozen=True)
-class _Sigmas(Shown):
-    """Root mean squares over all that rays tell, in units of their own noise; how far points move is told elsewhere."""
-
-    unit: str = "sigma"
-    si: float = 1.0
-    drive: str = "what all poses should share"
-    scatter: str = "Photograph one pose ten times over without moving anything, and adjust each by itself."
-
-    def largest_motion(self, before: PredictionError, after: PredictionError) -> None:
-        """Nothing: no length moves rays."""
-
-
-@dataclass(frozen=True)
-class RayShown:
-    """How to tell of rays: all of them together, whatever is concerned."""
-
-    def concerned(self, before: PredictionError, after: PredictionError) -> Shown:
-        """How to tell of an effect."""
-        return _Sigmas()
-
-    def only(self, target: int) -> Shown:
-        """How to tell of one number."""
-        return _Sigmas()
-
-    def whole(self, error: PredictionError) -> Shown:
-        """How to tell of all rays."""
-        return _Sigmas()
+_SI = 1e-3
+_EXACT_MM = 1e-6  # bars without any uncertainty count alike
 
 
 def has_rays(tables: Mapping[str, pa.Table]) -> bool:
@@ -66,7 +36,7 @@ def has_rays(tables: Mapping[str, pa.Table]) -> bool:
     return all(name in tables for name in names) and len(pose_ids(tables["ray_statistics"])) >= _FEWEST_POSES
 
 
-def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gathered, RayPoses]:
+def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gathered[RayModel], RayPoses]:
     """What the diagnosis compares of rays, and all poses with rays."""
     poses = pose_ids(tables["ray_statistics"])
     numbers = shared_numbers(tables["ray_statistics"])
@@ -84,7 +54,7 @@ def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gat
         getattr(settings.mechanism, "reference_temperature_c", 20.0),
         _vertical(tables["poses"], poses, settings.reference_body) if "poses" in tables else None,
     )
-    held = role == "verification"
+    held = role == HELD_OUT
     if (~held).sum() < _FEWEST_POSES:
         held[:] = False
     model = RayModel.of(some_poses(whole, ~held))
@@ -93,7 +63,8 @@ def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gat
         _poses(whole, channels, ~held),
         _poses(whole, channels, held) if held.any() else None,
         "",
-        None,
+        _nothing_more,
+        shown=RAYS,
     )
     return gathered, whole
 
@@ -119,11 +90,43 @@ def _poses(rays: RayPoses, channels: RayChannels, rows: NDArray[np.bool_]) -> Ep
 def _vertical(table: pa.Table, poses: tuple[int | str, ...], body: str | None) -> NDArray | None:
     """The z axis (B, 3) of the body that the others are seen from, in the measurement of each pose; None where that is
     not known of all."""
-    import pyarrow.compute as pc
-
-    rows = table.filter(pc.and_(table.column("default"), pc.equal(table.column("body"), body or "")))
-    place = positions(rows.column("pose"), poses)
-    turns = exp_so3(np.nan_to_num(np.column_stack([number_column(rows, f"r{axis}_rad") for axis in "xyz"])))
-    found = np.full((len(poses), 3), np.nan)
-    found[place[place >= 0]] = turns[place >= 0][:, :, 2]
+    found = default_motions(table, body or "", poses)[0][:, :, 2]
     return found if np.isfinite(found).all() else None
+
+
+def _nothing_more(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+    """No table of rays alone: what they tell stands among that of points."""
+    return Left({})
+
+
+def scale_height(tables: Mapping[str, pa.Table], poses: Epochs) -> float:
+    """The mean height, m, in the model's frame, of the bars' middles, each as its calibration counts in the scale.
+
+    Without bars the mean height of all measured points, whose survey gives the scale then.
+    """
+    if "object_points" in tables and "scale_bars" in tables:
+        height, weight = _of_bars(tables["object_points"], tables["scale_bars"], poses)
+        if weight.sum() > 0:
+            return float(np.sum(height * weight) / weight.sum())
+    measured = poses.measured
+    inside = np.einsum("bkd,bde->bke", np.nan_to_num(measured.values) - poses.frames.t[:, None], poses.frames.R)
+    return float(inside[..., 2][measured.seen].mean())
+
+
+def _of_bars(points: pa.Table, bars: pa.Table, poses: Epochs) -> tuple[NDArray, NDArray]:
+    """Heights (N,) of the middles of bars in the poses, m, and the weights of their lengths."""
+    names = tuple(dict.fromkeys(points.column("point").to_pylist()))
+    own = tuple(poses.conditions.poses)
+    pose, point = positions(points.column("pose"), own), positions(points.column("point"), names)
+    kept = pose >= 0
+    place = np.full((len(own), len(names), 3), np.nan)
+    place[pose[kept], point[kept]] = np.column_stack([number_column(points, f"{a}_mm") for a in "xyz"])[kept] * _SI
+    inside = np.einsum("bkd,bde->bke", place - poses.frames.t[:, None], poses.frames.R)
+    ends = [positions(bars.column(name), names) for name in ("first", "second")]
+    uncertain = np.hypot(number_column(bars, "sigma_mm"), number_column(bars, "repeat_sigma_mm"))
+    weight = (number_column(bars, "length_mm") / np.maximum(uncertain, _EXACT_MM)) ** 2
+    scaling = np.array([serves == "scale" for serves in bars.column("serves").to_pylist()])
+    known = (ends[0] >= 0) & (ends[1] >= 0) & scaling & np.isfinite(weight)
+    height = 0.5 * (inside[:, ends[0][known], 2] + inside[:, ends[1][known], 2])
+    seen = np.isfinite(height)
+    return height[seen], np.broadcast_to(weight[known], height.shape)[seen]

@@ -4,38 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.interferometry.load_run import zeros_of_runs
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, exchanged_rows
-from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros, zeros_of
+from truing.simulation.bench.causes.rows_exchanged import (
+    RowsExchanged,
+    exchanged_rows,
+    scatter_of_signals,
+    told_by_readings,
+)
+from truing.simulation.bench.extended_model import extended_sensor, write_sensor
+from truing.simulation.bench.known_readings import (
+    KnownReadings,
+    ReadingConditions,
+    gains_of_steps,
+    run_names,
+    zeros_of_steps,
+)
 from truing.simulation.bench.model import ReadingModel
-from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
+from truing.simulation.inputs import between_neighbours
 from truing.stages.common.declared_optics import declared_optics
+from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.overruled import decided, excluded_words, without_excluded
-from truing.stages.common.reading_arrays import load_steps
-from truing.stages.diagnosis.mechanism_points import Gathered
-from truing.stages.diagnosis.shown import Channels
-from truing.stages.diagnosis.signal_knowledge import scatter_of_signals, simulated_sensor, told_by_readings
+from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
+from truing.stages.diagnosis.earlier_campaign import changes_table
+from truing.stages.diagnosis.gathered import Channels, Gathered, Left
+from truing.stages.diagnosis.left_tables import errors_by_role, identified_table, plain_number, sensor_pull_tables
+from truing.stages.diagnosis.next_measurement import next_loads_of
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
+    from truing.inference.selection import Diagnosis
     from truing.schemas.campaign import Campaign
+    from truing.schemas.sensor_mechanism import SensorMechanism
+    from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
 
 Array = NDArray[np.float64]
 
 _FEWEST_STEPS = 6
 _MILLIVOLT = 1e-3
-_MOST_LACKING = 0.1  # of a column, that neighbours in time tell
-# How far a gain that nobody declared may lie from the first guess at it.
-_WIDE = 10.0
 
 
 def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingModel:
@@ -69,7 +81,7 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
         replace(_poses(steps, points, seen, sigma, fitted), kept=kept[fitted]),
         replace(_poses(steps, points, seen, sigma, held), kept=kept[held]) if held.any() else None,
         "; ".join(words),
-        None,
+        _left,
         exchanged,
         shown=Channels(
             units,
@@ -98,6 +110,33 @@ def _without_noise(steps: RecordedSteps) -> str:
     declared = np.where(np.isfinite(steps.reading), steps.sigma, 1.0)
     unknown = [CHANNELS[k] for k in np.flatnonzero(~np.isfinite(declared).all(0))]
     return f"needs the noise of {', '.join(unknown)}: noise.linear_um, noise.angular_arcsec" if unknown else ""
+
+
+def simulated_sensor(tables: Mapping[str, pa.Table], settings: Campaign, steps: RecordedSteps) -> UncertainSensor:
+    """The sensor with what is not known of it; raises ValueError where what was read of it cannot be simulated.
+
+    Signals alone need no compliance, and where they are compared with loads no geometry either.
+    """
+    moved = bool(np.isfinite(steps.reading).any())
+    if not moved and not np.isfinite(steps.signal).any():
+        raise ValueError("needs readings or signals")
+    if settings.mechanism.type != "6-upur":
+        if moved:
+            raise ValueError("needs a [mechanism] whose compliance can be simulated")
+        return UncertainSensor(None, None, np.zeros((len(LOADS), len(LOADS))))
+    sensor = nominal_sensor(cast("SensorMechanism", settings.mechanism), tables.get("given_compliance"))
+    if sensor.compliance is None and moved:
+        raise ValueError("needs the elements of a leg, or a compliance_file")
+    return _uncertain(sensor)
+
+
+def _uncertain(sensor: NominalSensor) -> UncertainSensor:
+    """Of a given compliance the elements are none of its business; one that nobody gave moves nothing."""
+    if sensor.compliance is None:
+        return UncertainSensor(sensor.joints, None, np.zeros((len(LOADS), len(LOADS))), sensor.length_sigma)
+    own = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
+    elastic, given = (sensor.elastic, None) if own else (None, sensor.compliance)
+    return UncertainSensor(sensor.joints, elastic, given, sensor.length_sigma, sensor.stiffness_sigma)
 
 
 def _why_too_little(steps: RecordedSteps, fitted: NDArray[np.bool_], settings: Campaign) -> str:
@@ -151,15 +190,17 @@ def _known(
     typical = np.array(
         [np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, seen.T, strict=True)]
     )
-    noise = settings.noise
+    noise, signals = settings.noise, settings.signals
+    tared, sensitivity = signals.zero_mv, signals.sensitivity_mv_per_n
+    gains = None if sensitivity is None else np.asarray(sensitivity, float) * _MILLIVOLT
     return KnownReadings(
         sensor,
         (*CHANNELS, *steps.signals),
         typical,
         largest_loads(steps, settings),
         np.array([noise.load_n] * 3 + [noise.load_nm] * 3),
-        _zeros(steps, seen, fitted, typical, settings.signals.zero_mv),
-        _gains(sensor, steps, seen[:, len(CHANNELS) :] & fitted[:, None], settings),
+        zeros_of_steps(steps, seen, fitted, typical, None if tared is None else tared * _MILLIVOLT),
+        gains_of_steps(sensor, steps, seen[:, len(CHANNELS) :] & fitted[:, None], gains, signals.sensitivity_tolerance),
         settings.interferometer.wavelength_nm * 1e-9,
         settings.mechanism.reference_temperature_c,
         declared_optics(settings.interferometer),
@@ -168,81 +209,17 @@ def _known(
 
 def largest_loads(steps: RecordedSteps, settings: Campaign) -> Array:
     """The largest load (6,) of each axis, N and N m: that of [loading], else the largest applied; 1 where none was."""
-    declared = [getattr(settings.loading, name) for name in ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")]
+    declared = [getattr(settings.loading, name) for name in LOAD_COLUMNS]
     applied = np.abs(steps.load).max(0)
     return np.array([given or (found if found > 0.0 else 1.0) for given, found in zip(declared, applied, strict=True)])
 
 
-def _zeros(
-    steps: RecordedSteps, seen: NDArray[np.bool_], fitted: NDArray[np.bool_], typical: Array, tared_mv: float | None
-) -> Zeros:
-    """The zeros of runs, as uncertain as their starts show; those of signals are free, unless each run was tared."""
-    found = zeros_of(_labels(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
-    noise = typical[: len(CHANNELS)]
-    spread = zeros_of_runs(steps, steps.reading, noise).spread(noise)
-    place = {label: number for number, label in enumerate(np.array(steps.runs).tolist())}
-    own = np.flatnonzero(found.channel < len(CHANNELS))
-    sigma = found.sigma.copy()
-    sigma[own] = spread[[place[label] for label in found.run[own].tolist()], found.channel[own]]
-    found = replace(found, sigma=sigma)
-    if tared_mv is None:
-        return found
-    signal = found.channel >= len(CHANNELS)
-    return replace(found, sigma=np.where(signal, tared_mv * _MILLIVOLT, found.sigma), known=found.known | signal)
-
-
-def _gains(sensor: UncertainSensor, steps: RecordedSteps, seen: NDArray[np.bool_], settings: Campaign) -> SignalGains:
-    """What is known of the signals' gains: by leg where there is a channel for each, else by load."""
-    count = seen.shape[1]
-    if not seen.any():
-        return SignalGains.none() if not count else SignalGains(np.zeros((count, 6)), np.ones((count, 6)), False)
-    if sensor.joints is None or count != len(LOADS):
-        rows = np.stack([_slopes(steps.load, steps.signal[:, j], steps.run, seen[:, j]) for j in range(count)])
-        return SignalGains(rows, _wide(rows, axis=1), False)
-    declared, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
-    if declared is not None:
-        gains = np.broadcast_to(np.asarray(declared, float) * _MILLIVOLT, (count,)).copy()
-        return SignalGains(gains, np.abs(gains) * max(tolerance or 0.0, 1e-6), True)
-    columns = np.linalg.solve(influence_matrix(sensor.joints), steps.load.T).T[..., None]
-    own = [_slopes(columns[:, j], steps.signal[:, j], steps.run, seen[:, j])[0] for j in range(count)]
-    gains = np.array(own)
-    return SignalGains(gains, _wide(gains), False)
-
-
-def _wide(values: Array, axis: int | None = None) -> Array:
-    size = np.abs(values).max(axis=axis, keepdims=axis is not None)
-    return np.broadcast_to(_WIDE * np.where(size > 0.0, size, 1.0), values.shape).copy()
-
-
-def _slopes(columns: Array, values: Array, run: NDArray[np.int64], seen: NDArray[np.bool_]) -> Array:
-    """Slopes (W,) of values (B,) along columns (B, W), each run with a zero of its own."""
-    at = np.unique(run[seen], return_inverse=True)[1]
-    zeros = np.eye(int(at.max()) + 1)[at] if seen.any() else np.zeros((0, 0))
-    whole = np.hstack([columns[seen], zeros])
-    return np.asarray(np.linalg.lstsq(whole, values[seen], rcond=None)[0][: columns.shape[1]])
-
-
 def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
     own = steps.chosen(rows)
-    between = {name: _between(values, own.time_s) for name, values in own.covariates.items()}
+    between = {name: between_neighbours(values, own.time_s) for name, values in own.covariates.items()}
     known = {name: values for name, values in between.items() if np.isfinite(values).all()}
     span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
-    return ReadingConditions(_labels(own), own.step, own.time_s, own.load, known, span)
-
-
-def _between(values: Array, time_s: Array) -> Array:
-    """A column (B,) with what a few steps lack, as those do that left signals alone, from their neighbours in time."""
-    lacks = ~np.isfinite(values)
-    if lacks.mean() > _MOST_LACKING or not np.isfinite(time_s).all():
-        return values
-    order = np.argsort(time_s)
-    order = order[~lacks[order]]
-    return np.where(lacks, np.interp(time_s, time_s[order], values[order]), values)
-
-
-def _labels(steps: RecordedSteps) -> NDArray:
-    """The names of the runs (B,) of steps."""
-    return np.array(steps.runs)[steps.run]
+    return ReadingConditions(run_names(own), own.step, own.time_s, own.load, known, span)
 
 
 def _poses(
@@ -251,3 +228,54 @@ def _poses(
     covariance = np.where(np.isfinite(sigma), sigma, 1.0)[rows] ** 2
     measured = Observations(points[rows][..., None], covariance[..., None, None], seen[rows])
     return Epochs(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))
+
+
+def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+    """How far each reading is missed, the extended model, the sensor's pulls, what has changed, what to apply next."""
+    assert isinstance(gathered.shown, Channels)
+    final, following = diagnosis.final, next_loads_of(diagnosis, settings)
+    assert isinstance(final.model, ReadingModel)
+    context = {"campaign": settings.campaign.name}
+    left = {
+        "reading_errors": _errors_table(diagnosis, gathered.shown, settings),
+        "model": write_sensor(extended_sensor(final.model, final.fit.shared, final.covariance(), context)),
+        **sensor_pull_tables(final.model.known.sensor.unknowns, diagnosis.plain, final),
+        "changes": changes_table(final),
+        "next_loads": following.table,
+    }
+    return Left(left, following.advice)
+
+
+def _errors_table(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> pa.Table:
+    """Rows of reading_errors.parquet: every reading without and with what was found."""
+    floor = _floors(diagnosis, channels, settings)
+    rows: list[dict[str, Any]] = []
+    for role, before, after in errors_by_role(diagnosis):
+        assert isinstance(before.model, ReadingModel)
+        names, own = before.model.channel_names, before.model.conditions
+        rows += [
+            {
+                "run": plain_number(own.run[b]),
+                "step": int(own.step[b]),
+                "channel": names[k],
+                "role": role,
+                "missed_before": float(before.gap[b, k, 0] / channels.si[k]),
+                "missed_after": float(after.gap[b, k, 0] / channels.si[k]),
+                "unit": channels.units[k],
+                "noise_floor": floor.get(names[k]),
+            }
+            for b, k in np.argwhere(before.seen)
+        ]
+    return identified_table("reading_errors", rows, "run", ("noise_floor",))
+
+
+def _floors(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, float]:
+    """What declared noise alone leaves in the errors of each channel, in its unit; without signals of undeclared noise.
+
+    One zero per run and the fitted numbers are taken out of it, and the noise of loads is in it, as in the errors.
+    """
+    floor = diagnosis.final.floor
+    declared = ~channels.signal | (settings.noise.signal_mv is not None)
+    size = np.sqrt(floor.square) / channels.si
+    names = diagnosis.final.model.channel_names
+    return {names[k]: float(size[k]) for k in np.flatnonzero(declared & (floor.seen > 0))}

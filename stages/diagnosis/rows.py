@@ -3,49 +3,40 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import pyarrow as pa
+
+from truing.report.diagnosis.findings import Facts, explanation, noise_explanation
+from truing.report.wordings.catalogue import clause, confirming, own_clause
+from truing.report.wordings.claim import Advice, Claim
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
 from truing.simulation.bodies.causes.terms import CAME_FROM
 from truing.simulation.inputs import ORDER, TIME
-from truing.stages.diagnosis.claims import claim_of
-from truing.stages.diagnosis.shown import POINTS, Channels, Shown
+from truing.stages.diagnosis.gathered import POINTS, Channels, Shown
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.inference.fitted_model import FittedModel
     from truing.inference.noise import NoiseDependence, NoiseLevel
     from truing.inference.selection import Diagnosis
     from truing.inference.verdicts import Verdict
-    from truing.report.wordings.claim import Advice
-    from truing.stages.diagnosis.ray_points import RayShown
+    from truing.simulation.cause import Cause
 
 
 @dataclass(frozen=True)
 class Words:
     """What the rows say beside the verdicts: the smallest sizes that would have been seen, and what to measure next, by
-    a cause's key, and what limits all statements; ``channels`` of readings, None where all are points."""
+    a cause's key, what limits all statements, and in which unit numbers are told."""
 
-    detectable: Mapping[str, str]
-    next_measurement: Mapping[str, Advice]
-    remark: str
-    channels: Channels | RayShown | None = None
-
-    def of_verdict(self, verdict: Verdict) -> Shown:
-        """In which unit, and over what, a verdict's numbers are told."""
-        return POINTS if self.channels is None else self.channels.concerned(verdict.before, verdict.after)
-
-    def of_target(self, target: int) -> Shown:
-        """The same of what concerns one channel."""
-        return POINTS if self.channels is None else self.channels.only(target)
-
-    def of_noise(self, final: FittedModel) -> Shown:
-        """The same of noise, which concerns all that was measured."""
-        return POINTS if self.channels is None else self.channels.whole(final.error)
+    detectable: Mapping[str, str] = field(default_factory=dict)
+    next_measurement: Mapping[str, Advice] = field(default_factory=dict)
+    remark: str = ""
+    shown: Shown | Channels = POINTS
 
 
 def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> pa.Table:
@@ -53,39 +44,75 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
 
     ``noise_level`` is the p-value below which it is.
     """
-    import pyarrow as pa
-
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
-    shown = words.of_noise(diagnosis.final)
-    noisy = [_following_row(own, diagnosis.final, shown) for own in diagnosis.noise_dependences]
-    noisy += [_noisy_row(target, level, diagnosis.final, words) for target, level in diagnosis.noisy]
-    if diagnosis.noise.p_value <= noise_level and not diagnosis.noisy:
-        noisy.append(_noise_row(diagnosis.noise, diagnosis.final, shown))
     found = sum(row["verdict"] == "found" for row in rows)
-    rows[found:found] = noisy
-    ranked = [{"rank": rank, **row} for rank, row in enumerate(rows, 1)]
+    rows[found:found] = _noise_rows(diagnosis, words.shown, noise_level)
+    return ranked_table(rows)
+
+
+def ranked_table(rows: list[dict[str, Any]]) -> pa.Table:
+    """Rows of diagnosis.parquet, ranked as they stand."""
     artifact = ARTIFACTS["diagnosis"]
+    ranked = [{**row, "rank": rank} for rank, row in enumerate(rows, 1)]
     return pa.Table.from_pylist(ranked, schema=artifact.arrow_schema(present=artifact.optional))
 
 
 def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]:
-    from truing.report.diagnosis.findings import Facts, explanation
-    from truing.report.wordings.catalogue import clause, confirming
-
     cause, legs = verdict.cause, diagnosis.plain.model.part_count
-    parameters = told_parameters(verdict, legs)
-    shown = words.of_verdict(verdict)
-    claim = claim_of(cause, legs)
-    held = (shown.rms(verdict.held_out[0]), shown.rms(verdict.held_out[1]))
-    facts = Facts(
+    shown, claim = words.shown.concerned(verdict.before, verdict.after), claim_of(verdict.cause, legs)
+    facts = _facts(verdict, diagnosis, words, claim)
+    advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
+    return {
+        "cause": cause.id,
+        "verdict": verdict.verdict,
+        "subject": cause.subject,
+        "p_value": verdict.p_value,
+        "probability": verdict.probability,
+        "parameters": json.dumps(facts.parameters),
+        "follows": listed(cause.follows(legs)),
+        **_errors(shown, verdict),
+        "explanation": explanation(facts),
+        **_advised(advice),
+        "reason_code": facts.reason_code,
+        "rival": facts.rival or None,
+        "settings": json.dumps(claim.settings),
+        "clause": facts.clause,
+        "largest_motion": facts.largest,
+        "signal_to_noise": verdict.signal_to_noise,
+        "log_evidence": verdict.log_odds,
+        "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
+    }
+
+
+def _errors(shown: Shown, verdict: Verdict) -> dict[str, Any]:
+    """What predictions miss without and with a cause, in the unit in which it is told."""
+    return {
+        "rms_before": shown.rms(verdict.before),
+        "rms_after": shown.rms(verdict.after),
+        "heldout_rms_before": shown.rms(verdict.held_out[0]),
+        "heldout_rms_after": shown.rms(verdict.held_out[1]),
+        "noise_floor": shown.floor(verdict.floor),
+        "unit": shown.unit,
+    }
+
+
+def _advised(advice: Advice) -> dict[str, Any]:
+    """What to measure next."""
+    return {"next_measurement": advice.words, "advice_kind": advice.kind, "next_in_short": advice.short or None}
+
+
+def _facts(verdict: Verdict, diagnosis: Diagnosis, words: Words, claim: Claim) -> Facts:
+    """What a sentence on a verdict tells."""
+    cause, shown = verdict.cause, words.shown.concerned(verdict.before, verdict.after)
+    return Facts(
         verdict.verdict,
         clause(claim),
-        parameters,
+        told_parameters(verdict, diagnosis.plain.model.part_count),
         verdict.p_value,
         verdict.candidates,
         shown.rms(verdict.before),
         shown.rms(verdict.after),
-        held,
+        (shown.rms(verdict.held_out[0]), shown.rms(verdict.held_out[1])),
         shown.floor(verdict.floor),
         str(verdict.reason or verdict.verdict),
         "" if verdict.rival is None else verdict.rival.id,
@@ -101,34 +128,27 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         held_out_words=shown.held_out,
         drive=shown.drive,
     )
-    advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
-    return {
-        "cause": cause.id,
-        "verdict": verdict.verdict,
-        "subject": cause.subject,
-        "p_value": verdict.p_value,
-        "probability": verdict.probability,
-        "parameters": json.dumps(parameters),
-        "follows": listed(cause.follows(legs)),
-        "rms_before": facts.rms_before,
-        "rms_after": facts.rms_after,
-        "heldout_rms_before": held[0],
-        "heldout_rms_after": held[1],
-        "noise_floor": facts.floor,
-        "unit": shown.unit,
-        "explanation": explanation(facts),
-        "next_measurement": advice.words,
-        "advice_kind": advice.kind,
-        "next_in_short": advice.short or None,
-        "reason_code": facts.reason_code,
-        "rival": facts.rival or None,
-        "settings": json.dumps(claim.settings),
-        "clause": facts.clause,
-        "largest_motion": facts.largest,
-        "signal_to_noise": verdict.signal_to_noise,
-        "log_evidence": verdict.log_odds,
-        "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
-    }
+
+
+def claim_of(cause: Cause, legs: int) -> Claim:
+    """A cause of a mechanism with that many legs, without its sizes."""
+    settings = {"step": str(cause.step), **cause.settings()}
+    return Claim(
+        cause=cause.id,
+        subject=cause.subject,
+        follows=cause.follows(legs),
+        settings={name: _plain(value) for name, value in settings.items()},
+        words=own_clause(cause.says, cause.subject) if cause.says else "",
+    )
+
+
+def _plain(value: Any) -> Any:
+    """A setting as JSON holds it; None for what is not finite."""
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(one) for one in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def told_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
@@ -139,27 +159,29 @@ def told_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
 
 def _odds(verdict: Verdict, diagnosis: Diagnosis) -> float | None:
     """How much more probable the found cause is than one that cannot be told from it."""
-    import math
-
     rival = None if verdict.rival is None else verdict.rival.key
     other = next((one for one in diagnosis.verdicts if one.cause.key == rival), None)
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
-def _noise_row(level: NoiseLevel, final: FittedModel, shown: Shown) -> dict[str, Any]:
+def _noise_rows(diagnosis: Diagnosis, shown: Shown | Channels, level: float) -> list[dict[str, Any]]:
+    """Noise that is larger in places, that of single channels, and where none has its own that of all."""
+    final = diagnosis.final
+    whole = shown.whole(final.error)
+    rows = [_following_row(own, final, whole) for own in diagnosis.noise_dependences]
+    for target, own in diagnosis.noisy:
+        subject = f"{final.model.channel_word} {_name(final, target)}"
+        rows.append(_larger_row(own, final, shown.only(target)) | {"subject": subject})
+    if diagnosis.noise.p_value <= level and not diagnosis.noisy:
+        rows.append(_larger_row(diagnosis.noise, final, whole))
+    return rows
+
+
+def _larger_row(level: NoiseLevel, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """Noise larger than declared is structure too: something moves what was measured that nothing here explains."""
-    from truing.report.diagnosis.findings import noise_explanation
-
-    said = noise_explanation(
-        level.ratio, level.sigma, shown.rms(final.error), shown.floor(final.floor), unit=shown.unit
-    )
+    missed = shown.rms(final.error), shown.floor(final.floor)
+    said = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit)
     return _of_noise(level, final, shown) | {"explanation": said, "next_measurement": shown.scatter}
-
-
-def _noisy_row(target: int, level: NoiseLevel, final: FittedModel, words: Words) -> dict[str, Any]:
-    """One channel that is noisier than declared."""
-    shown = words.of_target(target)
-    return _noise_row(level, final, shown) | {"subject": f"{final.model.channel_word} {_name(final, target)}"}
 
 
 def _name(final: FittedModel, target: int) -> str:
@@ -174,8 +196,6 @@ def _followed_column(column: str) -> tuple[str, ...]:
 
 def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """Noise that is larger in places, and the column or the target that it follows."""
-    from truing.report.diagnosis.findings import noise_explanation
-
     names = [_name(final, target) for target in own.driver.channels]
     whose = final.model.channel_word
     follows = own_name(own.driver.name) or f"{whose} {names[0]}"

@@ -25,7 +25,7 @@ from truing.pipeline.settings_view import SettingsView
 from truing.schemas.campaign import Campaign as Settings
 from truing.simulation.cause import Effect
 from truing.stages import pose
-from truing.stages.diagnose import gathered_of
+from truing.stages.diagnosis.search import gathered_of
 from truing.stages.power import completed
 from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 

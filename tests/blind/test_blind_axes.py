@@ -20,8 +20,8 @@ from truing.inference.selection import Diagnosis
 from truing.inference.verdicts import Verdict
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.schemas.settings_text import parsed_toml
-from truing.stages.diagnose import decided
 from truing.stages.diagnosis.axis_points import gather
+from truing.stages.diagnosis.search import decided
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 CLEAN, HIDDEN, UNNAMED = 40, 30, 6

@@ -28,7 +28,7 @@ from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.stages import pose
-from truing.stages.diagnose import gathered_of
+from truing.stages.diagnosis.search import gathered_of
 from truing.stages.power import completed
 from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 

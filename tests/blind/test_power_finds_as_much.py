@@ -31,7 +31,7 @@ from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.targets import TargetMoved
 from truing.simulation.mechanisms.causes.warmth import LegThermal
-from truing.stages.diagnose import gathered_of, rule_of
+from truing.stages.diagnosis.search import gathered_of, rule_of
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 EACH = 4

@@ -12,6 +12,7 @@ OWN_DRIVE, APPROACH, LAST_STEP, MEMORY = "own drive", "approach", "last step", "
 # What is known of each actuator by itself: its own displacement, and how it came to the pose.
 LOOKING_BACK = (APPROACH, LAST_STEP, MEMORY)
 PER_ACTUATOR = (OWN_DRIVE, *LOOKING_BACK)
+_MOST_LACKING = 0.1  # of a column, that neighbours in time tell
 
 
 def drive_of(column: str) -> int | None:
@@ -30,6 +31,16 @@ def varying(covariates: Mapping[str, NDArray], seen: NDArray | None = None) -> d
         if np.size(values[own]) and np.ptp(values[own]) > 0
     }
     return {name: values for name, values in found.items() if name != ORDER or TIME not in found}
+
+
+def between_neighbours(values: NDArray, time_s: NDArray) -> NDArray:
+    """Return a column (B,) with what a few epochs lack from their neighbours in time; as it is where many lack it."""
+    lacks = ~np.isfinite(values)
+    if lacks.mean() > _MOST_LACKING or not np.isfinite(time_s).all():
+        return values
+    order = np.argsort(time_s)
+    order = order[~lacks[order]]
+    return np.where(lacks, np.interp(time_s, time_s[order], values[order]), values)
 
 
 def middle_and_half(values: NDArray) -> tuple[float, float]:

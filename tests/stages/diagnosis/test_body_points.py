@@ -13,9 +13,9 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.schemas.campaign import read_campaign
+from truing.simulation.bodies.measured_bodies import moved_for_certain
 from truing.stages.diagnosis.body_points import gather_bodies
-from truing.stages.diagnosis.body_targets import moved_for_certain
-from truing.stages.diagnosis.mechanism_points import Gathered
+from truing.stages.diagnosis.gathered import Gathered
 
 LAYOUT = Layout(poses=40)
 

@@ -25,7 +25,7 @@ from truing.simulation.photographs.causes.camera_instability import CameraInstab
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
 from truing.simulation.photographs.causes.refraction import Refraction
 from truing.simulation.photographs.causes.scale_bar_temperature import OneBar
-from truing.stages.diagnosis.claims import claim_of
+from truing.stages.diagnosis.rows import claim_of
 
 OWN = (
     *causes.OWN_CAUSES,

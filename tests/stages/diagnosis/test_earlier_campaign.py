@@ -19,7 +19,7 @@ from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain
 from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.extended_model import identified_geometry, read_model
 from truing.simulation.mechanisms.prior import mechanism_prior
-from truing.stages import diagnose
+from truing.stages.diagnosis import search
 from truing.stages.diagnosis.earlier_campaign import changes_table, started, with_earlier
 
 GAIN, LEG, LONGER_MM = 0.01, 3, 0.15
@@ -186,7 +186,7 @@ def test_the_stages_start_from_it_and_leave_what_has_changed(
     document = (folder / "campaign.toml").read_text(encoding="utf-8")
     begun = document.replace("[mechanism]\n", '[mechanism]\nmodel = "../last.toml"\n', 1)
     (folder / "campaign.toml").write_text(begun, encoding="utf-8")
-    monkeypatch.setattr(diagnose, "DRAWS", 50)
+    monkeypatch.setattr(search, "DRAWS", 50)
     tables, said = run_line(folder, "ingest", "pose", "diagnose")
     assert said["diagnose"].figure.startswith("nothing found"), said["diagnose"].figure
     assert [cause.key for cause in read_model(tables["model"]).model.causes] == [Gain((LEG,)).key]

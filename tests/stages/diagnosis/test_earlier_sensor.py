@@ -24,9 +24,9 @@ from truing.schemas.faults import CampaignFaults
 from truing.simulation.bench.causes.load_path import LoadEccentricity as Eccentricity
 from truing.simulation.bench.extended_model import ExtendedSensor, extended_sensor, read_sensor, write_sensor
 from truing.simulation.bench.known_readings import zeros_of
-from truing.stages.diagnose import gathered_of
 from truing.stages.diagnosis.earlier_campaign import changes_table
-from truing.stages.diagnosis.mechanism_points import Gathered
+from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.search import gathered_of
 
 LAYOUT = Layout(
     "sensor",

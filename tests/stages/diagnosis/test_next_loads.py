@@ -27,10 +27,9 @@ from truing.simulation.bench.causes.stiffness import StiffnessScale as Scale
 from truing.simulation.bench.known_readings import ReadingConditions, zeros_of
 from truing.simulation.bench.model import ReadingModel
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
-from truing.stages.diagnose import decided, gathered_of
 from truing.stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
-from truing.stages.diagnosis.next_measurement import Rivals, next_loads_of, planned
-from truing.stages.diagnosis.next_plan import Plan
+from truing.stages.diagnosis.next_measurement import Plan, Rivals, next_loads_of, planned
+from truing.stages.diagnosis.search import decided, gathered_of
 
 LEVELS = (0, 300, 600, 900, 900, 900, 900, 0, 0, 0, 0)
 LAYOUT = Layout(

@@ -29,9 +29,9 @@ from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import Targets, shape_unknowns
-from truing.stages.diagnosis.claims import claim_of
 from truing.stages.diagnosis.next_candidates import Possible, possible
 from truing.stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements
+from truing.stages.diagnosis.rows import claim_of
 
 SIGMA_M = 5e-6
 POSES = 14

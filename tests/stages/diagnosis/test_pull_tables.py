@@ -9,7 +9,7 @@ from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.two_campaigns import fitted, gathered, measured
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
-from truing.stages.diagnosis.pull_tables import Fitted, pull_tables
+from truing.stages.diagnosis.left_tables import pull_tables
 
 LEG, UNLUCKY = 3, 1e-3
 
@@ -18,7 +18,7 @@ LEG, UNLUCKY = 3, 1e-3
 def tables(tmp_path_factory: pytest.TempPathFactory):
     found = gathered(measured(tmp_path_factory.mktemp("pulls"), 31, [Hidden(0.06 * (np.arange(6) == LEG - 1))]))
     stands = [fitted(found, *causes) for causes in ((), (ActuatorGain((LEG,)),))]
-    return pull_tables(*(Fitted(one.model, one.fit.shared, one.covariance()) for one in stands))
+    return pull_tables(*stands)
 
 
 def test_both_tables_are_as_the_schema_says(tables) -> None:

@@ -9,10 +9,9 @@ import pytest
 
 from tests.tolerance import assert_close
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
-from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, SignalsExchanged
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, SignalsExchanged, told_by_readings
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
-from truing.stages.diagnosis.signal_knowledge import told_by_readings
 
 COMPLIANCE = np.diag([2e-7, 2e-7, 3e-8, 4e-7, 4e-7, 3e-7])
 ONE = RowsExchanged(((1, 2), (1, 4)), ("fx", "fy"))

@@ -9,7 +9,7 @@ import pytest
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.mechanisms.recording import Conditions
-from truing.stages.diagnosis.scale_height import scale_height
+from truing.stages.diagnosis.ray_points import scale_height
 
 RNG = np.random.default_rng(4)
 INSIDE = RNG.normal(size=(6, 3))  # four ends of bars and two targets, in the model's frame, m

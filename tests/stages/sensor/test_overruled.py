@@ -18,8 +18,8 @@ from truing.report.exclusion_section import excluded
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.stages.common.recorded_signals import recorded
-from truing.stages.diagnose import gathered_of
-from truing.stages.diagnosis.mechanism_points import Gathered
+from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.search import gathered_of
 
 LAYOUT = Layout("by-hand", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)
 WRONG_UM = 40.0

@@ -112,3 +112,24 @@ class PointErrors:
         values, vectors = np.linalg.eigh(whole - self.effect @ correlation @ np.swapaxes(self.effect, 1, 2))
         least = _ROUNDING * np.trace(whole, axis1=1, axis2=2)
         return np.asarray(vectors * np.maximum(values, least[:, None])[:, None, :] @ np.swapaxes(vectors, 1, 2))
+
+
+@dataclass(frozen=True)
+class PointResiduals:
+    """What a fit of poses said of a body's points (B, T): values (B, T, 3), m, in the body's frame, NaN where there is
+    none; which it rejected, and which a person excluded."""
+
+    values: Array
+    rejected: NDArray[np.bool_]
+    excluded: NDArray[np.bool_]
+
+    @property
+    def fitted(self) -> NDArray[np.bool_]:
+        """Return which points have a residual and were not rejected."""
+        return np.asarray(np.isfinite(self.values).all(-1) & ~self.rejected)
+
+
+def with_declared_noise(cov: Array, sigma: float) -> Array:
+    """Return covariances (..., 3, 3), m^2, with that of a declared sigma, m, where a point carries none."""
+    known = np.isfinite(cov).all((-1, -2)) & (np.trace(np.nan_to_num(cov), axis1=-2, axis2=-1) > 0)
+    return np.where(known[..., None, None], cov, np.eye(3) * sigma**2)

@@ -7,13 +7,16 @@ to be uncertain is among the unknowns.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.interferometry.load_run import zeros_of_runs
 from truing.estimation.interferometry.platform_poses import SeenMotion
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, RecordedSteps
 from truing.simulation.bench.load_steps import MATERIAL, LoadSteps
+from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 
@@ -107,6 +110,8 @@ class BeamGeometry:
         return load @ self.simulated.entries.T, np.einsum("ka,iaib,kb->ki", load, by_load, load)
 
 
+# How far a gain that nobody declared may lie from the first guess at it.
+_WIDE = 10.0
 # What nothing is known of: so many times a plausible size.
 _FREE = 1e4
 
@@ -211,3 +216,69 @@ class ReadingConditions:
     def poses(self) -> tuple[str, ...]:
         """Return names of the steps."""
         return tuple(f"run {run} step {step}" for run, step in zip(self.run.tolist(), self.step.tolist(), strict=True))
+
+
+def run_names(steps: RecordedSteps) -> NDArray:
+    """Return the names of the runs (B,) of steps."""
+    return np.array(steps.runs)[steps.run]
+
+
+def zeros_of_steps(
+    steps: RecordedSteps, seen: NDArray[np.bool_], fitted: NDArray[np.bool_], typical: NDArray, tared: float | None
+) -> Zeros:
+    """Return the zeros of runs, as uncertain as their starts show; those of signals are free, unless runs were tared.
+
+    seen (B, K) at steps that may be fitted to (B,); typical (K,) noise of a channel, SI; tared: one standard deviation
+    of a signal's zero, V.
+    """
+    found = zeros_of(run_names(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
+    noise = typical[: len(CHANNELS)]
+    spread = zeros_of_runs(steps, steps.reading, noise).spread(noise)
+    place = {label: number for number, label in enumerate(np.array(steps.runs).tolist())}
+    own = np.flatnonzero(found.channel < len(CHANNELS))
+    sigma = found.sigma.copy()
+    sigma[own] = spread[[place[label] for label in found.run[own].tolist()], found.channel[own]]
+    found = replace(found, sigma=sigma)
+    if tared is None:
+        return found
+    signal = found.channel >= len(CHANNELS)
+    return replace(found, sigma=np.where(signal, tared, found.sigma), known=found.known | signal)
+
+
+def gains_of_steps(
+    sensor: UncertainSensor,
+    steps: RecordedSteps,
+    seen: NDArray[np.bool_],
+    declared: NDArray | None,
+    tolerance: float | None,
+) -> SignalGains:
+    """Return what is known of the signals' gains: by leg where there is a channel for each, else by load.
+
+    seen (B, S) signals at steps that may be fitted to; declared () or (S,) gains, V/N, with their relative tolerance.
+    """
+    count = seen.shape[1]
+    if not seen.any():
+        return SignalGains.none() if not count else SignalGains(np.zeros((count, 6)), np.ones((count, 6)), False)
+    if sensor.joints is None or count != len(LOADS):
+        rows = np.stack([_slopes(steps.load, steps.signal[:, j], steps.run, seen[:, j]) for j in range(count)])
+        return SignalGains(rows, _wide(rows, axis=1), False)
+    if declared is not None:
+        gains = np.broadcast_to(declared, (count,)).copy()
+        return SignalGains(gains, np.abs(gains) * max(tolerance or 0.0, 1e-6), True)
+    columns = np.linalg.solve(influence_matrix(sensor.joints), steps.load.T).T[..., None]
+    own = [_slopes(columns[:, j], steps.signal[:, j], steps.run, seen[:, j])[0] for j in range(count)]
+    gains = np.array(own)
+    return SignalGains(gains, _wide(gains), False)
+
+
+def _wide(values: NDArray, axis: int | None = None) -> NDArray:
+    size = np.abs(values).max(axis=axis, keepdims=axis is not None)
+    return np.broadcast_to(_WIDE * np.where(size > 0.0, size, 1.0), values.shape).copy()
+
+
+def _slopes(columns: NDArray, values: NDArray, run: NDArray[np.int64], seen: NDArray[np.bool_]) -> NDArray:
+    """Slopes (W,) of values (B,) along columns (B, W), each run with a zero of its own."""
+    at = np.unique(run[seen], return_inverse=True)[1]
+    zeros = np.eye(int(at.max()) + 1)[at] if seen.any() else np.zeros((0, 0))
+    whole = np.hstack([columns[seen], zeros])
+    return np.asarray(np.linalg.lstsq(whole, values[seen], rcond=None)[0][: columns.shape[1]])

@@ -56,6 +56,18 @@ class BodyConditions(Conditions):
     t: NDArray = field(default_factory=lambda: np.empty((0, 0, 3)))
     level: NDArray = field(default_factory=lambda: np.empty((0, 0), int))
 
+    def chosen(self, rows: NDArray[np.bool_]) -> Self:
+        """Return the conditions at some poses (mask B)."""
+        return replace(
+            self,
+            readings=self.readings[rows],
+            covariates={name: values[rows] for name, values in self.covariates.items()},
+            poses=tuple(pose for pose, kept in zip(self.poses, rows, strict=True) if kept),
+            R=self.R[rows],
+            t=self.t[rows],
+            level=self.level[rows],
+        )
+
 
 @dataclass(frozen=True)
 class KnownBodies:

@@ -14,6 +14,7 @@ from truing.estimation.sensor.load_table import load_table
 from truing.simulation.bench.causes.reading_causes import BenchScene, ReadingCause, is_signal
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
+from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 
 Row = tuple[int | str, int | str]
@@ -103,6 +104,7 @@ def _place(steps: LoadSteps, row: Row) -> int | None:
 
 # Different loads for each column that they are predicted from: fewer follow any signals.
 _LOADS_PER_COLUMN = 2
+_NORMAL_MEDIAN = 0.6745
 
 
 def exchanged_rows(steps: RecordedSteps, rows: NDArray[np.bool_]) -> tuple[RowsExchanged, ...]:
@@ -132,3 +134,45 @@ def put_right(steps: RecordedSteps, exchanges: Sequence[RowsExchanged]) -> Recor
         places = [LOADS.index(name) for name in one.components]
         load[np.ix_(rows, places)] = load[np.ix_(rows[::-1], places)]
     return replace(steps, load=load)
+
+
+def told_by_readings(
+    exchanged: tuple[RowsExchanged, ...], steps: RecordedSteps, sensor: UncertainSensor
+) -> tuple[RowsExchanged, ...]:
+    """Return the exchanges, those of signals alone where readings at the two steps agree with the loads as noted."""
+    plain = np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)
+    compliance = sensor.at(*plain).compliance
+    return tuple(
+        one if _moved_so(one, steps, compliance) else SignalsExchanged(one.rows, one.components) for one in exchanged
+    )
+
+
+def _moved_so(one: RowsExchanged, steps: RecordedSteps, compliance: NDArray) -> bool:
+    """Return whether the platform moved under the exchanged loads; so it is taken to have where no channel tells."""
+    names: list[Row] = [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
+    rows = [names.index(row) for row in one.rows]
+    motion, other = (loads[rows] @ compliance.T for loads in (steps.load, put_right(steps, (one,)).load))
+    size = np.maximum(np.abs(motion), np.abs(other)).max(0)
+    misses = [(steps.reading[rows] - expected) / np.where(size > 0.0, size, 1.0) for expected in (motion, other)]
+    return bool(np.nansum(misses[1] ** 2) <= np.nansum(misses[0] ** 2))
+
+
+def scatter_of_signals(steps: RecordedSteps, rows: NDArray[np.bool_], exchanged: tuple[RowsExchanged, ...]) -> NDArray:
+    """Return the scatter (S,), V, of signals about a linear response to the loads with a zero in each run.
+
+    Rows whose loads were exchanged do not count; NaN where there are too few rows for it.
+    """
+    wrong = {row for one in exchanged for row in one.rows}
+    own = np.array([(steps.runs[run], int(step)) not in wrong for run, step in zip(steps.run, steps.step, strict=True)])
+    rows = rows & own & np.isfinite(steps.signal).all(1)
+    if not rows.any():
+        return np.full(steps.signal.shape[1], np.nan)
+    zero = steps.run[rows, None] == np.unique(steps.run[rows])
+    columns = np.hstack([steps.load[rows], zero])
+    values, _, rank, _ = np.linalg.lstsq(columns, steps.signal[rows], rcond=None)
+    freedom = int(rows.sum()) - int(rank)
+    if freedom <= 0:
+        return np.full(steps.signal.shape[1], np.nan)
+    left = np.abs(steps.signal[rows] - columns @ values)
+    spread = np.median(left, 0) / _NORMAL_MEDIAN * np.sqrt(rows.sum() / freedom)
+    return np.where(spread > 0.0, spread, np.nan)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.labels.exchanges import Exchange
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.inference.model import ChannelCandidates
 from truing.simulation.cause import Parameter, ReportedParameter, Step
@@ -254,3 +255,21 @@ def rigid_patterns(markers: Sequence[Sequence[int]], places: NDArray) -> tuple[N
         patterns[number, : len(own), :, :3] = np.eye(3)
         patterns[number, : len(own), :, 3:] = -skew(arms) / radius
     return corners, patterns
+
+
+def swapped_targets(
+    body: str, targets: Sequence[str], poses: Sequence[int | str], order: NDArray, found: Sequence[Exchange]
+) -> list[TargetsSwapped]:
+    """Return one cause per pair of targets that bear each other's label, with all poses in which they do."""
+    rows: dict[tuple[int, int], list[int]] = {}
+    for one in found:
+        rows.setdefault((one.first, one.second), []).append(one.pose)
+    return [
+        TargetsSwapped(
+            body,
+            (targets[first], targets[second]),
+            tuple(poses[row] for row in own),
+            tuple(float(order[row]) for row in own),
+        )
+        for (first, second), own in rows.items()
+    ]

@@ -1,19 +1,24 @@
-"""The rows of cause_uncertainty.parquet: where the uncertainty of every number that was found comes from."""
+"""What a diagnosis leaves of causes: the smallest sizes it would have shown, and what numbers owe to which source."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import pyarrow as pa
 
+from truing.inference.detectable import POWER, Sight, sight, sights
 from truing.inference.linear_problem import EARLIER, INPUTS, OBSERVATIONS, PLAUSIBLE, WIDE
+from truing.report.diagnosis.findings import detectable_words as in_words
+from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.detection_trials import told_size
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from truing.inference.fitted_model import FittedModel
     from truing.inference.linear_problem import Contribution
+    from truing.inference.search import Search
     from truing.inference.selection import Diagnosis
     from truing.simulation.cause import Cause
 
@@ -49,8 +54,55 @@ _MEASURED = {
     "encoder": "readings of the encoders",
     "rays of": "rays of photographs",
 }
+# What was measured, by what a model calls one channel.
+_MEASURED = {
+    "target": "measured points",
+    "channel": "readings and signals",
+    "encoder": "readings of the encoders",
+    "rays of": "rays of photographs",
+}
 # Noise is of its declared size unless what was measured shows it to be larger by this much.
 _LARGER = 1.01
+
+
+def detectable_table(search: Search, level: float, legs: int) -> pa.Table:
+    """Rows per cause, subject and parameter; ``search`` is the one in which nothing was left to be found."""
+    found: dict[tuple[str, ...], dict[str, Any]] = {}
+    for own in sorted(sights(search, level), key=lambda s: len(s.cause.parameters(legs))):
+        row = _row(own, legs)
+        found.setdefault((row["cause"], row["subject"], row["parameter"], row["unit"]), row)
+    return pa.Table.from_pylist(_ordered(found.values()), schema=ARTIFACTS["detectable"].arrow_schema())
+
+
+def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: int) -> dict[str, str]:
+    """By a cause's key, the size that would have been found, in words; nothing of those that have no one size."""
+    words = {}
+    for cause in causes:
+        own = sight(search, cause, level)
+        if own is not None and cause.catalogued and (smallest := own.smallest()) is not None:
+            size = told_size(cause, smallest, legs)
+            words[cause.key] = in_words(size.parameter, size.value, size.unit)
+    return words
+
+
+def _row(own: Sight, legs: int) -> dict[str, Any]:
+    smallest = own.smallest()
+    size = told_size(cast("Cause", own.cause), 1.0 if smallest is None else smallest, legs)
+    return {
+        "cause": own.kind,
+        "subject": own.cause.subject,
+        "parameter": size.parameter,
+        "size": None if smallest is None else size.value,
+        "unit": size.unit,
+        "power": POWER,
+    }
+
+
+def _ordered(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Causes as they come, the whole before single subjects."""
+    listed = list(rows)
+    causes = list(dict.fromkeys(row["cause"] for row in listed))
+    return sorted(listed, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))
 
 
 def uncertainty_table(diagnosis: Diagnosis, legs: int) -> pa.Table:

@@ -1,15 +1,25 @@
-"""In which unit, and over which of what was measured, a verdict's numbers are told."""
+"""What a diagnosis compares, what its instrument leaves of it, and in which unit its numbers are told."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.effects_model import EffectsModel
+
 if TYPE_CHECKING:
+    from truing.inference.observations import Epochs
     from truing.inference.prediction import NoiseFloor, PredictionError
+    from truing.inference.selection import Diagnosis
+    from truing.report.wordings.claim import Advice
+    from truing.schemas.campaign import Campaign
+    from truing.simulation.cause import Cause
+
+M = TypeVar("M", bound=EffectsModel, covariant=True)
 
 # A channel is concerned where an effect moves it by this share of what it moves the most, in units of the noise.
 _CONCERNED = 0.2
@@ -22,8 +32,9 @@ _SCATTER = "Hold one load and read every channel ten times over: the scatter is 
 class Shown:
     """Root mean squares over some targets (all of them: every coordinate of every point), in a unit of so much SI.
 
-    In words: ``fitted`` is what was fitted to, ``held_out`` what was not, ``drive`` what predictions are made from,
-    ``scatter`` how to see the noise by itself.
+    In words: ``what`` was measured, ``epoch`` where, ``fitted`` is what was fitted to, ``held_out`` what was not,
+    ``drive`` what predictions are made from, ``scatter`` how to see the noise by itself. ``is_length``: whether an
+    effect moves anything by a length or an angle.
     """
 
     unit: str = "um"
@@ -33,6 +44,9 @@ class Shown:
     held_out: str = "held-out poses"
     drive: str = "the readings"
     scatter: str = "Measure one pose ten times over without moving anything: the scatter is the true noise."
+    what: str = "point"
+    epoch: str = "pose"
+    is_length: bool = True
 
     def rms(self, error: PredictionError | None) -> float | None:
         """The root mean square of an error, None where nothing of it was seen."""
@@ -44,12 +58,34 @@ class Shown:
         return floor.rms_of(self.targets) / self.si
 
     def largest_motion(self, before: PredictionError, after: PredictionError) -> float | None:
-        """How far an effect moves any one prediction."""
+        """How far an effect moves any one prediction; None where that is no length."""
+        if not self.is_length:
+            return None
         moved = np.where(before.seen[..., None], after.gap - before.gap, 0.0)[:, self.targets]
         return float(np.sqrt(np.max(np.sum(moved**2, -1)))) / self.si
 
+    def concerned(self, before: PredictionError, after: PredictionError) -> Shown:
+        """How to tell of an effect: as of everything."""
+        return self
+
+    def only(self, target: int) -> Shown:
+        """How to tell of one target: as of everything."""
+        return self
+
+    def whole(self, error: PredictionError) -> Shown:
+        """How to tell of everything."""
+        return self
+
 
 POINTS = Shown()
+# Of rays, in units of their own noise; how far points move is told elsewhere.
+RAYS = Shown(
+    "sigma",
+    1.0,
+    drive="what all poses should share",
+    scatter="Photograph one pose ten times over without moving anything, and adjust each by itself.",
+    is_length=False,
+)
 
 
 @dataclass(frozen=True)
@@ -67,6 +103,7 @@ class Channels:
     held_out: str = "held-out runs"
     drive: str = "the loads"
     scatter: str = _SCATTER
+    what: str = "reading"
 
     def concerned(self, before: PredictionError, after: PredictionError) -> Shown:
         """How to tell of an effect: over the channels that it moves, of one unit; signals where it moves no reading."""
@@ -93,4 +130,30 @@ class Channels:
         if total[self.units[0]] * _RATHER**2 >= total[unit]:
             unit = self.units[0]
         own = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
-        return Shown(unit, float(self.si[own[0]]), own, self.fitted, self.held_out, self.drive, self.scatter)
+        words = (self.fitted, self.held_out, self.drive, self.scatter, self.what, self.epoch)
+        return Shown(unit, float(self.si[own[0]]), own, *words)
+
+
+@dataclass(frozen=True)
+class Left:
+    """What an instrument leaves: tables and text by artifact, None where not; by a cause's key what to measure next."""
+
+    artifacts: Mapping[str, Any]
+    advice: Mapping[str, Advice] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Gathered(Generic[M]):
+    """Measured values by role, the model of the plain simulation, and what was left out, in words.
+
+    ``leaves`` is what its instrument leaves beside what all do.
+    """
+
+    model: M
+    calibration: Epochs
+    held_out: Epochs | None
+    left_out: str
+    leaves: Callable[[Diagnosis, Gathered[Any], Campaign], Left]
+    given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
+    shown: Shown | Channels = POINTS
+    framing: int | None = None  # platform targets that sit on no attachment; None where there is no mechanism

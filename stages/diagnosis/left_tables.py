@@ -1,0 +1,148 @@
+"""Tables that a diagnosis leaves, by what they hold: what predictions miss, pulls, values that were taken out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from truing.inference.pulls import Pulls, pulls
+from truing.inference.screening import least_gross
+from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.mechanisms.extended_model import IdentifiedGeometry, identified_geometry
+from truing.simulation.mechanisms.model import PointModel
+from truing.stages.common.rows import Rows
+from truing.stages.common.why_not import HELD_OUT
+
+if TYPE_CHECKING:
+    from truing.inference.fitted_model import FittedModel, ScreenedValue
+    from truing.inference.prediction import PredictionError
+    from truing.inference.selection import Diagnosis
+    from truing.stages.diagnosis.gathered import Gathered
+
+_GROSS = "gross error: its residual is far outside those of its target"
+_UM = 1e6
+
+PullName = tuple[int | None, str]  # the leg, None for all, and the parameter
+
+
+def errors_by_role(diagnosis: Diagnosis) -> Iterator[tuple[str, PredictionError, PredictionError]]:
+    """Yield the role of epochs, and what predictions miss of them without and with what was found."""
+    plain, final = diagnosis.plain, diagnosis.final
+    yield "calibration", plain.error, final.error
+    if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
+        yield HELD_OUT, plain.held_out, final.held_out
+
+
+def identified_table(artifact: str, rows: list[dict[str, Any]], key: str, present: Sequence[str] = ()) -> pa.Table:
+    """Rows as an artifact's table, whose identifiers, in the column ``key``, are integers or text."""
+    identifier = "int64" if all(isinstance(row[key], int) for row in rows) else "string"
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS[artifact].arrow_schema(identifier, present=tuple(present)))
+
+
+def prediction_table(diagnosis: Diagnosis, gathered: Gathered[Any]) -> pa.Table:
+    """Rows of prediction.parquet: every pose without and with what was found."""
+    poses = {"calibration": gathered.calibration.conditions.poses}
+    poses |= {} if gathered.held_out is None else {HELD_OUT: gathered.held_out.conditions.poses}
+    rows: list[dict[str, Any]] = []
+    for role, before, after in errors_by_role(diagnosis):
+        columns = {
+            "rms_before": before.rms_by_epoch,
+            "rms_after": after.rms_by_epoch,
+            "largest_before": before.largest_by_epoch,
+            "largest_after": after.largest_by_epoch,
+        }
+        rows += [
+            {"pose": pose, "role": role, "unit": "um", **{name: float(v[b]) * _UM for name, v in columns.items()}}
+            for b, pose in enumerate(poses[role])
+        ]
+    return identified_table("prediction", rows, "pose")
+
+
+def left_out_table(diagnosis: Diagnosis, gathered: Gathered[Any]) -> pa.Table:
+    """Rows of diagnosis_left_out.parquet: what was taken out as a gross error, of which there is something."""
+    rows = [
+        {
+            **_place(one, gathered),
+            "subject": _subject(one, diagnosis),
+            "reason": _GROSS,
+            "value": one.length,
+            "limit": least_gross(diagnosis.final.measured.size),
+            "unit": "sigma",
+        }
+        for one in diagnosis.screened
+    ]
+    where = [name for name in ("pose", "run", "step") if name in rows[0]]
+    return identified_table("diagnosis_left_out", rows, where[0], where)
+
+
+def _place(one: ScreenedValue, gathered: Gathered[Any]) -> dict[str, Any]:
+    """The pose, or the run and step, by name."""
+    poses = gathered.held_out if one.held_out else gathered.calibration
+    conditions: Any = poses.conditions if poses is not None else None
+    if not hasattr(conditions, "run"):
+        return {"pose": conditions.poses[one.row]}
+    return {"run": plain_number(conditions.run[one.row]), "step": int(conditions.step[one.row])}
+
+
+def plain_number(name: Any) -> Any:
+    """A name out of an array as Python has it."""
+    return name.item() if hasattr(name, "item") else name
+
+
+def _subject(one: ScreenedValue, diagnosis: Diagnosis) -> str:
+    """Body and target, or the channel."""
+    model = diagnosis.final.model
+    name = model.channel_names[one.channel]
+    return f"{model.channel_kinds[one.channel]} {name}" if len(model.channel_kinds) > one.channel else name
+
+
+def pull_tables(before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
+    """pulls.parquet and pull_sums.parquet; without rows where no tolerance says where the geometry belongs.
+
+    Shifts are counted from nominal, also where the campaign starts from an earlier one: what that knew is data.
+    """
+    geometries = [_geometry(one) for one in (before, after)]
+    kept = zip(geometries[1].parameters, geometries[1].known, strict=True)
+    names: list[PullName] = [(entry.leg + 1, entry.name) for entry, known in kept if known]
+    return _pull_tables(names, *map(_pulls_of_geometry, geometries))
+
+
+def _geometry(fitted: FittedModel) -> IdentifiedGeometry:
+    assert isinstance(fitted.model, PointModel)
+    return identified_geometry(fitted.model, fitted.fit.shared, fitted.covariance())
+
+
+def _pulls_of_geometry(geometry: IdentifiedGeometry) -> Pulls:
+    own = np.flatnonzero(geometry.known)
+    shift = (geometry.values - geometry.nominal)[own]
+    return pulls(shift, geometry.prior[np.ix_(own, own)], geometry.covariance[np.ix_(own, own)])
+
+
+def sensor_pull_tables(names: list[PullName], before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
+    """The same of a sensor's geometry and stiffness, whose unknowns are these."""
+    return _pull_tables(names, *map(_pulls_of_sensor, (before, after)))
+
+
+def _pulls_of_sensor(fitted: FittedModel) -> Pulls:
+    own: NDArray[np.int64] = np.r_[fitted.model.layout["geometry"], fitted.model.layout["stiffness"]]
+    return pulls(fitted.fit.shared[own], np.eye(len(own)), fitted.covariance()[np.ix_(own, own)])
+
+
+def _pull_tables(names: list[PullName], before: Pulls, after: Pulls) -> dict[str, pa.Table]:
+    rows, sums = Rows("pulls"), Rows("pull_sums")
+    if names:
+        rows.add(
+            leg=[leg for leg, _ in names],
+            parameter=[name for _, name in names],
+            pull_before=before.pull,
+            pull_after=after.pull,
+            identifiable=after.identifiable,
+        )
+        for model, one in (("plain", before), ("extended", after)):
+            band = {"lower": one.lower, "upper": one.upper, "p_value": one.p_value}
+            sums.add(model=model, chi_square=one.chi_square, freedom=one.freedom, **band)
+    return {"pulls": rows.table(), "pull_sums": sums.table()}

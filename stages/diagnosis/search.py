@@ -1,0 +1,114 @@
+"""The search for causes in a campaign: what is compared, which causes are looked for, how sure a finding must be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+
+from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.simulation.catalogue import (
+    OF_TYPES,
+    catalogue,
+    catalogue_of_bodies,
+    catalogue_of_rays,
+    catalogue_of_readings,
+    of_photographed_points,
+)
+from truing.simulation.cause import Cause
+from truing.stages.common.registered import registered
+from truing.stages.common.why_not import NO_POINTS_TO_DIAGNOSE
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+    from truing.stages.declaration import Progress
+    from truing.stages.diagnosis.gathered import Gathered
+
+# What assembles the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
+_OF_TYPES = {"axis": "truing.stages.diagnosis.axis_points"}
+# Simulated residual vectors, and as many sign-flipped ones, that the search is held against.
+DRAWS = 400
+# Of the probability of any false finding in a campaign, what rays may take of it; the rest is left to points.
+SHARE_OF_RAYS = 1.0 / 3.0
+
+
+def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Any]:
+    """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
+    if "observations" in tables and not tables["observations"].num_rows:
+        raise ValueError(NO_POINTS_TO_DIAGNOSE)
+    if (own := registered(_OF_TYPES, settings)) is not None:
+        gathered: Gathered[Any] = own.gather(tables, settings)
+        return gathered
+    if settings.mechanism.is_legged:
+        from truing.stages.diagnosis.mechanism_points import gather
+
+        return _started(gather(tables, settings), tables, settings)
+    if settings.campaign.kind == "interferometer":
+        from truing.stages.diagnosis.reading_points import gather_readings
+
+        return _started(gather_readings(tables, settings), tables, settings)
+    from truing.stages.diagnosis.body_points import gather_bodies
+
+    return gather_bodies(tables, settings)
+
+
+def _started(gathered: Gathered[Any], tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Any]:
+    """What is compared, with what the model tells that the campaign starts from."""
+    if "start" not in tables:
+        return gathered
+    from truing.stages.diagnosis.earlier_campaign import started
+
+    return started(gathered, str(tables["start"]), settings.diagnosis.seed)
+
+
+def kinds_of(settings: Campaign, *, photographed: bool = False) -> dict[str, Cause]:
+    """The causes that a campaign's instrument and mechanism know, by id."""
+    if settings.mechanism.type in OF_TYPES:
+        return OF_TYPES[settings.mechanism.type]()
+    if settings.campaign.kind == "interferometer":
+        return catalogue_of_readings()
+    own = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
+    return own | of_photographed_points() if photographed else own
+
+
+def rule_of(settings: Campaign) -> Settings:
+    """How sure a finding must be in a campaign."""
+    return Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
+
+
+def rule_of_rays(rule: Settings) -> Settings:
+    """How sure a finding of rays must be, by the rule of the whole campaign."""
+    return replace(rule, false_alarm=SHARE_OF_RAYS * rule.false_alarm)
+
+
+def rule_beside_rays(rule: Settings) -> Settings:
+    """How sure a finding of points must be where their rays are judged as well."""
+    return replace(rule, false_alarm=(1.0 - SHARE_OF_RAYS) * rule.false_alarm)
+
+
+def decided(gathered: Gathered[Any], settings: Campaign, progress: Progress) -> Diagnosis:
+    """All that the search over the catalogue decides."""
+    photographed, rule = bool(gathered.model.scene.photographed), rule_of(settings)
+    kinds = list(kinds_of(settings, photographed=photographed).values())
+    return _searched(gathered, rule_beside_rays(rule) if photographed else rule, kinds, progress)
+
+
+def decided_of_rays(gathered: Gathered[Any], rule: Settings, progress: Progress) -> Diagnosis:
+    """All that the search for causes of rays decides; ``rule`` is the whole campaign's."""
+    return _searched(gathered, rule_of_rays(rule), list(catalogue_of_rays().values()), progress, "rays: ")
+
+
+def _searched(
+    gathered: Gathered[Any], rule: Settings, kinds: Sequence[Cause], progress: Progress, of: str = ""
+) -> Diagnosis:
+    search = Acceptance(
+        gathered.model,
+        gathered.calibration,
+        gathered.held_out,
+        rule,
+        lambda what: progress(0, 1, f"{of}{what}"),
+        gathered.given,
+    )
+    return search.run(kinds)

@@ -1,0 +1,71 @@
+"""Points whose errors are shared, by all poses or by those of one pose: and what each has of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.bundle.network import Array
+from truing.estimation.bundle.ray_statistics import shared_errors
+from truing.estimation.rigid_poses.points import PointErrors
+from truing.inference.observations import Epochs
+
+# Common errors that move points by less, rms, are none; m.
+_LEAST_EFFECT = 1e-8
+# What is left of a point's own covariance, at least, once errors common to all poses are taken off.
+_LEAST_OWN = 0.05
+# Patterns in which the points of a pose err together (its scale, ..), and points that can have any.
+MOST_PATTERNS, _FEWEST_POINTS = 6, 4
+
+
+def with_shared_errors(poses: Epochs, rows: NDArray[np.int64], common: Array, errors: PointErrors | None) -> Epochs:
+    """Return poses whose points share errors, as conditions of theirs, and not in the covariance of single points.
+
+    rows (B, K): which of N points each is, -1 for none; common (N, 3, Q), m per standard deviation, errors that all
+    poses share; ``errors`` correlates the points of each pose.
+    """
+    measured, conditions = poses.measured, poses.conditions
+    known = (rows >= 0)[..., None, None]
+    shared = np.where(known, common[rows], 0.0)
+    own = measured.covariance - shared @ np.swapaxes(shared, -1, -2)
+    of_pose = None
+    if errors is not None:
+        of_pose = np.zeros((*rows.shape, 3, MOST_PATTERNS))
+        for pose, of_points in enumerate(rows):
+            seen = np.flatnonzero(of_points >= 0)
+            if len(seen) < _FEWEST_POINTS:
+                continue
+            by_common = shared[pose, seen].reshape(3 * len(seen), -1)
+            covariance = errors.covariance(of_points[seen]) - by_common @ by_common.T
+            found = shared_errors(covariance, measured.values[pose, seen], MOST_PATTERNS)
+            of_pose[pose, seen, :, : found.patterns.shape[-1]] = found.patterns
+            own[pose, seen] = found.own
+    turned = np.swapaxes(poses.frames.R, 1, 2)[:, None]
+    return replace(
+        poses,
+        measured=replace(measured, covariance=_held(own, measured.covariance, measured.seen)),
+        conditions=replace(
+            conditions,
+            common_errors=turned @ shared,
+            pose_errors=None if of_pose is None else turned @ of_pose,
+        ),
+    )
+
+
+def _held(own: Array, whole: Array, seen: NDArray[np.bool_]) -> Array:
+    """Return covariances (B, K, 3, 3) of points by themselves, no less than a share of the whole in any direction."""
+    factor = np.linalg.cholesky(np.where(seen[..., None, None], whole, np.eye(3)))
+    inverse = np.linalg.inv(factor)
+    values, vectors = np.linalg.eigh(inverse @ own @ np.swapaxes(inverse, -1, -2))
+    spread = factor @ vectors * np.sqrt(np.maximum(values, _LEAST_OWN))[..., None, :]
+    return np.where(seen[..., None, None], spread @ np.swapaxes(spread, -1, -2), whole)
+
+
+def independent_errors(by_shared: Array) -> Array:
+    """Return the independent combinations (N, 3, Q), m, of common errors (N, 3, G) that move points enough."""
+    rows = by_shared.reshape(-1, by_shared.shape[-1])
+    values, vectors = np.linalg.eigh(rows.T @ rows)
+    kept = values > _LEAST_EFFECT**2 * max(len(rows), 1)
+    return np.asarray(by_shared @ vectors[:, kept])

@@ -1,0 +1,104 @@
+"""Targets of a legged mechanism as they were surveyed and measured, and how its legs carry them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.inference.observations import Epochs, Frames, Observations
+from truing.simulation.mechanisms.causes.targets import TargetsSwapped
+from truing.simulation.mechanisms.extended_model import some_of
+from truing.simulation.mechanisms.legs.closures import Legs
+from truing.simulation.mechanisms.model import nominal_leg_frames
+from truing.simulation.mechanisms.recording import Conditions
+from truing.simulation.targets import LEG, Targets
+
+_FEWEST_TARGETS = 3
+
+
+@dataclass(frozen=True)
+class MeasuredTargets:
+    """All bodies' targets one after the other, m, and the labels that were exchanged among them."""
+
+    targets: Targets
+    shape: NDArray  # (K, 3)
+    shape_cov: NDArray  # (K, 3, 3)
+    points: NDArray  # (B, K, 3)
+    cov: NDArray  # (B, K, 3, 3)
+    seen: NDArray  # (B, K)
+    swapped: tuple[TargetsSwapped, ...]
+
+    def some(self, kept: NDArray) -> MeasuredTargets:
+        """Return some of the targets (mask K)."""
+        own = self.targets
+        names = [tuple(np.array(values, object)[kept]) for values in (own.names, own.bodies)]
+        targets = Targets(own.body[kept], own.leg[kept], names[0], names[1])
+        return MeasuredTargets(
+            targets,
+            self.shape[kept],
+            self.shape_cov[kept],
+            self.points[:, kept],
+            self.cov[:, kept],
+            self.seen[:, kept],
+            tuple(cause for cause in self.swapped if cause.body in targets.bodies),
+        )
+
+    def epochs(self, conditions: Conditions, frames: Frames, rows: NDArray) -> Epochs:
+        """Return what was measured at some poses (mask B)."""
+        measured = Observations(self.points[rows], self.cov[rows], self.seen[rows])
+        return Epochs(measured, some_of(conditions, rows), Frames(frames.R[rows], frames.t[rows]))
+
+
+@dataclass(frozen=True)
+class SeatedLegs:
+    """The legs (R,) that carry targets of their own, and by leg how its survey sits on it when it is upright.
+
+    rotation (L, 3, 3) and seat (L, 3), m, are a start. ``dropped`` says in words which targets on legs tell nothing.
+    """
+
+    legs: NDArray
+    rotation: NDArray
+    seat: NDArray
+    dropped: list[str]
+
+    def carry(self, targets: Targets) -> NDArray:
+        """Return which targets (K,) sit on one of them, or on no leg."""
+        return np.asarray((targets.body != LEG) | np.isin(targets.leg, self.legs))
+
+
+def seated_legs(
+    legs: Legs, measured: MeasuredTargets, readings: NDArray, frames: Frames, fitted: NDArray
+) -> SeatedLegs:
+    """Seat the legs by their targets at readings (B, L), m, in poses that may be fitted to (B,); frames of the base."""
+    seats = _leg_motions(legs, measured, frames, fitted)
+    carrying = {int(leg) for leg in measured.targets.leg[measured.targets.body == LEG]}
+    ridden = [leg for leg in seats if legs.closure.one_body]
+    dropped = [f"targets of leg{leg + 1} (fewer than three seen together off a line)" for leg in carrying - set(seats)]
+    dropped += ["targets on legs, which are not one rigid body each"] if len(seats) > len(ridden) else []
+    rotation, seat = np.tile(np.eye(3), (legs.count, 1, 1)), np.zeros((legs.count, 3))
+    for leg in ridden:
+        pose, R, t = seats[leg]
+        frame = nominal_leg_frames(legs, readings[pose][None])
+        rotation[leg] = frame.rotation[0, leg].T @ R
+        seat[leg] = frame.rotation[0, leg].T @ (t - frame.origin[0, leg])
+    return SeatedLegs(np.array(ridden, int), rotation, seat, dropped)
+
+
+def _leg_motions(
+    legs: Legs, measured: MeasuredTargets, frames: Frames, fitted: NDArray
+) -> dict[int, tuple[int, NDArray, NDArray]]:
+    """Return, by leg, its best measured pose and the motion from its survey to the base there."""
+    in_base = (measured.points - np.nan_to_num(frames.t)[:, None]) @ frames.R
+    found = {}
+    for leg in range(legs.count):
+        own = (measured.targets.body == LEG) & (measured.targets.leg == leg)
+        if own.sum() < _FEWEST_TARGETS:
+            continue
+        fit = umeyama(measured.shape[own], in_base[:, own], (measured.seen[:, own] & fitted[:, None]).astype(float))
+        best = int(np.argmax(np.where(fit.ok, fit.n_used - np.nan_to_num(fit.rms), -1.0)))
+        if fit.ok[best]:
+            found[leg] = best, fit.R[best], fit.t[best]
+    return found
