@@ -129,11 +129,13 @@ def _to_be_drawn(campaign: CampaignFolder) -> Iterator[None]:
 def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:
     """Survey and configurations and, where there are points, observations and poses; raises CampaignFaults."""
     from truing.formats.source import CampaignFiles
+    from truing.stages.common.why_not import NO_DRAWING
 
     if settings.campaign.kind == "interferometer":
         return bench_tables(campaign, settings)[0]
     if not settings.mechanism.is_legged:
         expected = "a mechanism of legs, whose points can be simulated (bodies without one cannot be drawn yet)"
+        expected += NO_DRAWING.get(settings.mechanism.type, "")
         fault = Fault(str(campaign.file), expected, column="mechanism.type", value=settings.mechanism.type)
         raise CampaignFaults([fault])
     source = CampaignFiles(campaign.folder, settings)

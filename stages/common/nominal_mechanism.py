@@ -15,6 +15,7 @@ from truing.simulation.mechanisms.legs.kinematics import unit
 from truing.simulation.mechanisms.structures.beams import section
 from truing.simulation.mechanisms.structures.structure import Machine, Section
 from truing.stages.common.point_arrays import pose_vectors
+from truing.stages.common.why_not import NO_CHOICE
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -75,6 +76,7 @@ def plain_machine(settings: Campaign) -> Machine:
     section = settings.mechanism
     if not section.is_legged:
         expected = "a mechanism whose configurations can be chosen: legs and actuators, photogrammetry"
+        expected += NO_CHOICE.get(section.type, "")
         raise CampaignFaults([Fault(FILE, expected, column="mechanism.type", value=section.type)])
     legs = nominal_legs(cast("LeggedMechanism", section))
     if legs.count < 6:

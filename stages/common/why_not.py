@@ -14,6 +14,9 @@ _LEAST_LEGS = 6  # fewer leave the platform free
 # Why mechanisms without bodies have neither poses nor deformation, and what tells their numbers instead; by type.
 NO_BODIES = {"axis": "an axis has rows of readings, and no bodies with targets"}
 NO_CALIBRATION = {"axis": "factors, lost motion and zeros of an axis are told by the diagnosis"}
+# What such a mechanism lacks where configurations are to be chosen, or campaigns to be drawn again; by type.
+NO_CHOICE = {"axis": "; an axis has commands, and no poses of legs to choose"}
+NO_DRAWING = {"axis": "; rows of an axis have no points, and are not drawn again yet"}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
 NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and poses or scans have none"
 NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"

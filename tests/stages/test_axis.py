@@ -247,8 +247,10 @@ def test_other_commands_take_an_axis_or_say_why_not(run: Path, tmp_path: Path) -
     assert parsed_toml((tmp_path / "exported" / "controller.toml").read_text(encoding="utf-8"))["effects"]
     code, said = _truing("design", str(run.parent / "campaign"), "--poses", "3")
     assert (code, "column mechanism.type: found 'axis'" in said) == (2, True)
+    assert "an axis has commands, and no poses of legs to choose" in said
     code, said = _truing("power", str(run.parent / "campaign"))
     assert (code, "column mechanism.type: found 'axis'" in said) == (2, True)
+    assert "rows of an axis have no points, and are not drawn again yet" in said
 
 
 def test_a_starter_knows_an_axis_by_its_columns(tmp_path: Path) -> None:
