@@ -54,13 +54,6 @@ _MEASURED = {
     "encoder": "readings of the encoders",
     "rays of": "rays of photographs",
 }
-# What was measured, by what a model calls one channel.
-_MEASURED = {
-    "target": "measured points",
-    "channel": "readings and signals",
-    "encoder": "readings of the encoders",
-    "rays of": "rays of photographs",
-}
 # Noise is of its declared size unless what was measured shows it to be larger by this much.
 _LARGER = 1.01
 

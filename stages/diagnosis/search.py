@@ -18,6 +18,7 @@ from truing.simulation.catalogue import (
     of_photographed_points,
 )
 from truing.simulation.cause import Cause
+from truing.simulation.mechanisms.recording import RecordedModel
 from truing.stages.common.registered import registered
 from truing.stages.common.why_not import NO_POINTS_TO_DIAGNOSE
 
@@ -63,7 +64,7 @@ def _started(gathered: Gathered[Any], tables: Mapping[str, pa.Table], settings: 
     return started(gathered, str(tables["start"]), settings.diagnosis.seed)
 
 
-def kinds_of(settings: Campaign, *, photographed: bool = False) -> dict[str, Cause]:
+def kinds_of(settings: Campaign, *, photographed: bool = False) -> Mapping[str, Cause]:
     """The causes that a campaign's instrument and mechanism know, by id."""
     if settings.mechanism.type in OF_TYPES:
         return OF_TYPES[settings.mechanism.type]()
@@ -90,7 +91,8 @@ def rule_beside_rays(rule: Settings) -> Settings:
 
 def decided(gathered: Gathered[Any], settings: Campaign, progress: Progress) -> Diagnosis:
     """All that the search over the catalogue decides."""
-    photographed, rule = bool(gathered.model.scene.photographed), rule_of(settings)
+    rule = rule_of(settings)
+    photographed = isinstance(gathered.model, RecordedModel) and gathered.model.photographed is not None
     kinds = list(kinds_of(settings, photographed=photographed).values())
     return _searched(gathered, rule_beside_rays(rule) if photographed else rule, kinds, progress)
 
