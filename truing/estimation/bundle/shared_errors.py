@@ -54,7 +54,7 @@ def with_shared_errors(poses: Epochs, rows: NDArray[np.int64], common: Array, er
     )
 
 
-def _held(own: Array, whole: Array, seen: NDArray[np.bool_]) -> Array:
+def _held(own: Array, whole: NDArray[np.floating], seen: NDArray[np.bool_]) -> Array:
     """Return covariances (B, K, 3, 3) of points by themselves, no less than a share of the whole in any direction."""
     factor = np.linalg.cholesky(np.where(seen[..., None, None], whole, np.eye(3)))
     inverse = np.linalg.inv(factor)
