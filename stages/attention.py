@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from truing.report.numbers import listed
 from truing.schemas.near_names import alike
 from truing.stages.ingestion.tables import FITTED
 from truing.stages.prospects import Found
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
 
     from truing.schemas.campaign import Campaign
 
-_SHOWN = 8
 _GIVE_SCALE = {"scale_bars", "known_points", "image_targets"}
 _KEYS_OF_READINGS = {"d": "linear_um", "r": "angular_arcsec"}
 _KEYS_OF_MOTION = {"d": "displacement_mm", "r": "rotation_rad"}
@@ -94,7 +94,8 @@ def _of_scale(settings: Campaign, found: Found) -> Iterator[str]:
 def _of_undeclared_noise(settings: Campaign, found: Found) -> Iterator[str]:
     """Channels without a standard deviation: their own scatter stands in for it, and nothing tests it."""
     keys = _KEYS_OF_MOTION if "displacement" in found.given else _KEYS_OF_READINGS
-    readings, signals = (table if table is not None and table.num_rows else None for table in _measured(found))
+    measured = (found.tables.get(name) for name in ("readings", "signals"))
+    readings, signals = (table if table is not None and table.num_rows else None for table in measured)
     channels = [] if readings is None else _without_sigma(readings)
     own = {key: [channel for channel in channels if channel.startswith(kind)] for kind, key in keys.items()}
     unknown = [f"{' '.join(names)} (noise.{key})" for key, names in own.items() if names]
@@ -104,10 +105,6 @@ def _of_undeclared_noise(settings: Campaign, found: Found) -> Iterator[str]:
         unknown.append("the signals (noise.signal_mv)")
     if unknown:
         yield f"no standard deviation of {' and '.join(unknown)} is declared: {'; '.join(filter(None, (_COSTS, lost)))}"
-
-
-def _measured(found: Found) -> tuple[pa.Table | None, pa.Table | None]:
-    return found.tables.get("readings"), found.tables.get("signals")
 
 
 def _without_sigma(readings: pa.Table) -> list[str]:
@@ -144,5 +141,4 @@ def _surveyed(found: Found, body: object) -> list[object]:
 
 def _listed(what: str, names: list[str]) -> str:
     many = {"body": "bodies", "surveyed body": "surveyed bodies"}.get(what, f"{what}s")
-    shown = ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
-    return f"{what if len(names) == 1 else many} {shown}"
+    return f"{what if len(names) == 1 else many} {listed(names)}"

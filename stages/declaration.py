@@ -1,13 +1,16 @@
-"""What a stage declares about itself, and what it hands back."""
+"""What a stage declares about itself, what it hands back, and which module does its part of a type of mechanism."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
 
 Progress = Callable[[int, int, str], None]  # done, total, what is being worked on
 
@@ -42,3 +45,9 @@ class Outcome:
     def not_evaluated(cls, left: Mapping[str, pa.Table], why: str) -> Outcome:
         """The outcome of a campaign that does not hold what a stage needs; ``left``: its tables without rows."""
         return cls(left, "nothing", "nothing", f"not evaluated: {why}", why_not=why)
+
+
+def registered(modules: Mapping[str, str], settings: Campaign) -> Any:
+    """Return the module that a stage lists for the campaign's type of mechanism; None where it lists none."""
+    name = modules.get(settings.mechanism.type)
+    return None if name is None else import_module(name)

@@ -38,7 +38,7 @@ def run(
     ``each`` measures photographs, several at a time; absent: one after the other, in this process.
     """
     from truing.formats.faultlog import FaultLog
-    from truing.stages.common.words import reasons
+    from truing.report.numbers import reasons
     from truing.stages.image_tables.known_beforehand import read_known, regrouped
     from truing.stages.image_tables.measured_rays import read_rays
     from truing.stages.image_tables.photographs import read_photographs, refused_words

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from truing.stages.common.registered import registered
 from truing.stages.common.why_not import (
     HELD_OUT,
     LEAST_POSES,
@@ -23,6 +22,7 @@ from truing.stages.common.why_not import (
     why_too_few_determined,
     why_too_few_poses,
 )
+from truing.stages.declaration import registered
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -15,6 +15,7 @@ from truing.calibration.measured import Gathered
 from truing.calibration.question import Case, cases
 from truing.estimation.rotation import log_so3
 from truing.report.numbers import count as counted
+from truing.report.numbers import listed
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.legs.kinematics import inverse, reaches
 from truing.simulation.mechanisms.structures.catalogue import structures
@@ -32,7 +33,6 @@ from truing.stages.calibration.model_rows import (
 from truing.stages.common.calibration_data import gather
 from truing.stages.common.rows import Rows
 from truing.stages.common.why_not import HELD_OUT, why_no_calibration, why_too_few_poses
-from truing.stages.common.words import listed
 from truing.stages.declaration import Outcome, Progress
 
 if TYPE_CHECKING:

@@ -67,11 +67,8 @@ def pose_points(
     rows = observations.filter(pc.equal(observations.column("body"), body))
     if targets is None:
         targets = tuple(dict.fromkeys(rows.column("target").to_pylist()))
-    at_pose = positions(rows.column("pose"), poses)
-    at_target = positions(rows.column("target"), targets)
-    known = (at_pose >= 0) & (at_target >= 0)
+    known, place = _cells(rows, poses, targets)
     points, cov = points_and_cov(rows)
-    place = (at_pose[known], at_target[known])
     shape = (len(poses), len(targets))
     dense = PosePoints(poses, targets, np.zeros((*shape, 3)), np.zeros((*shape, 3, 3)), np.zeros(shape, bool))
     dense.points[place], dense.cov[place], dense.seen[place] = points[known], cov[known], True
@@ -84,11 +81,9 @@ def observation_rows(
     """(B, T) which row of the observations holds each of a body's points, targets not named being left out; -1 where it
     was not seen."""
     at = np.flatnonzero(text_column(observations, "body") == body)
-    rows = observations.take(at)
-    at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
+    known, place = _cells(observations.take(at), poses, targets)
     dense = np.full((len(poses), len(targets)), -1, np.int64)
-    known = (at_pose >= 0) & (at_target >= 0)
-    dense[at_pose[known], at_target[known]] = at[known]
+    dense[place] = at[known]
     return dense
 
 
@@ -102,6 +97,15 @@ def pose_covariances(table: pa.Table) -> Array:
     """(N, 6, 6) covariance of each row of poses, m and rad."""
     upper = [[number_column(table, f"cov_{min(i, j)}_{max(i, j)}") for j in range(6)] for i in range(6)]
     return np.moveaxis(np.array(upper), -1, 0)
+
+
+def _cells(
+    rows: pa.Table, poses: tuple[int | str, ...], targets: tuple[str, ...]
+) -> tuple[NDArray[np.bool_], tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Which rows (N,) have one of these poses and targets, and the place of each of those among them."""
+    at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
+    known = (at_pose >= 0) & (at_target >= 0)
+    return known, (at_pose[known], at_target[known])
 
 
 def points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
@@ -147,9 +151,7 @@ def used_targets(
         pc.and_(pc.equal(residuals.column("body"), body), pc.greater(residuals.column("weight"), 0.0))
     )
     used = np.zeros((len(poses), len(targets)), bool)
-    place = (positions(rows.column("pose"), poses), positions(rows.column("target"), targets))
-    known = (place[0] >= 0) & (place[1] >= 0)
-    used[place[0][known], place[1][known]] = True
+    used[_cells(rows, poses, targets)[1]] = True
     return used
 
 
@@ -182,9 +184,7 @@ def point_residuals(
 ) -> PointResiduals:
     """What the table of residuals says of a body's points, in the given orders of poses and targets."""
     rows = table.filter(pc.equal(table.column("body"), body))
-    at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
-    known = (at_pose >= 0) & (at_target >= 0)
-    place, shape = (at_pose[known], at_target[known]), (len(poses), len(targets))
+    (known, place), shape = _cells(rows, poses, targets), (len(poses), len(targets))
     found = PointResiduals(np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.zeros(shape, bool))
     found.values[place] = number_columns(rows, [f"d{a}_mm" for a in _AXES])[known] * 1e-3
     found.rejected[place] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]

@@ -44,8 +44,7 @@ def point_errors(
     first, second = first[order], second[order]
     between = number_columns(correlations, _PAIRS)[order].reshape(-1, 3, 3)
     start = np.searchsorted(pose[first], np.arange(len(poses) + 1))
-    rows = observations if object_points is None else _same_rows(object_points, of_row)
-    sigma, own = sigmas_and_correlations(rows)
+    sigma, own = sigmas_and_correlations(observations if object_points is None else _same_rows(object_points, of_row))
     parameters, effect = _effects(sensitivities, of_row, len(pose))
     return PointErrors(pose, sigma, own, first, second, between, start, parameters, effect)
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 
 from truing.report.numbers import count as counted
-from truing.report.numbers import two_decimals
+from truing.report.numbers import gross_errors, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
-from truing.stages.common.words import gross_errors
 from truing.stages.declaration import Outcome
 from truing.stages.diagnosis.cause_tables import detectable_table, detectable_words, uncertainty_table
 from truing.stages.diagnosis.left_tables import left_out_table

@@ -19,8 +19,8 @@ from truing.simulation.catalogue import (
 )
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.recording import RecordedModel
-from truing.stages.common.registered import registered
 from truing.stages.common.why_not import NO_POINTS_TO_DIAGNOSE
+from truing.stages.declaration import registered
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign

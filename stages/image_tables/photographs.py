@@ -16,9 +16,9 @@ from truing.formats.photographs import Photograph, Photographs, list_photographs
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count as counted
+from truing.report.numbers import reasons
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, MARKERS, RINGS, USUAL
-from truing.stages.common.words import reasons
 from truing.stages.declaration import Progress
 from truing.stages.image_tables.known_beforehand import read_known
 from truing.stages.image_tables.measured_rays import RayTables, artifact_table

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import skew
+from truing.estimation.covariance import in_inner_constraints
 from truing.formats.dictionaries import strings
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
@@ -65,7 +65,8 @@ class AdjustedPoints:
         nobody = (target != "") & ((body == "") | (ends & unsurveyed) | (foreign & unsurveyed))
         keep = np.flatnonzero(~nobody & ~of_several)
         left_out = Counter({OF_NO_BODY: int(nobody.sum())}) if nobody.any() else Counter()
-        yield self._file(), TableBatch(self._columns(keep, body, target, point), keep, left_out=left_out)
+        file = FileRows(RawFile(FILE, self.folder / FILE), FileMapping(path=FILE), "parquet")
+        yield file, TableBatch(self._columns(keep, body, target, point), keep, left_out=left_out)
 
     def _columns(self, keep: NDArray[np.int64], body: Names, target: Names, point: Names) -> dict[str, pa.Array]:
         names = ("x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")
@@ -74,9 +75,6 @@ class AdjustedPoints:
         columns["pose"] = pose.dictionary_encode() if pa.types.is_string(pose.type) else pose
         texts = {"body": body, "target": target, "point": point}
         return columns | {name: strings(values[keep].tolist()).dictionary_encode() for name, values in texts.items()}
-
-    def _file(self) -> FileRows:
-        return FileRows(RawFile(FILE, self.folder / FILE), FileMapping(path=FILE), "parquet")
 
     def as_text(self) -> AdjustedPoints:
         """The same with poses as text, as a table of configurations with any pose that is no number has them."""
@@ -121,19 +119,10 @@ def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
     for pose in range(len(poses)):
         rows = np.flatnonzero(of_pose == pose)
         if held[rows].any():
-            whole = _transformed(xyz[rows], errors.covariance(rows), with_scale=int(held[rows].sum()) > 6)
+            whole = in_inner_constraints(xyz[rows], errors.covariance(rows), with_scale=int(held[rows].sum()) > 6)
             each = np.arange(len(rows))
             cov[rows] = whole.reshape(len(rows), 3, len(rows), 3)[each, :, each, :]
     return _with(points, cov)
-
-
-def _transformed(xyz: Array, cov: Array, *, with_scale: bool) -> Array:
-    """The covariance (3n, 3n) in the datum of all points: nothing of it is a motion, or a growth, of all together."""
-    x = xyz - xyz.mean(axis=0)
-    parts = [np.tile(np.eye(3), (len(x), 1)), -skew(x).reshape(-1, 3)]
-    G = np.concatenate([*parts, *([x.reshape(-1, 1)] if with_scale else [])], axis=1)
-    S = np.eye(len(cov)) - G @ np.linalg.solve(G.T @ G, G.T)
-    return np.asarray(S @ cov @ S.T)
 
 
 def _with(points: pa.Table, cov: Array) -> pa.Table:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import log_so3
 from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
 from truing.formats.dictionaries import codes
-from truing.formats.evaluation import TableBatch
+from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
-from truing.formats.shapes import COORDINATES, SCANS, SURFACES
+from truing.formats.shapes import SCANS, SURFACES
 from truing.formats.source import CampaignFiles
+from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 
@@ -42,6 +43,11 @@ class DenseScans:
     def table(self, poses: pa.Array) -> pa.Table:
         """The artifact, its poses of the campaign's type."""
         return pa.Table.from_pylist(self.rows, schema=ARTIFACTS["scans"].arrow_schema(identifier_of(poses)))
+
+    @property
+    def read(self) -> str:
+        """What was read, in words."""
+        return f"{count(self.points, 'point')} of {count(len(self.rows), 'dense scan')}"
 
     @property
     def figure(self) -> str:
@@ -94,7 +100,7 @@ def _surfaces(source: CampaignFiles, log: FaultLog) -> dict[str, Array]:
         log.add(Fault("surfaces.csv", "reference surfaces of the scanned bodies: [files.surfaces] in campaign.toml"))
     parts: dict[str, list[Array]] = {}
     for _, batch in read_table(source, SURFACES, log):
-        column, points = batch.columns["body"], _points(batch)
+        column, points = batch.columns["body"], 1e-3 * coordinates(batch)
         for number in np.unique(_numbers(column)).tolist():
             parts.setdefault(column.dictionary[number].as_py(), []).append(points[_numbers(column) == number])
     return {body: np.concatenate(points) for body, points in parts.items()}
@@ -127,7 +133,7 @@ def _runs(batch: TableBatch) -> Iterator[tuple[tuple[int | str, str], Array]]:
     """Rows of a batch that follow each other with the same pose and body."""
     if not batch.rows:
         return
-    points, (pose, body) = _points(batch), (_numbers(batch.columns[name]) for name in ("pose", "body"))
+    points, (pose, body) = 1e-3 * coordinates(batch), (_numbers(batch.columns[name]) for name in ("pose", "body"))
     starts = np.flatnonzero(np.r_[True, (np.diff(pose) != 0) | (np.diff(body) != 0)])
     for start, end in zip(starts, np.r_[starts[1:], len(points)], strict=True):
         yield tuple(batch.columns[name][int(start)].as_py() for name in ("pose", "body")), points[start:end]
@@ -136,10 +142,6 @@ def _runs(batch: TableBatch) -> Iterator[tuple[tuple[int | str, str], Array]]:
 def _numbers(column: pa.Array) -> NDArray[np.int64]:
     """Numbers that differ where the values of a column do."""
     return np.asarray(codes(column) if pa.types.is_dictionary(column.type) else column, dtype=np.int64)
-
-
-def _points(batch: TableBatch) -> Array:
-    return 1e-3 * np.column_stack([np.asarray(batch.columns[name], dtype=float) for name in COORDINATES])
 
 
 def _registered(points: Array, surface: Array, last: ScanFit | None) -> ScanFit:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -53,16 +54,13 @@ def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
         found.fault(log, np.isnan(load), "load", EMPTY_LOAD)
         loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
     else:
-        loads = np.column_stack([numbers(found, name) if name in six else _unloaded(found) for name in WRENCH])
+        unloaded = np.zeros(len(found.table))
+        loads = np.column_stack([numbers(found, name) if name in six else unloaded for name in WRENCH])
         written = np.any([~np.isnan(numbers(found, name)) for name in six], axis=0)
         found.fault(log, ~written, six[0], EMPTY_LOAD)
         loads = np.nan_to_num(loads)
     _check_range(found, loads, "load" if one else None, loading, log)
     return loads
-
-
-def _unloaded(found: Gathered) -> Array:
-    return np.zeros(len(found.table))
 
 
 def _check_range(found: Gathered, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
@@ -146,32 +144,6 @@ def check_roles(found: Gathered, log: FaultLog) -> None:
     found.fault(log, other, "role", "one role for all of a run: it is held out as a whole, or not")
 
 
-def times_from_order(run: NDArray[np.int64], step: Array, known: Array) -> Array:
-    """Times (N,) in s of steps (N,) from those known (NaN elsewhere), between which they count by steps.
-
-    A run without any known time counts its steps, one per second: their order is all there is.
-    """
-    time = known.copy()
-    for one in np.unique(run):
-        rows = np.flatnonzero(run == one)
-        rows = rows[np.argsort(step[rows], kind="stable")]
-        seen = np.isfinite(known[rows])
-        if not seen.any():
-            time[rows] = np.arange(len(rows), dtype=float)
-        elif not seen.all():
-            time[rows] = _filled(step[rows], known[rows], seen)
-    return time
-
-
-def _filled(step: Array, time: Array, seen: NDArray[np.bool_]) -> Array:
-    """Times between known ones by steps, beyond them at the mean pace (1 s where there is but one)."""
-    first, last = np.flatnonzero(seen)[[0, -1]]
-    pace = (time[last] - time[first]) / (step[last] - step[first]) if last > first else 1.0
-    filled = np.interp(step, step[seen], time[seen])
-    filled = filled + pace * (np.minimum(step - step[first], 0.0) + np.maximum(step - step[last], 0.0))
-    return np.asarray(filled)
-
-
 def without_transit(found: Gathered) -> Gathered:
     """The table without the samples that were taken on the way to the next load, which are counted as left out."""
     if TRANSIT not in found.table.column_names:
@@ -199,16 +171,12 @@ def averaged(found: Gathered, log: FaultLog) -> Gathered:
     for place, name in enumerate(table.column_names):
         if _is_averaged(found.table, name):
             means = _means(_sampled(found, name), counts, at)
-            table = table.set_column(place, name, _numbers(means[at[~further]]))
+            table = table.set_column(place, name, pa.array(means[at[~further]], from_pandas=True))
     return replace(rows, table=table, left_out=found.left_out)
 
 
 def _is_averaged(table: pa.Table, name: str) -> bool:
     return name not in _OF_A_STEP and bool(pa.types.is_floating(table.schema.field(name).type))
-
-
-def _numbers(values: Array) -> pa.Array:
-    return pa.array(values, from_pandas=True)
 
 
 def _with_reading(found: Gathered, at: NDArray[np.int64]) -> Mask:
@@ -247,3 +215,14 @@ def _check_alike(found: Gathered, first: NDArray[np.int64], log: FaultLog) -> No
         if name not in _OF_A_STEP and not _is_averaged(found.table, name):
             told = texts(found, name)
             found.fault(log, np.asarray(told != told[first], dtype=bool), name, f"one {name} for all samples of a step")
+
+
+def checked_steps(
+    found: Gathered, key: Sequence[str], loading: Any, log: FaultLog, cure: str = ""
+) -> tuple[Gathered, Array]:
+    """The rows of load steps that count, and their loads (N, 6); notes what keys, times, roles and loads break."""
+    found = with_known_loads(without_transit(found))
+    check_once(found, log, *key, cure=cure)
+    check_times(found, log)
+    check_roles(found, log)
+    return found, six_loads(found, loading, log)

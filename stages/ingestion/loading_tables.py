@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,11 +20,19 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault, Unfit
 from truing.schemas.settings_text import read_settings_text
 from truing.stages.common.gathered import SmallTable, numbered, numbers, texts
+from truing.stages.declaration import Outcome
 from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
 from truing.stages.ingestion.load_steps import check_once
 from truing.stages.ingestion.reading_table import ReadingTable, read_readings
 from truing.stages.ingestion.signal_table import read_signals
-from truing.stages.ingestion.tables import as_artifact, check_any_fitted
+from truing.stages.ingestion.tables import (
+    all_left_out,
+    as_artifact,
+    check_any_fitted,
+    exclusions,
+    left_out_words,
+    read_start,
+)
 
 Array = NDArray[np.float64]
 _RESPONSES = ("dx", "dy", "dz", "rx", "ry", "rz")
@@ -150,10 +157,7 @@ class LoadingTables:
     @property
     def left_out(self) -> Mapping[tuple[str, str], int]:
         """How many raw rows were left out, by (file, reason)."""
-        total: Counter[tuple[str, str]] = Counter()
-        for table in (self.readings, self.signals, self.positions):
-            total.update({} if table is None else table.left_out)
-        return total
+        return all_left_out(self.readings, self.signals, self.positions)
 
     @property
     def read(self) -> str:
@@ -191,6 +195,15 @@ def _place(channel: str) -> tuple[bool, str]:
     return channel.startswith("r"), channel
 
 
+def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
+    """The tables of a loading campaign; raises CampaignFaults with everything that is wrong at once."""
+    found, start = read_loading_tables(source, settings, log), read_start(source, settings, log)
+    log.throw()
+    given = {} if start is None else {"start": start}
+    artifacts = {**found.artifacts, **given, "exclusions": exclusions(found.left_out)}
+    return Outcome(artifacts, found.read, left_out_words(found.left_out), found.figure)
+
+
 def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> LoadingTables:
     """Every table of a loading campaign; what is wrong with them is noted, all at once."""
     if not any(source.entries(name) for name in TABLES):
@@ -213,7 +226,7 @@ def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loade
     """Elements as long as the legs, a compliance that one can have."""
     from truing.simulation.bench.six_upur.elements import passive
     from truing.simulation.bench.six_upur.influence import influence_matrix
-    from truing.stages.common.nominal_sensor import elastic_parts, given_matrix, sensor_joints
+    from truing.stages.common.sensor_elements import elastic_parts, given_matrix, sensor_joints
 
     key = "elements" if section.elements else "legs"
     try:

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.formats.evaluation import TableBatch
+from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_ledger import PointLedger
 from truing.formats.read import FileRows, ahead, read_table
-from truing.formats.shapes import COORDINATES, POINTS
+from truing.formats.shapes import POINTS
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count as counted
 from truing.schemas.artifacts import ARTIFACTS
@@ -143,6 +144,19 @@ class Points:
         self._declared: pa.Array | None = None
         self._with_own_names: set[str] = set()
 
+    @property
+    def read(self) -> str:
+        """How many points were read, and from which files."""
+        files = f"{len(self.files)} files" if len(self.files) != 1 else next(iter(self.files))
+        return f"{counted(self.rows, 'point')} of {counted(self.poses, 'pose')} from {files}"
+
+    @property
+    def figure(self) -> str:
+        """How many targets of which bodies."""
+        return (
+            f"{counted(self.labels, 'target')} of {counted(len(self.bodies), 'body')} ({', '.join(self.bodies[:12])})"
+        )
+
     def stream(self) -> pa.RecordBatchReader:
         """The observations; raises CampaignFaults at their end where anything in the campaign is wrong."""
         batches = self._batches()
@@ -162,7 +176,7 @@ class Points:
         return pa.schema(fields)
 
     def _records(self, first: TableBatch, rest: Iterator[TableBatch], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
-        for batch in _and(first, rest):
+        for batch in chain((first,), rest):
             if not self.log:
                 yield pa.record_batch([batch.columns[name] for name in schema.names], schema=schema)
         self._finish()
@@ -249,8 +263,7 @@ class Points:
             self.log.cells(file.raw.name, faults, file.locate)
         if int(pose.min()) < min(_SAMPLED_POSES, known):
             sampled = pose < min(_SAMPLED_POSES, known)
-            xyz = np.column_stack([np.asarray(batch.columns[name])[sampled] for name in COORDINATES])
-            self.sample.append((pose[sampled], label[sampled], xyz))
+            self.sample.append((pose[sampled], label[sampled], coordinates(batch)[sampled]))
         columns = dict(batch.columns)
         if self._poses_are_text and not is_unknown:
             columns["pose"] = pa.DictionaryArray.from_arrays(pa.array(pose), self.expected.poses)
@@ -364,8 +377,3 @@ class Points:
         for pose in np.flatnonzero(without).tolist():
             value = f"pose {self.expected.poses[pose].as_py()} has none"
             self.log.add(Fault(file, f"points of body {body} in every pose", column="body", value=value))
-
-
-def _and(first: TableBatch, rest: Iterator[TableBatch]) -> Iterator[TableBatch]:
-    yield first
-    yield from rest

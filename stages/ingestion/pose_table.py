@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import exp_so3, left_jacobian_so3, log_so3
+from truing.estimation.rotation import euler_axes, exp_so3, left_jacobian_so3, log_so3
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import COORDINATES, EULER, POSE_COVARIANCE, POSES, QUATERNION, ROTATION_VECTOR
@@ -70,25 +70,6 @@ def rotations(found: Gathered, columns: Sequence[str], euler: str | None, log: F
     if tuple(columns) == EULER:
         return _of_euler(found, values, euler, log)
     return _of_matrices(found, values.reshape(-1, 3, 3), log)
-
-
-def euler_axes(angles: Array, order: str) -> Array:
-    """(N, 3, 3) axes, in the parent frame, about which three Euler angles (N, 3), rad, turn: one column per angle."""
-    inner = order if order.isupper() else order[::-1]  # about turned axes, the first angle turns the others
-    own = angles if order.isupper() else angles[:, ::-1]
-    R = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
-    axes = []
-    for number, axis in enumerate(inner.upper()):
-        unit = np.eye(3)["XYZ".index(axis)]
-        axes.append(R @ unit)
-        R = R @ exp_so3(own[:, number, None] * unit)
-    stacked = np.stack(axes, axis=-1)
-    return stacked if order.isupper() else stacked[:, :, ::-1]
-
-
-def vector_slopes(R_vectors: Array) -> Array:
-    """(N, 3, 3) what a change of rotation vectors (N, 3) turns by, in the parent frame."""
-    return left_jacobian_so3(R_vectors)
 
 
 def _of_quaternions(found: Gathered, q: Array, log: FaultLog) -> Array:
@@ -171,6 +152,11 @@ class MeasuredPoses:
         """What was read, in words."""
         file = self.files[0] if len(self.files) == 1 else f"{len(self.files)} files"
         return f"{counted(self.table.num_rows, 'measured pose')} from {file}"
+
+    @property
+    def figure(self) -> str:
+        """The bodies whose poses were measured."""
+        return f"poses of {', '.join(self.bodies[:12])}, no points"
 
 
 def read_poses(source: CampaignFiles, settings: Any, expected: Expected, log: FaultLog) -> MeasuredPoses | None:
@@ -286,7 +272,7 @@ def _turn_sigmas(
     sigma = _sigmas(found, _VECTOR_SIGMAS, settings.noise.rotation_rad, "noise.rotation_rad", log)
     if columns == ROTATION_VECTOR and names & set(_VECTOR_SIGMAS):
         vectors = np.column_stack([numbers(found, name) for name in ROTATION_VECTOR])
-        return sigma, vector_slopes(np.nan_to_num(vectors))
+        return sigma, left_jacobian_so3(np.nan_to_num(vectors))
     return sigma, own
 
 

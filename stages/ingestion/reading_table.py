@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.belonging.counted_times import times_from_order
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.quadrature import (
     EllipseFit,
@@ -39,14 +40,8 @@ from truing.stages.common.gathered import (
 from truing.stages.ingestion.corrected_readings import Corrections, corrected
 from truing.stages.ingestion.load_steps import (
     averaged,
-    check_once,
     check_one_load,
-    check_roles,
-    check_times,
-    six_loads,
-    times_from_order,
-    with_known_loads,
-    without_transit,
+    checked_steps,
 )
 from truing.stages.ingestion.tables import as_artifact, since_first
 
@@ -256,12 +251,8 @@ def _check_whole(optics: Interferometer, log: FaultLog) -> None:
 
 def reading_table(found: Gathered, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
     """The readings of a gathered table, a row per step and channel or a row per step; None where faults were noted."""
-    found = with_known_loads(without_transit(found))
     key = ("run", "step", "channel") if by_channel else ("run", "step")
-    check_once(found, log, *key, cure=_SAMPLES if by_channel else "")
-    check_times(found, log)
-    check_roles(found, log)
-    loads = six_loads(found, settings.loading, log)
+    found, loads = checked_steps(found, key, settings.loading, log, _SAMPLES if by_channel else "")
     check_one_load(found, numbered(found, "run", "step"), loads, log)
     readings = (_of_interferometer if by_channel else _of_displacement)(found, settings, log)
     left_out = dict(found.left_out)

@@ -92,7 +92,8 @@ class Relabelling:
                 names.append(rule.target)
             new[here] = names.index(rule.target)
             self.count[at] += int(here.sum())
-        return replace(batch, columns={**batch.columns, "body": body, "target": _coded(new, names)})
+        target = pa.DictionaryArray.from_arrays(pa.array(new, pa.int32()), pa.array(names, pa.string()))
+        return replace(batch, columns={**batch.columns, "body": body, "target": target})
 
     def called(self, pose: object, body: str, target: str) -> str:
         """What a point of this name is called in the files, in words; empty where it is called so."""
@@ -114,10 +115,6 @@ class Relabelling:
 def _has(batch: TableBatch, rule: Relabel) -> bool:
     bodies, targets = (as_dictionary(batch.columns[name]).dictionary.to_pylist() for name in ("body", "target"))
     return rule.body in bodies and rule.called in targets
-
-
-def _coded(new: NDArray[np.int32], names: list[str]) -> pa.DictionaryArray:
-    return pa.DictionaryArray.from_arrays(pa.array(new, pa.int32()), pa.array(names, pa.string()))
 
 
 def window(order: PoseOrder, from_pose: object, to_pose: object, column: str, log: FaultLog) -> tuple[int, int] | None:

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.belonging.counted_times import times_from_order
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
@@ -18,14 +19,8 @@ from truing.schemas.columns import COLUMNS
 from truing.schemas.faults import Fault
 from truing.stages.common.gathered import SmallTable, numbered, numbers, texts
 from truing.stages.ingestion.load_steps import (
-    check_once,
-    check_roles,
     check_same_loads,
-    check_times,
-    six_loads,
-    times_from_order,
-    with_known_loads,
-    without_transit,
+    checked_steps,
 )
 from truing.stages.ingestion.tables import as_artifact, since_first
 
@@ -46,11 +41,7 @@ def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None
 
 def signal_table(found: Gathered, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The signals of a gathered table, a row per step; None where faults were noted."""
-    found = with_known_loads(without_transit(found))
-    check_once(found, log, "run", "step")
-    check_times(found, log)
-    check_roles(found, log)
-    loads = six_loads(found, settings.loading, log)
+    found, loads = checked_steps(found, ("run", "step"), settings.loading, log)
     if any(name in found.table.column_names for name in SHOWN):
         found = with_leg_signals(found, settings, log)
         if log:
@@ -129,7 +120,7 @@ def with_leg_signals(found: Gathered, settings: Any, log: FaultLog) -> Gathered:
     if log:
         return found
     from truing.simulation.bench.six_upur.influence import influence_matrix
-    from truing.stages.common.nominal_sensor import sensor_joints
+    from truing.stages.common.sensor_elements import sensor_joints
 
     G = influence_matrix(sensor_joints(settings.mechanism))
     if np.linalg.cond(G) > _SINGULAR:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Container, Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -18,12 +18,13 @@ from truing.formats.point_ledger import Names
 from truing.formats.read import read_table
 from truing.formats.shapes import CONFIGURATIONS, TARGETS, Shape
 from truing.formats.source import CampaignFiles
+from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.schemas.settings_text import parsed_toml, read_settings_text
-from truing.stages.common.gathered import SmallTable, once
+from truing.stages.common.gathered import SmallTable, numbers, once
 
 POSES = tuple(Shape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
@@ -53,16 +54,16 @@ def read_configurations(
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
         return SmallTable(_in_order_of_appearance(source, adjusted))
     once(found, log, ("pose",))
-    _check_times(found, log, required=bool(legs_of(settings)))
+    check_times(found, log, required=bool(legs_of(settings)))
     _check_repeats(found, log)
     _check_readings(found, log, settings)
     _check_drives(found, log, settings.campaign.drives)
-    table = as_artifact("configurations", _completed(found.table))
+    table = as_artifact("configurations", completed(found.table))
     return SmallTable(table, dict(found.left_out), file=found.first_file)
 
 
-def _completed(table: pa.Table) -> pa.Table:
-    """The role calibration and the order of the rows as times, where a campaign without mechanism gives neither."""
+def completed(table: pa.Table) -> pa.Table:
+    """The role calibration and the order of the rows as times, where a campaign gives neither."""
     if "role" not in table.column_names:
         table = table.append_column("role", pa.array(["calibration"] * len(table), pa.string()))
     if "time_s" not in table.column_names:
@@ -72,12 +73,12 @@ def _completed(table: pa.Table) -> pa.Table:
 
 def _in_order_of_appearance(source: CampaignFiles, adjusted: pa.Table | None) -> pa.Table:
     if adjusted is not None:
-        return as_artifact("configurations", _completed(pa.table({"pose": adjusted.column("pose").unique()})))
+        return as_artifact("configurations", completed(pa.table({"pose": adjusted.column("pose").unique()})))
     poses, as_text = _poses_of_points(source, as_text=False)
     if as_text:
         poses, _ = _poses_of_points(source, as_text=True)
     kind = pa.string() if as_text else pa.int64()
-    return as_artifact("configurations", _completed(pa.table({"pose": pa.array(poses, kind)})))
+    return as_artifact("configurations", completed(pa.table({"pose": pa.array(poses, kind)})))
 
 
 def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[object], bool]:
@@ -93,12 +94,13 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
     return poses.values, any_text
 
 
-def _check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:
+def check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:
+    """A fault at every row whose time stood in a row before, or where times are required and there are none."""
     if "time_s" not in found.table.column_names:
         if required:
             log.add(Fault(found.first_file, "a column time_s; it orders the poses", column="time_s"))
         return
-    found.fault(log, _repeated(_numbers(found, "time_s")), "time_s", "a time of its own for every row")
+    found.fault(log, _repeated(numbers(found, "time_s")), "time_s", "a time of its own for every row")
 
 
 def _check_repeats(found: Gathered, log: FaultLog) -> None:
@@ -120,10 +122,6 @@ def _repeated(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     again = ~np.isnan(values)
     again[first] = False
     return again
-
-
-def _numbers(found: Gathered, name: str) -> NDArray[np.float64]:
-    return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
 
 
 def _check_readings(found: Gathered, log: FaultLog, settings: Any) -> None:
@@ -164,7 +162,7 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
     table = found.table
     for name in _SIGMAS:
         if name in table.column_names:
-            sigma = _numbers(found, name)
+            sigma = numbers(found, name)
             tiny = (sigma > 0.0) & (sigma < LEAST_SIGMA_MM)
             found.fault(log, tiny | (sigma > MOST_SIGMA_MM), name, f"0, or {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm")
         table = _with_declared(table, name, settings.noise.point_mm)
@@ -193,7 +191,7 @@ def check_legs(found: Gathered, log: FaultLog, legs: int) -> None:
     """A fault at every leg that there is not, or that a body without attachments gives."""
     if "leg" not in found.table.column_names or not legs:
         return
-    leg = _numbers(found, "leg")
+    leg = numbers(found, "leg")
     found.fault(log, leg > legs, "leg", f"a leg from 1 to {legs}, or nothing")
     elsewhere = np.array([body != "platform" for body in found.table.column("body").to_pylist()], dtype=bool)
     found.fault(log, elsewhere & ~np.isnan(leg), "leg", "nothing: only targets of the platform sit at attachments")
@@ -263,3 +261,36 @@ def check_any_fitted(tables: Sequence[pa.Table], file: str, what: str, log: Faul
     if set(roles) == {REFERENCE}:
         expected = f"at least one {what} of role {FITTED}: without one there is nothing to fit to"
         log.add(Fault(file, expected, column="role", value=f"{', '.join(roles)} alone"))
+
+
+class _LeavesOut(Protocol):
+    """What was read with rows left out of it, by (file or subject, reason)."""
+
+    @property
+    def left_out(self) -> Mapping[tuple[str, str], int]: ...
+
+
+def all_left_out(*parts: _LeavesOut | None) -> Counter[tuple[str, str]]:
+    """How many rows were left out of all parts, by (subject, reason)."""
+    total: Counter[tuple[str, str]] = Counter()
+    for part in parts:
+        total.update({} if part is None else part.left_out)
+    return total
+
+
+def exclusions(left_out: Mapping[tuple[str, str], int], by_geometry: Container[tuple[str, str]] = ()) -> pa.Table:
+    """The artifact exclusions of rows left out, by (subject, reason); those that the survey's geometry left out."""
+    by = ("[files] of campaign.toml", "the geometry of the survey")
+    rows = [
+        {"stage": "ingest", "subject": key[0], "reason": key[1], "rows": number, "by": by[key in by_geometry]}
+        for key, number in left_out.items()
+    ]
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["exclusions"].arrow_schema())
+
+
+def left_out_words(left_out: Mapping[tuple[str, str], int]) -> str:
+    """How many rows were left out for each reason; the most first."""
+    by_reason: Counter[str] = Counter()
+    for (_, reason), number in left_out.items():
+        by_reason[reason] += number
+    return "; ".join(f"{count(number, 'row')}: {reason}" for reason, number in by_reason.most_common()) or "nothing"

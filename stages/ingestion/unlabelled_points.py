@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies
 from truing.formats.dictionaries import as_dictionary, codes
-from truing.formats.evaluation import TableBatch
+from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.read import FileRows
 from truing.formats.shapes import COORDINATES
 
@@ -84,7 +84,7 @@ class Unlabelled:
         """The batches that were held, with body and target, without the points that got no name."""
         pose = _joined([batch.columns["pose"] for _, batch in self.parts])
         given = _joined([_bodies(batch) for _, batch in self.parts])
-        points = np.concatenate([_points(batch) for _, batch in self.parts])
+        points = np.concatenate([coordinates(batch) for _, batch in self.parts])
         body, target = np.full(len(pose), "", dtype=object), np.full(len(pose), "", dtype=object)
         groups = list(_groups(pose, given))
         for done, (name, of_body, rows) in enumerate(groups):
@@ -162,10 +162,6 @@ def _bodies(batch: TableBatch) -> pa.Array:
     if "body" in batch.columns:
         return as_dictionary(batch.columns["body"])
     return pa.array([""] * batch.rows)
-
-
-def _points(batch: TableBatch) -> Array:
-    return np.column_stack([np.asarray(batch.columns[name]) for name in COORDINATES])
 
 
 def without_target(batch: TableBatch) -> NDArray[np.bool_]:

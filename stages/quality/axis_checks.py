@@ -9,11 +9,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.report.numbers import count
+from truing.report.numbers import count, listed
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma
 from truing.stages.common.point_arrays import number_column
-from truing.stages.common.words import listed
-from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, Checked, without
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -38,12 +37,12 @@ _FEWEST = 3
 _COARSE = 0.5
 
 
-def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Iterator[Check], str]:
-    """Return the checks, and what they rest on in words."""
+def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
+    """Every check of the rows of an axis."""
     table = tables["configurations"]
     columns = columns_of(settings, table)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    return _checks(table, columns, command_sigma(settings), limits), f"{count(len(table), 'row')} of an axis"
+    return Checked(_checks(table, columns, command_sigma(settings), limits), f"{count(len(table), 'row')} of an axis")
 
 
 def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignLimits) -> Iterator[Check]:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from truing.schemas.quality_checks import in_force, settable
 from truing.schemas.sections import SetLimits
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.belonging.relation import Tested
 
 PASS, WARN, FAIL, NOT_EVALUATED = "pass", "warn", "fail", "not evaluated"
 COUNTED = "no time was recorded, or it merely counts"
@@ -24,6 +30,21 @@ class Check:
     unit: str
     verdict: str
     message: str
+    accepted: str | None = None  # by whom, and why
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Checks of a campaign as they come, what they rest on in words, tested relations, and tables that they suggest.
+
+    ``why_not``: why nothing could be checked; empty where something was.
+    """
+
+    checks: Iterable[Check]
+    read: str
+    relations: Sequence[Tested] = ()
+    suggested: Mapping[str, pa.Table] = field(default_factory=dict)
+    why_not: str = ""
 
 
 def without(what: str, check: str, subject: str, why: str) -> Check:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.quality.loading import LoadingView
+from truing.report.numbers import listed
 from truing.stages.common.overruled import decided
-from truing.stages.common.words import listed
-from truing.stages.quality.check import FAIL, PASS, WARN, Check
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, told
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.sections import Acceptance, Overrule
+    from truing.stages.declaration import Progress
 
 _VERBS = {"exclude": "excluded", "keep": "kept"}
 _KEYS = ("run", "step", "channel", "pose", "body", "target")
@@ -34,15 +36,25 @@ def overruled_points(observations: pa.Table, settings: Campaign) -> Iterator[Che
         yield _check(table, number, rule, _points(observations, rule), "point")
 
 
-def covers(entry: Acceptance, check: Check) -> bool:
+def assessed(found: Iterable[Check], accept: Sequence[Acceptance], progress: Progress) -> list[Check]:
+    """The checks with who accepted their verdict, and a row per [[accept]]."""
+    checks: list[Check] = []
+    for check in map(told, found):
+        who = next((f"{entry.signed}: {entry.reason}" for entry in accept if _covers(entry, check)), None)
+        checks.append(replace(check, accepted=who))
+        progress(len(checks), 0, check.check)
+    return [*checks, *_acceptances(checks, accept)]
+
+
+def _covers(entry: Acceptance, check: Check) -> bool:
     """Whether an acceptance concerns a verdict; one without a subject concerns all of its check."""
     return entry.check == check.check and entry.subject in (None, check.subject)
 
 
-def accepted_verdicts(checks: Sequence[Check], accept: Sequence[Acceptance]) -> Iterator[Check]:
+def _acceptances(checks: Sequence[Check], accept: Sequence[Acceptance]) -> Iterator[Check]:
     """A row per [[accept]]; one that concerns no verdict warns, for it does nothing."""
     for number, entry in enumerate(accept, 1):
-        rows = [check for check in checks if covers(entry, check)]
+        rows = [check for check in checks if _covers(entry, check)]
         tripped = sum(check.verdict in (WARN, FAIL) for check in rows)
         named = f"{entry.check} {entry.subject or ''}".strip()
         said = f"{named}: {tripped} verdict{'s' * (tripped != 1)} accepted by {entry.signed}: {entry.reason}"

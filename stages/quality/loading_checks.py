@@ -6,6 +6,7 @@ As in ``point_checks``: what fails by chance shares ``[qa] false_alarm``; what o
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +15,14 @@ from numpy.typing import NDArray
 
 from truing.quality.answers import answers, signal_answers, turned_round
 from truing.quality.loading import ExpectedReadings, LoadingView
-from truing.report.numbers import percent
+from truing.report.numbers import count, percent
 from truing.stages.common.declared_optics import channel_rows
 from truing.stages.common.reading_arrays import load_steps
-from truing.stages.quality.check import CampaignLimits, Check, without
+from truing.stages.common.sensor_elements import declared_compliance
+from truing.stages.quality.belonging import belonging_checks, relations_of_loads, without_contradiction
+from truing.stages.quality.check import CampaignLimits, Check, Checked, without
 from truing.stages.quality.decisions import overruled
+from truing.stages.quality.position_checks import position_checks, positioning_runs
 from truing.stages.quality.reading_checks import (
     drift,
     exchanged_channels,
@@ -49,33 +53,47 @@ Array = NDArray[np.float64]
 _CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chance can trip
 
 
-def loading_view(tables: Mapping[str, pa.Table], settings: Campaign) -> LoadingView:
-    """The tables ``readings`` and ``signals`` with what [mechanism] simulates of the readings."""
-    steps = load_steps(tables)
-    noise = settings.noise
-    compliance = simulated_compliance(tables, settings)
+def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
+    """Every check of load steps, and of an axis' positioning runs beside them or alone."""
+    limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
+    runs = list(positioning_runs(tables["positions"])) if "positions" in tables else []
+    of_axis = position_checks(runs, limits)
+    approaches = (
+        f"{count(tables['positions'].num_rows, 'approach')} of an axis in {count(len(runs), 'run')}" if runs else ""
+    )
+    if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
+        return Checked(of_axis, approaches, why_not="" if runs else "no readings and no signals")
+    compliance = declared_compliance(tables, settings)
+    seen = None if compliance is None else np.asarray(channel_rows(settings.interferometer.beams) @ compliance)
+    view = _view(tables, settings, compliance, seen)
+    relations = relations_of_loads(view.steps, seen, settings)
+    found = chain(
+        quadrature_checks(tables["quadrature"], limits) if "quadrature" in tables else (),
+        _checks(view, settings, limits),
+        _correction_checks(view, tables["reading_corrections"], limits) if "reading_corrections" in tables else (),
+    )
+    read = f"{count(len(view.steps.run), 'load step')} in {count(len(view.steps.runs), 'run')}"
+    return Checked(
+        chain(belonging_checks(relations), without_contradiction(found, relations), of_axis),
+        f"{read}; {approaches}" if approaches else read,
+        relations,
+    )
+
+
+def _view(
+    tables: Mapping[str, pa.Table], settings: Campaign, compliance: Array | None, seen: Array | None
+) -> LoadingView:
+    """Readings and signals with what [mechanism] simulates of the readings; seen: the compliance as channels see it."""
+    steps, noise = load_steps(tables), settings.noise
     load_sigma = np.array([noise.load_n] * 3 + [noise.load_nm] * 3)
-    if compliance is None:
+    if compliance is None or seen is None:
         return LoadingView(steps, None, load_sigma)
     gives = np.maximum(np.diag(compliance), 0.0)
     at_most = np.sqrt((steps.load**2 @ gives)[:, None] * gives)
-    seen = channel_rows(settings.interferometer.beams) @ compliance
     return LoadingView(steps, ExpectedReadings(steps.load @ seen.T, at_most), load_sigma)
 
 
-def simulated_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
-    """The simulated compliance (6, 6), SI; None where campaign.toml tells of none."""
-    from truing.stages.common.nominal_sensor import elastic_parts, given_matrix
-
-    if settings.mechanism.type != "6-upur":
-        return None
-    if "given_compliance" in tables:
-        return given_matrix(tables["given_compliance"])
-    elastic = elastic_parts(settings.mechanism)  # type: ignore[arg-type]
-    return None if elastic is None else elastic.compliance
-
-
-def loading_checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> Iterator[Check]:
+def _checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> Iterator[Check]:
     """Every check: of the programme, channel by channel, of the surroundings, of signals."""
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield from overruled(view, settings)
@@ -116,7 +134,7 @@ def _of_readings(view: LoadingView, settings: Campaign, share: float, limits: Ca
     yield from surroundings_checks(view, settings.interferometer, reference, limits)
 
 
-def correction_checks(view: LoadingView, corrections: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
+def _correction_checks(view: LoadingView, corrections: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
     """One check of every channel and correction whose uncertainty is declared."""
     noise = {channel.name: channel.declared * channel.in_files for channel in view.channels}
     for row in corrections.to_pylist():

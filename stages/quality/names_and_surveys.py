@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.quality.bodies import BodyView, Surroundings
+from truing.report.numbers import listed
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.near_names import meant_by
 from truing.schemas.sections import Overrule
 from truing.stages.common.point_arrays import pose_points
-from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
 
 _NEAR = 10.0  # deviations of its mean place, as for labels that are exchanged

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
 from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
 from truing.report.numbers import count as counted
+from truing.report.numbers import listed
 from truing.schemas.photograph_artifacts import BENT, SHARED
 from truing.stages.common.point_arrays import number_column, text_column
-from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
-from truing.stages.quality.scale_checks import Figures, bar_lengths, rows_of, scale, target_sizes
+from truing.stages.quality.scale_checks import Figures, bar_lengths, figures_of, rows_of, scale, target_sizes
 
 _FEWEST_RAYS = 3
 _WORST = 0.1
@@ -37,7 +37,7 @@ def photograph_checks(tables: Mapping[str, pa.Table], limits: CampaignLimits) ->
     """Every check of the network; none where the campaign's points do not come out of photographs."""
     if "bundle_statistics" not in tables:
         return
-    figures = Figures(tables["bundle_statistics"])
+    figures = figures_of(tables["bundle_statistics"])
     images = tables.get("image_cameras")
     points, residuals = tables["object_points"], tables["image_residuals"]
     yield from _oriented(tables["photographs"], tables["image_orientations"], limits)
@@ -93,7 +93,7 @@ def _angles(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
 
 
 def _coverage(camera: str, figures: Figures, limits: CampaignLimits) -> Check:
-    share = figures.told("covered share of the format").get(camera, 0.0)
+    share = figures["covered share of the format"].get(camera, 0.0)
     said = f"Camera {camera}: image points lie in {100 * share:.0f} % of its format's cells."
     return limits.of("format-coverage").row(f"camera {camera}", share, "1", said)
 
@@ -113,8 +113,8 @@ def _rejected(camera: str, residuals: pa.Table, limits: CampaignLimits) -> Check
 
 def _systematic(camera: str, figures: Figures, residuals: pa.Table) -> Check:
     subject = f"camera {camera}"
-    p_value = figures.told("systematic residuals, p-value").get(camera)
-    mean = figures.told("systematic residuals, largest mean").get(camera)
+    p_value = figures["systematic residuals, p-value"].get(camera)
+    mean = figures["systematic residuals, largest mean"].get(camera)
     if p_value is None or mean is None:
         return without("residuals by region", "residuals-systematic", subject, "no ray is left")
     sigma = float(np.median(number_column(rows_of(residuals, "camera", camera), "sigma_x_px")))
@@ -126,8 +126,8 @@ def _systematic(camera: str, figures: Figures, residuals: pa.Table) -> Check:
 
 def _noise(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
     limit = limits.of("image-noise")
-    spread = figures.told("noise over stated, sigma")
-    for subject, ratio in figures.told("noise over stated").items():
+    spread = figures["noise over stated, sigma"]
+    for subject, ratio in figures["noise over stated"].items():
         off = max(ratio, 1.0 / ratio)
         sigma = spread.get(subject, 0.0)
         said = f"{subject}: the noise of image coordinates is {ratio:.2f} ± {sigma:.2f} times what is stated."
@@ -209,8 +209,8 @@ def _changed(images: pa.Table) -> dict[str, list[Row]]:
 def _images_apart(camera: str, rows: list[Row], figures: Figures) -> Check:
     """Images that differ, by how much, what it does to points, and how to let them have a camera of their own."""
     apart = [row for row in rows if row["setting"]]
-    p_value = figures.told(SHARED).get(camera, 0.0)
-    moved = figures.told(BENT)
+    p_value = figures[SHARED].get(camera, 0.0)
+    moved = figures[BENT]
     worst = max(moved, key=lambda pose: moved[pose], default="")
     said = f"Camera {camera}: {len(apart)} of {len(rows)} photographs have another principal distance than the others "
     said += f"(p = {p_value:.2g}): {'; '.join(_told_settings(apart, rows))}."

@@ -7,8 +7,9 @@ subjects. Checks that only warn are held at ten times their share.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -16,12 +17,23 @@ from numpy.typing import NDArray
 
 from truing.belonging.counted_times import merely_counts
 from truing.quality.bodies import BodyView, Surroundings, body_view, first_shape
+from truing.report.numbers import count
 from truing.schemas.columns import COLUMNS
 from truing.stages.common.point_arrays import number_column, pose_ids, pose_points, survey_points
 from truing.stages.common.repeats import repeated_poses
-from truing.stages.quality.check import CampaignLimits, Check
-from truing.stages.quality.names_and_surveys import due
-from truing.stages.quality.repeat_checks import repeatability
+from truing.stages.quality.belonging import belonging_checks, relations_of_points
+from truing.stages.quality.check import CampaignLimits, Check, Checked
+from truing.stages.quality.decisions import overruled_points
+from truing.stages.quality.names_and_surveys import (
+    due,
+    later_surveys,
+    likely_names,
+    likely_table,
+    names_known,
+    settled_names,
+)
+from truing.stages.quality.photograph_checks import photograph_checks
+from truing.stages.quality.scale_checks import figures_of, scale_contradiction, without_consequences
 from truing.stages.quality.target_checks import (
     attachment_labels,
     completeness,
@@ -31,6 +43,7 @@ from truing.stages.quality.target_checks import (
     moved_targets,
     noise,
     noise_by_pose,
+    repeatability,
     unobserved_poses,
 )
 from truing.stages.quality.time_and_temperature import (
@@ -44,11 +57,54 @@ from truing.stages.quality.time_and_temperature import (
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
 
 _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip
 
 
-def surroundings(observations: pa.Table, configurations: pa.Table | None, drives: tuple[str, ...]) -> Surroundings:
+def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
+    """Every check of object points, of the network that gave them, and of whether tables belong together."""
+    observations = tables["observations"]
+    if not observations.num_rows:
+        return Checked((), "", why_not="no object points")
+    around = _surroundings(observations, tables.get("configurations"), settings.campaign.drives)
+    bodies, reference = _reference_first(_body_views(tables, around), settings)
+    limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
+    settled = settled_names(tables.get("relabelled"))
+    relations = relations_of_points(bodies, around, tables, settings)
+    likely = likely_names(observations, bodies, around, settled)
+    found: Iterable[Check] = chain(
+        belonging_checks(relations),
+        _checks(bodies, reference, around, settings, limits, tables),
+        names_known(observations, bodies, likely, settled),
+        later_surveys(tables.get("resurveys"), settings.exclude, limits),
+        overruled_points(observations, settings),
+        photograph_checks(tables, limits),
+    )
+    statistics = tables.get("bundle_statistics")
+    if statistics is not None and scale_contradiction(figures_of(statistics)) is not None:
+        found = without_consequences(found)
+    read = (
+        f"{count(observations.num_rows, 'point')} of {count(len(bodies), 'body')} in {count(len(around.poses), 'pose')}"
+    )
+    return Checked(found, read, relations, {"likely_names": likely_table(likely)} if likely else {})
+
+
+def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[BodyView], BodyView | None]:
+    """The bodies, the one that the others are seen from first, and that one where the campaign has it."""
+    reference = settings.bodies.reference or ("base" if settings.mechanism.is_legged else None)
+    ordered = sorted(bodies, key=lambda body: body.name != reference)
+    return ordered, ordered[0] if ordered and ordered[0].name == reference else None
+
+
+def _attachments(settings: Campaign) -> NDArray[np.float64]:
+    """(L, 3) nominal attachments in m; none where no mechanism says where they are."""
+    if not settings.mechanism.is_legged:
+        return np.zeros((0, 3))
+    return np.array([leg.b_mm for leg in cast("LeggedMechanism", settings.mechanism).legs]) * 1e-3
+
+
+def _surroundings(observations: pa.Table, configurations: pa.Table | None, drives: tuple[str, ...]) -> Surroundings:
     """The poses that were observed, ordered by time where the campaign tells it, else as they came."""
     observed, shared = pose_ids(observations), "point" in observations.column_names
     if configurations is None:
@@ -75,7 +131,7 @@ def surroundings(observations: pa.Table, configurations: pa.Table | None, drives
     )
 
 
-def body_views(tables: Mapping[str, pa.Table], around: Surroundings) -> list[BodyView]:
+def _body_views(tables: Mapping[str, pa.Table], around: Surroundings) -> list[BodyView]:
     """Every body of the observations, fitted robustly pose by pose."""
     observations, survey = tables["observations"], tables.get("survey")
     bodies = dict.fromkeys(observations.column("body").to_pylist())
@@ -91,20 +147,19 @@ def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: Su
     return body_view(body, place, points, around, is_surveyed=is_surveyed)
 
 
-def all_checks(
+def _checks(
     bodies: Sequence[BodyView],
     reference: BodyView | None,
     around: Surroundings,
-    attachments: NDArray[np.float64],
     settings: Campaign,
     limits: CampaignLimits,
     tables: Mapping[str, pa.Table],
 ) -> Iterator[Check]:
-    """Every check: of the campaign's tables, body by body, then over time; attachments (L, 3) nominal, in m."""
+    """Every check: of the campaign's tables, body by body, then over time."""
     resurveys, table = tables.get("resurveys"), tables.get("configurations")
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield unobserved_poses(around, limits)
-    yield from attachment_labels(bodies, attachments)
+    yield from attachment_labels(bodies, _attachments(settings))
     for body in bodies:
         yield from completeness(body, due(resurveys, body, around), limits)
         yield from geometry(body, limits)

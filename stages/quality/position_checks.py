@@ -23,9 +23,9 @@ from truing.estimation.interferometry.approaches import (
 from truing.estimation.interferometry.log_quality import temperatures_out_of_reach
 from truing.report.belonging import slip_words
 from truing.report.numbers import count as counted
+from truing.report.numbers import listed
 from truing.stages.common.belonging import subject_of
 from truing.stages.common.point_arrays import number_column
-from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
 
 Array = NDArray[np.float64]

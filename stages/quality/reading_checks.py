@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +13,18 @@ from truing.estimation.interferometry.log_quality import units_mistaken
 from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.estimation.quality import Scatter
 from truing.estimation.repeatability import equal_scatter
-from truing.quality.answers import FEWEST, Answers, beyond_simulation, same_sign, slope_of, turned_round, typical_size
-from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
+from truing.quality.answers import (
+    Answers,
+    as_others,
+    beyond_simulation,
+    read_as,
+    same_sign,
+    turned_round,
+    typical_size,
+)
+from truing.quality.loading import ChannelView, LoadingView, repeated_programmes
 from truing.report.numbers import count as counted
-from truing.report.numbers import handy
-from truing.stages.common.words import listed
+from truing.report.numbers import handy, listed
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
 from truing.stages.quality.unit_slips import unit_slip
 
@@ -28,10 +34,6 @@ _REPEATS_NOTED = 1.5
 _UNEQUAL = 1e-3
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
 Index = NDArray[np.int64]
-_ITS_OWN = 0.3  # of how far apart two channels' answers are: readings that near to one of them are its own
-_APART = 0.7  # of the larger answer: nearer to each other, what the sensor does otherwise than simulated tells as much
-_REGULAR = 0.9  # of a run's readings: the others may be gross errors
-_OTHERS = 2  # runs that an answer is typical of
 
 
 def units(view: LoadingView, found: Answers) -> Iterator[Check]:
@@ -154,11 +156,11 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
     All programmes of loads together, and each by itself: those that scatter differently are never told as one.
     """
     name = f"channel {channel.name}"
-    groups = list(_repeated(view, channel))
+    groups = list(repeated_programmes(view, channel))
     if not groups or not np.isfinite(channel.declared):
         return without("repeatability", "repeatability", name, "no two runs of the same loads, or no declared noise")
     scatter = Scatter(np.array([one.square for one in groups]), np.array([one.freedom for one in groups]))
-    pooled = Scatter(scatter.chi_square.sum(keepdims=True), scatter.dof.sum(keepdims=True))
+    pooled = scatter.pooled
     noted = pooled.p_above(_REPEATS_NOTED)[0] < 0.5 * share
     noted |= bool((scatter.p_above(_REPEATS_NOTED) < 0.5 * share / len(groups)).any())
     ratio = float(pooled.ratio[0])
@@ -170,32 +172,6 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
         said += f"those of all other loads by {apart.others:.2f} times"
     said += f" ({counted(round(pooled.dof[0]), 'degree')} of freedom)."
     return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", WARN if noted else PASS, said)
-
-
-@dataclass(frozen=True)
-class _Programme:
-    """Loads that were run more than once: the first run of them, chi-square and degrees of freedom of all."""
-
-    run: str
-    square: float
-    freedom: float
-
-
-def _repeated(view: LoadingView, channel: ChannelView) -> Iterator[_Programme]:
-    steps = view.steps
-    alike: dict[bytes, list[NDArray[np.int64]]] = {}
-    for mine in channel.of_runs:
-        alike.setdefault((steps.load[channel.rows[mine]].round(9) + 0.0).tobytes(), []).append(mine)
-    for group in (np.array(rows) for rows in alike.values() if len(rows) > 1):
-        used = channel.fit.kept[group].all(axis=0)
-        if used.sum() < 2:
-            continue
-        values = steps.reading[channel.rows[group], channel.place][:, used]
-        left = values - values.mean(axis=1, keepdims=True)
-        left = left - left.mean(axis=0)
-        square = float(np.sum((left / channel.fit.sigma[group][:, used]) ** 2))
-        first = int(steps.run[channel.rows[group[0][0]]])
-        yield _Programme(view.run_name(first), square, (len(group) - 1.0) * (float(used.sum()) - 1.0))
 
 
 def run_zeros(view: LoadingView) -> Iterator[Check]:
@@ -251,8 +227,8 @@ def _came_back(rows: NDArray[np.int64], empty: NDArray[np.int64]) -> bool:
 
 def exchanged_channels(view: LoadingView) -> Iterator[Check]:
     """Runs in which a channel reads what another should: of a pair both ways, or one that reads a main answer."""
-    expected = view.simulated if view.simulated is not None else _as_others(view)
-    told, count = _read_as(view, expected)
+    expected = view.simulated if view.simulated is not None else as_others(view)
+    told, count = read_as(view, expected)
     pairs = {(int(view.axis[run]), has, like) for run, has, like, _ in told}
     wrong: dict[int, list[tuple[int, int]]] = {}
     for run, has, like, is_main in told:
@@ -269,58 +245,3 @@ def exchanged_channels(view: LoadingView) -> Iterator[Check]:
     elif not wrong:
         said = f"{count} runs and channels read what they should, and not what another should."
         yield Check("channels-exchanged", "", 0.0, 0.0, "1", PASS, said)
-
-
-def _read_as(view: LoadingView, expected: ExpectedReadings) -> tuple[list[tuple[int, int, int, bool]], int]:
-    """Run, channel, the other that it reads like, and whether that other's answer is the larger; and how many runs and
-    channels were asked."""
-    found, count = [], 0
-    for channel in view.channels:
-        beside = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
-        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
-            rows = channel.rows[own]  # all: a run of another channel's readings may stand out as gross
-            asked = [_nearness(view, channel, expected, rows, other) for other in beside]
-            count += any(one is not None for one in asked)
-            for other, one in zip(beside, asked, strict=True):
-                if one is not None and one[0] < _ITS_OWN:
-                    found.append((run, channel.place, other, one[1]))
-    return found, count
-
-
-def _nearness(
-    view: LoadingView, channel: ChannelView, expected: ExpectedReadings, rows: Index, other: int
-) -> tuple[float, bool] | None:
-    """How far a channel's readings are from another's answer, over how far that is from its own; whether the other's is
-    the larger. None where these are too near to each other, or too small."""
-    if len(rows) < FEWEST:
-        return None
-    answer = expected.value[rows][:, [channel.place, other]]
-    answer = answer - answer.mean(axis=0)
-    size = np.sqrt(np.mean(answer**2, axis=0))
-    apart = float(np.sqrt(np.mean((answer[:, 0] - answer[:, 1]) ** 2)))
-    larger = int(size.argmax())
-    if not apart > _APART * size[larger]:
-        return None
-    if not expected.is_clear((channel.place, other)[larger], rows, channel.sigma):
-        return None
-    off = view.steps.reading[rows, channel.place] - answer[:, 1]
-    square = np.sort((off - np.median(off)) ** 2)[: int(np.ceil(_REGULAR * len(rows)))]
-    return float(np.sqrt(np.mean(square))) / apart, larger == 1
-
-
-def _as_others(view: LoadingView) -> ExpectedReadings:
-    """Readings as the other runs under the same axis answer, by their median; NaN where they are too few."""
-    slope = np.full((len(view.steps.runs), 6), np.nan)
-    for channel in view.channels:
-        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
-            rows = channel.rows[own[channel.fit.kept[own]]]
-            if view.loaded_alone[run] and len(rows) >= FEWEST:
-                load, reading = view.steps.load[rows, view.axis[run]], view.steps.reading[rows, channel.place]
-                slope[run, channel.place] = slope_of(load, reading)[0]
-    typical = np.full(slope.shape, np.nan)
-    for run in np.flatnonzero(view.loaded_alone):
-        others = (view.axis == view.axis[run]) & view.loaded_alone & (np.arange(len(slope)) != run)
-        enough = np.isfinite(slope[others]).sum(axis=0) >= _OTHERS
-        typical[run, enough] = np.nanmedian(slope[others][:, enough], axis=0)
-    along = np.take_along_axis(view.steps.load, np.maximum(view.axis, 0)[view.steps.run, None], axis=1)
-    return ExpectedReadings(along * typical[view.steps.run])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
@@ -12,12 +13,15 @@ from numpy.typing import NDArray
 
 from truing.estimation.bundle.length_errors import LengthErrors, length_errors
 from truing.report.numbers import count as counted
+from truing.report.numbers import listed
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA
 from truing.stages.common.point_arrays import number_column, text_column
-from truing.stages.common.words import listed
 from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, CampaignLimits, Check, without
 
 Array = NDArray[np.float64]
+Figures = defaultdict[str, dict[str, float]]
+
+_FIGURE = ("figure", "subject", "value")
 _BEYOND = 5.0  # sigmas
 # Relative, by which lengths differ: what is warm grows less, and less than that is told bar by bar.
 _MATTERS = 5e-4
@@ -34,18 +38,12 @@ _SIZES = "size over stated"
 _NO_BAR = (FROM_SURVEY, FROM_MARKER)
 
 
-class Figures:
-    """The rows of bundle_statistics by figure and subject."""
-
-    def __init__(self, table: pa.Table) -> None:
-        rows = zip(*(table.column(name).to_pylist() for name in ("figure", "subject", "value")), strict=True)
-        self.values: dict[str, dict[str, float]] = {}
-        for figure, subject, value in rows:
-            self.values.setdefault(figure, {})[subject] = value
-
-    def told(self, figure: str) -> dict[str, float]:
-        """Values by subject."""
-        return self.values.get(figure, {})
+def figures_of(statistics: pa.Table) -> Figures:
+    """The rows of bundle_statistics by figure and subject; nothing of figures that it does not have."""
+    found: Figures = defaultdict(dict)
+    for figure, subject, value in zip(*(statistics.column(name).to_pylist() for name in _FIGURE), strict=True):
+        found[figure][subject] = value
+    return found
 
 
 def rows_of(table: pa.Table, column: str, value: object) -> pa.Table:
@@ -94,7 +92,7 @@ def scale_contradiction(figures: Figures) -> Contradiction | None:
 
 def _statements(figures: Figures) -> tuple[list[str], Array, Array]:
     """Names, ratios and sigmas of what states lengths; bodies of one survey that agree are one statement."""
-    ratio, spread = figures.told(LENGTH), figures.told(LENGTH_SIGMA)
+    ratio, spread = figures[LENGTH], figures[LENGTH_SIGMA]
     bodies = [name for name in ratio if name.startswith(_SURVEY)]
     others = [name for name in ratio if name not in bodies]
     x, s = (np.array([told[name] for name in bodies]) for told in (ratio, spread))
@@ -122,14 +120,14 @@ def without_consequences(checks: Iterable[Check]) -> Iterator[Check]:
 
 def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iterator[Check]:
     """Whether each pose has a scale, from what, and what checks it; surveyed: the shape of bodies is known."""
-    free = list(figures.told("scale from none"))
+    free = list(figures["scale from none"])
     if free:
         said = f"Nothing gives the scale of {listed(free)}: all lengths there are open together."
         yield Check("scale", "", float(len(free)), 0.0, "1", FAIL, said)
         return
     columns = [] if lengths is None else [lengths.column(name).to_pylist() for name in ("bar", "serves")]
     serving = dict(zip(*columns, strict=True)) if columns else {}
-    known = {what: len(figures.told(f"scale from {what}")) for what in ("scale bars", "known points", "markers")}
+    known = {what: len(figures[f"scale from {what}"]) for what in ("scale bars", "known points", "markers")}
     if (contradiction := scale_contradiction(figures)) is not None:
         yield Check("scale", "", 1e3 * abs(contradiction.by), 0.0, "mm/m", FAIL, contradiction.told)
         return
@@ -161,12 +159,12 @@ def _checked_by(serving: dict[str, str], figures: Figures, surveyed: bool) -> li
     found = [f"reference length{'s' if len(checks) > 1 else ''} {listed(checks)}"] if checks else []
     found += ["each other"] if len(bars) > 1 else []
     found += ["the survey"] if surveyed and not any(bar.startswith(FROM_SURVEY) for bar in serving) else []
-    return found + [f"the width of {kind}" for kind in figures.told(_SIZES)]
+    return found + [f"the width of {kind}" for kind in figures[_SIZES]]
 
 
 def target_sizes(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
     """How large targets are on the scale that was found, where it is told how large they are."""
-    sizes = figures.told(_SIZES)
+    sizes = figures[_SIZES]
     if not sizes:
         why = "no target's size is stated and seen, but for those that give the scale"
         yield without("sizes of targets", "target-sizes", "", why)

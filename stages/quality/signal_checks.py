@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.design.observability import Observability, inseparable, observe
-from truing.estimation.interferometry.flexible_response import fit_channel, response_columns
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.exchanged_loads import RowExchange, least_seen, search_exchanges
 from truing.estimation.sensor.load_table import LoadTable, load_table
-from truing.quality.loading import LoadingView
+from truing.quality.loading import LoadingView, followed_by_loads, scatter_of_signal
 from truing.report.numbers import count as counted
-from truing.stages.common.words import listed
+from truing.report.numbers import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
 from truing.stages.quality.unit_slips import FAR, unit_slip
 
@@ -30,7 +29,6 @@ _OVER_NOISE = 2.0  # power of a combination of signals over that of its noise, b
 _SIGMAS = 6.0  # of the scatter of that power in few rows
 _ROUNDING = 1e-6  # of the largest signal: what is left of a combination that is exactly none
 _FEWEST = 8
-_LEAST_FREEDOM = 4
 
 
 def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int], share: float) -> Iterator[Check]:
@@ -66,7 +64,7 @@ def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check
     value = steps.signal[rows, at]
     limit = None if range_mv is None else range_mv * _MILLIVOLT
     wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
-    wall[saturated(value, _followed(steps.load[rows], value)).where] = True
+    wall[saturated(value, followed_by_loads(steps.load[rows], value)).where] = True
     places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in rows[wall]]
     said = f"{name}: no sample stands at an end of its range."
     if places:
@@ -84,7 +82,7 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
     steps = view.steps
     if noise_mv is None:
         return without("noise", "noise", "signals", "no noise is declared for them")
-    ratios = [_scatter(view, at, noise_mv * _MILLIVOLT) for at in range(len(steps.signals))]
+    ratios = [scatter_of_signal(view, at, noise_mv * _MILLIVOLT) for at in range(len(steps.signals))]
     known = [ratio for ratio in ratios if np.isfinite(ratio)]
     if not known:
         return without("noise", "noise", "signals", "too few load steps beside what they may follow")
@@ -97,25 +95,6 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
     if slip and ratio > 1.0:
         slip += " Else signals follow something that was not recorded."
     return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, said + slip)
-
-
-def _scatter(view: LoadingView, at: int, sigma: float) -> float:
-    """Scatter over sigma of one signal; NaN where too few steps tell it."""
-    there = np.isfinite(view.steps.signal[:, at])
-    if there.sum() < _FEWEST:
-        return float("nan")
-    steps = view.steps.chosen(there)
-    run = np.unique(steps.run, return_inverse=True)[1]
-    groups = response_columns(steps.load, run, steps.time_s, np.zeros((len(run), 0)))
-    declared = np.full(len(run), sigma)
-    fit = fit_channel(steps.signal[:, at], declared, groups, run, steps.time_s, steps.load, view.load_sigma)
-    return float(np.sqrt(fit.chi_square / fit.dof)) if fit.dof >= _LEAST_FREEDOM else float("nan")
-
-
-def _followed(load: Array, value: Array) -> Array:
-    """What a signal (N,) would be by its loads (N, 6) and a zero, both fitted."""
-    design = np.column_stack([load / np.maximum(np.abs(load).max(axis=0), 1e-300), np.ones(len(load))])
-    return np.asarray(design @ np.linalg.lstsq(design, value, rcond=None)[0])
 
 
 def _loads_span(load: Array, names: list[str]) -> Check:

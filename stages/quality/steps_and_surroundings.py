@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truing.estimation.interferometry.log_quality import (
     pressures_out_of_reach,
@@ -20,11 +19,11 @@ from truing.estimation.interferometry.log_quality import (
 )
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.suspect_units import likely_pressure_unit
-from truing.quality.loading import TEMPERATURES, LoadingView
+from truing.quality.loading import TEMPERATURES, LoadingView, first_steps, steps_without
 from truing.report.numbers import count as counted
+from truing.report.numbers import listed
 from truing.simulation.air import ciddor_index, vapour_pressure_pa
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
-from truing.stages.common.words import listed
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
 from truing.stages.quality.time_and_temperature import temperature_columns, temperature_units
 
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from truing.schemas.interferometer import Interferometer
     from truing.schemas.sections import Loading
 
-_FEW = 0.1  # of a run's steps: where a table says nothing at more, it was not meant to
 _RUNS_ALIKE = 3
 _ROUNDED = 1e-9  # a load at its range is in it
 _HUMIDITY_PCT = 50.0  # where it was not recorded: it hardly changes the index
@@ -46,8 +44,8 @@ def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
     steps = view.steps
     paces = np.diff(steps.step)[np.diff(steps.run) == 0]
     stride = max(math.gcd(*(int(pace) for pace in paces)), 1) if len(paces) else 1
-    found = steps_missing(steps.run, (steps.step - _starts(view)[steps.run]) // stride)
-    lost = np.union1d(_lost(steps.run, steps.reading), _lost(steps.run, steps.signal))
+    found = steps_missing(steps.run, (steps.step - first_steps(view)[steps.run]) // stride)
+    lost = np.union1d(steps_without(steps.run, steps.reading), steps_without(steps.run, steps.signal))
     missing = int(found.size.sum()) + len(lost)
     share = missing / max(missing + len(steps.step), 1)
     places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
@@ -57,27 +55,12 @@ def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
     return limits.of("steps-missing").row("", share, "1", said)
 
 
-def _lost(run: NDArray, values: NDArray) -> NDArray:
-    """The few steps (N,) at which a table (B, K) of values says nothing, in runs (B,) of which it does."""
-    there = np.isfinite(values).any(axis=1)
-    lost = np.flatnonzero(~there & np.isin(run, np.unique(run[there])))
-    return lost if len(lost) <= _FEW * there.sum() else lost[:0]
-
-
-def _starts(view: LoadingView) -> NDArray[np.int64]:
-    """The number (R,) that the steps of each run begin with; the lowest where most runs begin with it."""
-    steps = view.steps
-    first = np.full(len(steps.runs), np.iinfo(np.int64).max)
-    np.minimum.at(first, steps.run, steps.step)
-    return np.full(len(first), first.min()) if np.mean(first == first.min()) > 0.5 else first
-
-
 def runs_whole(view: LoadingView) -> Check:
     """Runs that end before the others do, of the same axis where each has three."""
     steps = view.steps
     few = np.bincount(view.axis + 1)[view.axis + 1].min(initial=_RUNS_ALIKE) < _RUNS_ALIKE
     alike = np.zeros_like(view.axis) if few else view.axis
-    found = runs_cut_short(steps.run, steps.step - _starts(view)[steps.run], alike[steps.run])
+    found = runs_cut_short(steps.run, steps.step - first_steps(view)[steps.run], alike[steps.run])
     names = [view.run_name(steps.run[row]) for row in found.where]
     said = f"Runs that end earlier than others like them: {listed(names)}." if names else "No run was cut short."
     return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, said)

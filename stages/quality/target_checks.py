@@ -1,4 +1,6 @@
-"""Quality of the targets: are all there, do they fix a frame, does each sit in its place, is the noise as declared?"""
+"""Quality of the targets: are all there, do they fix a frame, does each sit in its place, is the noise as declared, do
+positions come out again?
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,20 @@ from truing.estimation.quality import (
     successive_sigma,
     unexplained_scatter,
 )
+from truing.estimation.repeatability import at_one_reading, equal_scatter
 from truing.estimation.rigid_poses.body_frames import redundancy
-from truing.quality.bodies import BodyView, Surroundings
-from truing.report.numbers import count
-from truing.report.numbers import count as counted
-from truing.stages.common.words import listed
+from truing.quality.bodies import (
+    BodyView,
+    Surroundings,
+    chi_square_about_mean,
+    is_trend,
+    nearest_neighbour,
+    odd_poses,
+    scatter_by_pose,
+    seen_again,
+)
+from truing.report.numbers import count, listed
+from truing.stages.common.repeats import DECLARED
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
 from truing.stages.quality.unit_slips import unit_slip
 
@@ -31,8 +42,11 @@ _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declara
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
 _NOISE_NOTED = 1.1
 _POSE_NOISE_TOLERATED = 3.0
-_ODD_POSE = 1e-6
 _ODD_POSES_FAIL = 0.1
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+_NOTED, _TOLERATED = 1.5, 3.0  # times what is stated
+_UNEQUAL = 1e-3
 
 
 def unobserved_poses(around: Surroundings, limits: CampaignLimits) -> Check:
@@ -53,72 +67,46 @@ def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterato
             distance = np.linalg.norm(attachments - body.survey.points[t], axis=1)
             own, nearest = body.survey.leg[t], int(distance.argmin()) + 1
             said = f"platform: target {body.survey.targets[t]} lies {1e3 * distance[own - 1]:.2f} mm from b_{own}"
+            value, limit = 1e3 * float(distance[own - 1]), 1e3 * float(np.delete(distance, own - 1).min())
+            verdict, subject = PASS if nearest == own else FAIL, f"target {body.survey.targets[t]}"
             said += (
                 "." if nearest == own else f", but {1e3 * distance.min():.2f} mm from b_{nearest}: is its leg right?"
             )
-            yield Check(
-                "attachment-labels",
-                f"target {body.survey.targets[t]}",
-                1e3 * float(distance[own - 1]),
-                1e3 * float(np.delete(distance, own - 1).min()),
-                "mm",
-                PASS if nearest == own else FAIL,
-                said,
-            )
+            yield Check("attachment-labels", subject, value, limit, "mm", verdict, said)
 
 
 def completeness(body: BodyView, due: NDArray[np.bool_], limits: CampaignLimits) -> Iterator[Check]:
     """Targets seen per pose of those that were due (B, T), and poses without a frame."""
     seen = body.points.seen
     missing = due & ~seen
-    yield limits.of("completeness").row(
-        body.name,
-        float(missing.sum()) / max(int(due.sum()), 1),
-        "1",
-        f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
-        f"({count(seen.shape[1], 'target')}, {count(seen.shape[0], 'pose')}).",
-    )
+    said = f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
+    said += f"({count(seen.shape[1], 'target')}, {count(seen.shape[0], 'pose')})."
+    yield limits.of("completeness").row(body.name, float(missing.sum()) / max(int(due.sum()), 1), "1", said)
     lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
-    yield limits.of("poses-determined", per=len(seen)).row(
-        body.name,
-        float(len(lost)),
-        "1",
-        f"{body.name}: every pose can be determined."
-        if not lost
-        else f"{body.name}: {count(len(lost), 'pose')} with too few usable targets ({listed(lost)}).",
-    )
+    said = f"{count(len(lost), 'pose')} with too few usable targets ({listed(lost)})" if lost else ""
+    said = f"{body.name}: {said or 'every pose can be determined'}."
+    yield limits.of("poses-determined", per=len(seen)).row(body.name, float(len(lost)), "1", said)
 
 
 def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     """Whether the targets fix a frame: spread across a line and a plane, and no single target on which it hangs."""
     points = body.survey.points[body.frame]
     if len(points) < 3:
-        yield Check(
-            "geometry", body.name, float(len(points)), 3.0, "1", FAIL, f"{body.name}: fewer than three targets."
-        )
+        said = f"{body.name}: fewer than three targets."
+        yield Check("geometry", body.name, float(len(points)), 3.0, "1", FAIL, said)
         return
     shape = body_shape(points)
     length = shape.extents[0] if shape.extents[0] > 0.0 else 1.0  # all targets in one place are neither wide nor thick
     across, thick = shape.extents[1] / length, shape.extents[2] / length
     spread, line = float(shape.extents[1] * 1e3), limits.of("geometry-line", per=float(np.median(body.sigma)) * 1e3)
-    in_line = line.verdict(spread) != PASS
-    yield line.row(
-        body.name,
-        spread,
-        "mm",
-        f"{body.name}: targets spread {shape.extents[0] * 1e3:.1f} x {shape.extents[1] * 1e3:.1f} x "
-        f"{shape.extents[2] * 1e3:.1f} mm (rms){': nearly in line, the roll is free' if in_line else ''}.",
-    )
+    sizes = " x ".join(f"{extent * 1e3:.1f}" for extent in shape.extents[:3])
+    in_line = "" if line.verdict(spread) == PASS else ": nearly in line, the roll is free"
+    yield line.row(body.name, spread, "mm", f"{body.name}: targets spread {sizes} mm (rms){in_line}.")
     plane, many = limits.of("geometry-plane"), len(points) > 3
     flat = many and plane.verdict(float(thick)) != PASS
-    yield plane.row(
-        body.name,
-        float(thick),
-        "1",
-        f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
-        f"{': nearly planar, mirrored labels would not be noticed' if flat else ''}.",
-        counts=many,
-    )
+    said = f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
+    said += ": nearly planar, mirrored labels would not be noticed." if flat else "."
+    yield plane.row(body.name, float(thick), "1", said, counts=many)
     names = np.array(body.survey.targets, dtype=object)[body.frame]
     for name, leverage in zip(names, shape.leverage, strict=True):
         said = f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame."
@@ -135,12 +123,8 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     per_target = gross.sum(axis=0)
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
-    yield limits.of("gross-errors").row(
-        body.name,
-        share,
-        "1",
-        f"{body.name}: {int(gross.sum())} of {seen} readings are far from their place{tail}.",
-    )
+    said = f"{body.name}: {int(gross.sum())} of {seen} readings are far from their place{tail}."
+    yield limits.of("gross-errors").row(body.name, share, "1", said)
 
 
 def exchanged_labels(body: BodyView, around: Surroundings) -> Iterator[Check]:
@@ -151,22 +135,15 @@ def exchanged_labels(body: BodyView, around: Surroundings) -> Iterator[Check]:
     source = body.survey.points
     expected = body.fit.apply(np.broadcast_to(source, body.points.points.shape))
     ok = body.gross & body.fit.ok[:, None]
-    limit = np.maximum(10.0 * np.sqrt((body.sigma**2).sum(axis=2)), 0.02 * _nearest_neighbour(source))
+    limit = np.maximum(10.0 * np.sqrt((body.sigma**2).sum(axis=2)), 0.02 * nearest_neighbour(source))
     pairs = exchanged_pairs(np.nan_to_num(expected), body.points.points, ok, limit)
     if not pairs:
         yield Check("exchanged-labels", body.name, 0.0, 0.0, "1", PASS, f"{body.name}: no labels are exchanged.")
     for a, b in sorted({(a, b) for _, a, b in pairs}):
         poses = [str(around.poses[p]) for p, i, j in pairs if (i, j) == (a, b)]
         names = f"{body.survey.targets[a]} {body.survey.targets[b]}"
-        yield Check(
-            "exchanged-labels",
-            f"targets {names}",
-            float(len(poses)),
-            0.0,
-            "1",
-            FAIL,
-            f"{body.name}: the labels {names} are exchanged in pose {listed(poses)}.",
-        )
+        said = f"{body.name}: the labels {names} are exchanged in pose {listed(poses)}."
+        yield Check("exchanged-labels", f"targets {names}", float(len(poses)), 0.0, "1", FAIL, said)
 
 
 def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
@@ -182,7 +159,7 @@ def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterato
     step = find_steps(body.residuals, own, kept, _EITHER_SIDE)
     moved = np.nonzero(step.p_value < share / max(len(body.survey.targets), 1))[0]
     shifted = [
-        t for t in moved if not _is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])
+        t for t in moved if not is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])
     ]
     if not shifted:
         said = f"{body.name}: no target has moved on its body."
@@ -191,39 +168,15 @@ def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterato
         yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, said)
     for t in shifted:
         d = step.size[t] * 1e3
-        size = float(np.linalg.norm(d))
-        yield Check(
-            "moved-targets",
-            f"target {body.survey.targets[t]}",
-            size,
-            0.0,
-            "mm",
-            WARN,
-            f"{body.name}: target {body.survey.targets[t]} sits {size:.3f} mm elsewhere "
-            f"({d[0]:+.3f}, {d[1]:+.3f}, {d[2]:+.3f}) "
-            f"from pose {around.poses[step.onset[t]]} on.",
-        )
-
-
-def _is_trend(values: Array, sigma: Array, kept: NDArray[np.bool_], time: Array, onset: int) -> bool:
-    """Whether a straight line in time explains the values (B, 3) better than the step at ``onset``."""
-    left = []
-    for shape in ((np.arange(len(time)) >= onset).astype(float), time):
-        design = np.column_stack([np.ones(int(kept.sum())), shape[kept]])
-        fitted = design @ np.linalg.lstsq(design, values[kept], rcond=None)[0]
-        left.append((((values[kept] - fitted) / sigma[kept]) ** 2).sum())
-    return bool(left[1] < left[0])
-
-
-def _nearest_neighbour(points: Array) -> Array:
-    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
-    np.fill_diagonal(distance, np.inf)
-    return distance.min(axis=1)
+        size, target = float(np.linalg.norm(d)), f"target {body.survey.targets[t]}"
+        said = f"{body.name}: {target} sits {size:.3f} mm elsewhere ({d[0]:+.3f}, {d[1]:+.3f}, {d[2]:+.3f}) "
+        said += f"from pose {around.poses[step.onset[t]]} on."
+        yield Check("moved-targets", target, size, 0.0, "mm", WARN, said)
 
 
 def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
     """Estimated against declared noise per axis, of what follows neither drives, time nor temperature."""
-    good = body.good & body.frame & ~_odd_poses(_scatter_by_pose(body))[:, None]
+    good = body.good & body.frame & ~odd_poses(scatter_by_pose(body))[:, None]
     if good.sum() < 12:
         yield without(f"noise of {body.name}", "noise", body.name, "too few readings")
         return
@@ -231,7 +184,7 @@ def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]
     scatter = unexplained_scatter(
         body.residuals[:, body.frame], body.measured_sigma[:, body.frame], part, around.covariates
     )
-    whole = _pooled(scatter)
+    whole = scatter.pooled
     if whole.dof[0] < 1.0:
         why = "a single pose without a survey leaves no residual"
         yield without(f"noise of {body.name}", "noise", body.name, why)
@@ -246,10 +199,6 @@ def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]
         yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6, around.shared)
 
 
-def _pooled(scatter: Scatter) -> Scatter:
-    return Scatter(scatter.chi_square.sum(keepdims=True), scatter.dof.sum(keepdims=True))
-
-
 def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share: float, shared: bool) -> Check:
     ratio = float(scatter.ratio[0])
     failing = scatter.p_above(tolerated)[0] < share
@@ -259,7 +208,7 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
     where = f"the scatter along {axis}" if axis else "the scatter"
     noise = "standard deviations, errors that points share among them" if shared else "declared noise"
     sentence = (
-        f"{body}: {where} is {ratio:.2f} times the {noise} ({counted(round(scatter.dof[0]), 'degree')} of freedom)."
+        f"{body}: {where} is {ratio:.2f} times the {noise} ({count(round(scatter.dof[0]), 'degree')} of freedom)."
     )
     verdict = FAIL if failing else WARN if noted else PASS
     return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)
@@ -267,37 +216,75 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
 
 def noise_by_pose(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
     """Poses whose residuals are larger than the body's own scatter: one is a pose to look at, many are no campaign."""
-    scatter = _scatter_by_pose(body)
+    scatter = scatter_by_pose(body)
     judged = scatter.dof > 0.0
     if judged.sum() < 3:
         yield without(f"noise by pose of {body.name}", "noise-by-pose", body.name, "too few targets per pose")
         return
-    odd = _odd_poses(scatter)
+    odd = odd_poses(scatter)
     much = scatter.p_above(_POSE_NOISE_TOLERATED) < share / judged.sum()
     worst = int(np.argmax(np.where(judged, np.nan_to_num(scatter.ratio), -1.0)))
     failing = much.sum() > _ODD_POSES_FAIL * judged.sum()
-    yield Check(
-        "noise-by-pose",
-        f"{body.name} pose {around.poses[worst]}",
+    pose, ratio, verdict = (
+        around.poses[worst],
         float(scatter.ratio[worst]),
-        _POSE_NOISE_TOLERATED,
-        "1",
         FAIL if failing else WARN if odd.any() else PASS,
-        f"{body.name}: the noisiest pose is {around.poses[worst]}, {scatter.ratio[worst]:.2f} times the ordinary "
-        f"scatter; {int(odd.sum())} of {int(judged.sum())} poses stand out.",
     )
+    said = f"{body.name}: the noisiest pose is {pose}, {ratio:.2f} times the ordinary "
+    said += f"scatter; {int(odd.sum())} of {int(judged.sum())} poses stand out."
+    yield Check("noise-by-pose", f"{body.name} pose {pose}", ratio, _POSE_NOISE_TOLERATED, "1", verdict, said)
 
 
-def _scatter_by_pose(body: BodyView) -> Scatter:
-    """Chi-square of each pose's residuals in units of the body's ordinary scatter, the median over its poses."""
-    good = body.good & body.frame
-    dof = np.maximum(3.0 * good.sum(axis=1) - 6.0, 0.0)
-    square = np.where(good[..., None], (body.residuals / body.sigma) ** 2, 0.0).sum(axis=(1, 2))
-    judged = dof > 0.0
-    level = max(1.0, float(np.median(square[judged] / dof[judged]))) if judged.any() else 1.0
-    return Scatter(np.where(judged, square / level, 0.0), dof)
+def repeatability(
+    bodies: Sequence[BodyView],
+    around: Surroundings,
+    groups: Sequence[Index],
+    how: str,
+    share: float,
+    *,
+    instrument_stood: bool = False,
+) -> Iterator[Check]:
+    """Poses that repeat one another, groups of their numbers: their scatter against their stated uncertainty.
+
+    ``instrument_stood``: bodies need no other body to be seen from.
+    """
+    if not groups:
+        why = "no configuration was measured twice; measure three of them again at the end"
+        yield without("repeatability", "repeatability", "", why)
+        return
+    seen = list(seen_again(bodies, instrument_stood=instrument_stood))
+    if not seen:
+        why = "no body is seen from another; give the body that stands still three targets"
+        yield without("repeatability", "repeatability", "", why)
+    for one in seen:
+        position = one.position
+        if how == DECLARED:
+            position = at_one_reading(np.where(one.known[:, None], position, np.nan), around.settings, groups)
+        parts = [part for group in groups if len(part := group[one.known[group]]) > 1]
+        squares = np.array([chi_square_about_mean(position[part], one.cov[part]) for part in parts])
+        names = [str(around.poses[int(part[0])]) for part in parts]
+        freedom = np.array([3.0 * (len(part) - 1) for part in parts])
+        yield _check(one.name, Scatter(squares, freedom), names, how, share / len(seen))
 
 
-def _odd_poses(scatter: Scatter) -> NDArray[np.bool_]:
-    """Poses that chance makes as noisy once in a million: a gross error that its few neighbours hid, most often."""
-    return (scatter.p_above(1.0) < _ODD_POSE) & (np.nan_to_num(scatter.ratio) > 1.5)
+def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: float) -> Check:
+    """The verdict of one subject, of all groups together and of each: groups that differ are never told as one."""
+    if not poses:
+        why = f"no repeat of {name} was seen twice in a way that tells its place; measure three poses twice"
+        return without("repeatability", "repeatability", name, why)
+    pooled = scatter.pooled
+    verdicts = [
+        (pooled.p_above(times)[0] < 0.5 * share or bool((scatter.p_above(times) < 0.5 * share / len(poses)).any()))
+        for times in (_NOTED, _TOLERATED)
+    ]
+    verdict = FAIL if verdicts[1] else WARN if verdicts[0] else PASS
+    ratio, repeats = float(pooled.ratio[0]), int(pooled.dof[0] / 3)
+    apart = equal_scatter(scatter.chi_square, scatter.dof)
+    said = f"{name}: repeated poses scatter {ratio:.2f} times as much as their noise says "
+    if apart is not None and apart.p_value < _UNEQUAL:
+        ratio = float(scatter.ratio[apart.worst])
+        verdict = WARN if verdict == PASS else verdict
+        said = f"{name}: repeats of pose {poses[apart.worst]} scatter {ratio:.2f} times as much as their noise says, "
+        said += f"those of all others {apart.others:.2f} times: no one number holds for all "
+    said += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, known by {how})."
+    return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, said)

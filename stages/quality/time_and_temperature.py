@@ -19,8 +19,7 @@ from truing.estimation.suspect_units import (
     mistaken_unit,
 )
 from truing.quality.bodies import BodyView, Surroundings
-from truing.report.numbers import count, duration
-from truing.stages.common.words import listed
+from truing.report.numbers import count, duration, listed
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
 
 _LEAST_POSES = 8  # that tell a walk from chance

@@ -35,7 +35,7 @@ from truing.estimation.response import (
     residual_sets,
     symmetry,
 )
-from truing.report.numbers import count
+from truing.report.numbers import count, gross_errors
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
 from truing.stages.common.belonging import subject_of, withheld_runs
@@ -46,7 +46,6 @@ from truing.stages.common.positioning import SEED, deviations, instrument
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI
 from truing.stages.common.rows import Rows
 from truing.stages.common.why_not import why_no_deformation_of_loads
-from truing.stages.common.words import gross_errors
 from truing.stages.declaration import Outcome
 from truing.stages.responses.tables import add_figures, error_rows
 

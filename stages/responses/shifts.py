@@ -37,6 +37,7 @@ from truing.estimation.response import (
 )
 from truing.estimation.rigid_poses.body_frames import FramedBody, FramedPoints, mean_shape
 from truing.report.numbers import count as counted
+from truing.report.numbers import gross_errors
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.common.point_arrays import (
     fitted_points,
@@ -54,7 +55,6 @@ from truing.stages.common.why_not import (
     why_no_deformation_of_legs,
     why_no_deformation_of_targets,
 )
-from truing.stages.common.words import gross_errors
 from truing.stages.declaration import Outcome
 from truing.stages.responses.tables import add_figures, error_rows
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, READING_UNITS, RecordedSteps
 from truing.report.numbers import count as counted
+from truing.report.numbers import gross_errors
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.known_readings import BeamGeometry
 from truing.stages.common.declared_optics import beam_optics
@@ -20,7 +21,6 @@ from truing.stages.common.overruled import Decided, decided, excluded_words, exc
 from truing.stages.common.point_arrays import decisions
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI, load_steps
 from truing.stages.common.rows import Rows
-from truing.stages.common.words import gross_errors
 from truing.stages.declaration import Outcome
 
 if TYPE_CHECKING:

@@ -23,9 +23,9 @@ from tests.stages.line import run_line
 from truing.belonging.chance_equality import noise_of_neighbours, resolution
 from truing.belonging.copied_rows import Values, copied_runs
 from truing.belonging.frozen_values import frozen, stood_still
-from truing.belonging.loads_of_readings import against_range, against_simulation
 from truing.belonging.plausible_slips import Column
 from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, SlipKind, State
+from truing.belonging.relations_of_loads import against_range, against_simulation
 from truing.belonging.row_order import row_slips
 from truing.belonging.signals_of_loads import Recorded
 from truing.stages.common.belonging import withheld

@@ -13,8 +13,7 @@ from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.conftest import PROJECT
 from tests.stages.line import run_line
-from truing.report.numbers import count, percent
-from truing.stages.common.words import gross_errors
+from truing.report.numbers import count, gross_errors, percent
 
 # Words in the singular that end in s.
 SINGULAR = {"times", "is", "was", "has", "axis", "pass", "s", "across", "as", "less", "gas", "bus", "this"}

@@ -10,7 +10,7 @@ import pandas as pd
 
 from tests.stages.line import run_line
 from truing.report.exclusion_section import excluded
-from truing.stages.common.words import gross_errors
+from truing.report.numbers import gross_errors
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "force-sensor"
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.plausible_slips import Column
-from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS
+from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, Slip, SlipKind, State, Tested
 from truing.belonging.responses import directions
+from truing.belonging.slip_search import merged
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -56,37 +57,26 @@ def parts(load: Array, run: Index, value: Array, columns: Sequence[Column], answ
         direction = directions(load[rows])[0]
         main = np.flatnonzero((own > _MAIN * most) & (own > 0.0))
         if len(direction) == 1 and len(main):
-            line = _Line(load[rows] @ direction[0] / (direction[0] @ direction[0]), value[rows][:, main])
+            way = load[rows] @ direction[0] / (direction[0] @ direction[0])
+            line = _Line(way, value[rows][:, main], int(run[rows[0]]), rows, tuple(main.tolist()))
             kinds = FORCE_UNITS if direction[0, :3].any() else (*TORQUE_UNITS, *FORCE_UNITS)
-            best = line.best([columns[k] for k in main.tolist()], kinds, answers[main] @ direction[0])
-            if best is not None:
-                own_columns = tuple(int(main[place]) for place in best.columns)
-                where = (int(run[rows[0]]), rows[best.part], best.first, best.sign)
-                found.append(Part(*where, own_columns, best.factor, best.before, best.after))
+            best = line.best([columns[k] for k in line.places], kinds, answers[main] @ direction[0])
+            found += [] if best is None else [best]
     return found
 
 
 @dataclass(frozen=True)
-class _Found:
-    """A part (N,) of a run and what puts it right: columns (none: the loads), factor, and misfits of a line."""
-
-    part: Mask
-    first: bool
-    sign: int
-    columns: tuple[int, ...]
-    factor: float
-    before: float
-    after: float
-
-
-@dataclass(frozen=True)
 class _Line:
-    """A run along one direction: way (N,) and values (N, K) of the columns that clearly answer."""
+    """A run along one direction: way (N,) and values (N, K) of the columns that clearly answer, by their places (K);
+    the run's number and its rows (N,)."""
 
     way: Array
     value: Array
+    run: int
+    rows: Index
+    places: tuple[int, ...]
 
-    def best(self, columns: Sequence[Column], units: Sequence[float], answers: Array) -> _Found | None:
+    def best(self, columns: Sequence[Column], units: Sequence[float], answers: Array) -> Part | None:
         """The part and the factor that leave least; loads where they do as well as columns."""
         found = [
             one for second, sign in self._halves() for one in self._of_halves(second, sign, columns, units, answers)
@@ -101,17 +91,17 @@ class _Line:
 
     def _of_halves(
         self, second: Mask, sign: int, columns: Sequence[Column], units: Sequence[float], answers: Array
-    ) -> Iterator[_Found]:
+    ) -> Iterator[Part]:
         """What puts one of two parts right, the one whose slopes are farther from what columns answer."""
         kept, one, other = self._slopes(second)
         if not kept.any() or not _differ(other[kept] / one[kept]).any():
             return
-        told = _Line(self.way, self.value[:, kept])
+        place = np.flatnonzero(kept).tolist()
+        told = replace(self, value=self.value[:, kept], places=tuple(self.places[k] for k in place))
         one, other, answers = one[kept], other[kept], answers[kept]
         off = [np.sum(np.abs(_off(slope, answers, np.minimum(np.abs(one), np.abs(other))))) for slope in (one, other)]
         first = bool(off[0] > off[1])
         part, ratio = (~second, one / other) if first else (second, other / one)
-        place = np.flatnonzero(kept).tolist()
         before = told._left(told.way, told.value)
         for mine, factor, after in told._undone(part, ratio, [columns[k] for k in place], units):
             own = list(mine) if mine else slice(None)
@@ -119,8 +109,9 @@ class _Line:
             if factor < 0.0 and not known.any() and (mine or len(known) < 2):
                 continue  # a single column may answer both signs of a load alike
             if np.all(after[own] < _FIFTH * before[own]):
+                concerned = tuple(told.places[k] for k in mine)
                 left = float(before[own].max()), float(after[own].max())
-                yield _Found(part, first, -sign if first else sign, tuple(place[k] for k in mine), factor, *left)
+                yield Part(self.run, self.rows[part], first, -sign if first else sign, concerned, factor, *left)
 
     def _halves(self) -> Iterator[tuple[Mask, int]]:
         """Rows from each of them on, and those of negative loads."""
@@ -192,3 +183,39 @@ def _off(slope: Array, answers: Array, least: Array) -> Array:
     known = _is_known(answers, least)
     size = np.where(known, np.abs(answers), 1.0)
     return np.where(known, np.arcsinh(slope / size / 0.1) - np.arcsinh(np.sign(answers) / 0.1), 0.0)
+
+
+def of_parts(
+    found: Sequence[Part], step: Index, runs: Sequence[str], columns: Sequence[Column], first: int, relation: str
+) -> Iterator[Tested]:
+    """Yield one failed test of a relation, where parts concern its columns (numbers from first) or their loads."""
+    mine = [one for one in found if concerns(one, range(first, first + len(columns)))]
+    if mine:
+        slips = merged([_slip(one, step, runs, columns, first) for one in mine])
+        before, after = (100.0 * max(getattr(one, name) for one in mine) for name in ("before", "after"))
+        subject = ", ".join(dict.fromkeys(runs[one.run] for one in mine)) if len(mine) <= 3 else ""
+        sizes = (before, after, None, "% of the range")
+        yield Tested(relation, State.FAILS, "slip", subject, *sizes, slips, tried=len(mine))
+
+
+def concerns(part: Part, columns: Container[int]) -> bool:
+    """Whether a part is one of the loads, or of some of these columns."""
+    return not part.columns or any(column in columns for column in part.columns)
+
+
+def _slip(part: Part, step: Index, runs: Sequence[str], columns: Sequence[Column], first: int) -> Slip:
+    own = [columns[place - first] for place in part.columns]
+    quantity = own[0].quantity if own else "load"
+    every = len(own) == sum(column.quantity == quantity for column in columns)
+    names = () if every and len(own) > 1 else tuple(column.name for column in own)
+    kind = SlipKind.SIGN if part.factor == -1.0 else SlipKind.UNIT
+    slip = Slip(kind, quantity, (*names, _where(part, step, runs)))
+    return slip if kind == SlipKind.SIGN else replace(slip, factor=part.factor)
+
+
+def _where(part: Part, step: Index, runs: Sequence[str]) -> str:
+    """The run and the part of it, in words."""
+    run, step = runs[part.run], step[part.rows]
+    if part.sign:
+        return f"{run} at {'negative' if part.sign < 0 else 'positive'} loads"
+    return f"{run} up to step {step[-1]}" if part.first else f"{run} from step {step[0]} on"

@@ -102,7 +102,8 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[Slip, ...], Ma
         return (), concerned
     own = body.chosen(usable)
     plain = _fitted(own.survey, own.points, own.seen)
-    trials = [*_in_other_units(own), _mirrored(own), *_of_other_bodies(own)]
+    mirrored = _fitted(own.survey * [-1.0, 1.0, 1.0], own.points, own.seen)
+    trials = [*_in_other_units(own), _Trial(SlipKind.MIRRORED, "points", 1.0, mirrored), *_of_other_bodies(own)]
     after = np.stack([trial.misfit for trial in trials])
     best, least = after.argmin(axis=0), after.min(axis=0)
     is_better = (plain > limit) & (least < _FIFTH * plain)
@@ -154,10 +155,6 @@ def _in_other_units(body: BodyPoints) -> Iterator[_Trial]:
         for factor in both_ways(LENGTH_FACTORS):
             near = np.abs(np.log(scaled.scale * factor)) < _SCALE
             yield _Trial(SlipKind.UNIT, "points", factor, np.where(enough & near, factor * scaled.rms, np.inf))
-
-
-def _mirrored(body: BodyPoints) -> _Trial:
-    return _Trial(SlipKind.MIRRORED, "points", 1.0, _fitted(body.survey * [-1.0, 1.0, 1.0], body.points, body.seen))
 
 
 def _of_other_bodies(body: BodyPoints) -> Iterator[_Trial]:

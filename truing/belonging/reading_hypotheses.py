@@ -105,7 +105,8 @@ def descriptions(motion: Motion) -> Iterator[Description]:
     """Yield the mechanism and the poses as recorded first, then each with one slip undone."""
     legs, p, R = motion.legs, motion.p, motion.R
     yield Description((), legs, p, R)
-    yield Description((Slip(SlipKind.PARTS_EXCHANGED, "joints of [mechanism]", ("a_mm", "b_mm")),), *_swapped(motion))
+    slip = Slip(SlipKind.PARTS_EXCHANGED, "joints of [mechanism]", ("a_mm", "b_mm"))
+    yield Description((slip,), legs.replace(a=legs.b, b=legs.a), p, R)
     if "u" in legs.closure.geometry:
         yield Description((Slip(SlipKind.DIRECTION, "u of [mechanism]"),), legs.replace(u=-legs.u), p, R)
     yield from _other_lengths(motion)
@@ -128,11 +129,6 @@ def descriptions(motion: Motion) -> Iterator[Description]:
 
 def _unit(quantity: str, factor: float) -> Slip:
     return Slip(SlipKind.UNIT, quantity, (), factor)
-
-
-def _swapped(motion: Motion) -> tuple[Legs, Array, Array]:
-    legs = motion.legs
-    return legs.replace(a=legs.b, b=legs.a), motion.p, motion.R
 
 
 def _other_lengths(motion: Motion) -> Iterator[Description]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+
+_MOST_NAMED = 3
 
 
 class State(StrEnum):
@@ -78,6 +81,11 @@ class Tested:
     rivals: tuple[Slip, ...] = ()
     tried: int = 0
     hidden: tuple[Slip, ...] = ()
+
+
+def named_shortly(names: Sequence[str]) -> str:
+    """The subject of a test that concerns a few names; empty where they are more than a subject holds."""
+    return ", ".join(names) if len(names) <= _MOST_NAMED else ""
 
 
 # What numbers of one unit are in another, by which a slip multiplies; each may also be divided by.

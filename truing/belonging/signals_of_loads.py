@@ -114,7 +114,7 @@ def against_geometry(steps: Recorded, columns: Sequence[Column], legs: Array, ga
     for expected in _by_legs(found, legs, gain):
         told, unseen = _explained(found, expected, steps, columns, gain)
         if _off(told.misses, found, expected) <= _MATCHES:
-            tested = _tested(told, unseen)
+            tested = _tested(told, RELATION, unseen)
             if not tested.slips:
                 return tested
             if not _turns_most(tested, steps) and (best is None or _named(tested) < _named(best)):
@@ -173,8 +173,9 @@ def against_each_other(steps: Recorded, columns: Sequence[Column], relation: str
         *slips_of_columns(found, columns, steps.runs, expected, of_all=False),
     ]
     told = explain(found, expected, candidates)
-    exchanges = [*exchanges_by_axis(found, columns)] if _are_alike(columns) else []
-    return replace(_tested(told, (*unseen, *hidden(found, expected, exchanges))), relation=relation)
+    of_one_quantity = len({column.quantity for column in columns}) == 1  # so that any two may be exchanged
+    exchanges = [*exchanges_by_axis(found, columns)] if of_one_quantity else []
+    return _tested(told, relation, (*unseen, *hidden(found, expected, exchanges)))
 
 
 def responses_of(steps: Recorded, columns: int) -> Array:
@@ -187,16 +188,9 @@ def _clear(steps: Recorded, count: int) -> Responses:
     return clear(responses(steps.load, steps.run, steps.value, has_zero=not steps.tared), count)
 
 
-def _tested(told: Explained, unseen: Sequence[Slip]) -> Tested:
-    before, after = 100.0 * told.before, 100.0 * told.after
-    if told.slips:
-        names = list(dict.fromkeys(name for slip in told.slips for name in slip.subjects))
-        subject = ", ".join(names) if len(names) <= 3 else ""
-        return Tested(
-            RELATION, State.FAILS, "slip", subject, before, after, None, "%", told.slips, told.rivals, told.tried
-        )
+def _tested(told: Explained, relation: str, unseen: Sequence[Slip]) -> Tested:
     state, reason = (State.OK, "agrees") if told.before <= _NO_BETTER else (State.ATTENTION, "departs")
-    return Tested(RELATION, state, reason, "", before, None, None, "%", (), (), told.tried, tuple(unseen))
+    return told.tested(relation, state, reason, unseen)
 
 
 def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expected]:
@@ -219,9 +213,8 @@ def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expe
 
 def _off(missed: Array, found: Responses, expected: Expected) -> float:
     """Root of the mean square by which main responses miss."""
-    wanted = np.abs(np.sum(expected.matrix[found.column] * found.direction, axis=1))
-    possible = expected.of_column[found.column] * np.linalg.norm(found.direction * expected.of_load, axis=1)
-    main = wanted > _MAIN * possible
+    wanted = np.abs(expected.wanted(found.column, found.direction))
+    main = wanted > _MAIN * expected.possible(found.column, found.direction)
     return float(np.sqrt(np.mean(missed[main] ** 2))) if main.any() else np.inf
 
 
@@ -237,11 +230,6 @@ def _of_single_runs(columns: Sequence[Column], alone: tuple[str, ...]) -> tuple[
     """What nobody sees in runs that no two others vouch for."""
     kinds = (SlipKind.UNIT, SlipKind.SIGN, SlipKind.FROZEN) if alone else ()
     return tuple(Slip(kind, of, alone) for of in dict.fromkeys(one.quantity for one in columns) for kind in kinds)
-
-
-def _are_alike(columns: Sequence[Column]) -> bool:
-    """Whether all columns are of one quantity, so that any two may be exchanged."""
-    return len({column.quantity for column in columns}) == 1
 
 
 def _blind(gain: Array | None) -> tuple[Slip, ...]:

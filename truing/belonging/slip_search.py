@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.belonging.evidence import log_evidence, physics
-from truing.belonging.relation import Slip
+from truing.belonging.relation import Slip, State, Tested, named_shortly
 from truing.belonging.responses import Responses
 
 Array = NDArray[np.float64]
@@ -50,6 +50,14 @@ class Expected:
     main: float = 0.15
     linear: float = 0.1
 
+    def wanted(self, column: Index, direction: Array) -> Array:
+        """What columns (C,) should answer to loads (C, 6)."""
+        return np.asarray(np.sum(self.matrix[column] * direction, axis=1))
+
+    def possible(self, column: Index, direction: Array) -> Array:
+        """The largest answer (C,) that columns (C,) could give to loads (C, 6) at all."""
+        return np.asarray(self.of_column[column] * np.linalg.norm(direction * self.of_load, axis=1))
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -83,6 +91,15 @@ class Explained:
     after: float
     tried: int
     misses: Array
+
+    def tested(self, relation: str, state: State, reason: str, hidden: Sequence[Slip]) -> Tested:
+        """The result for a relation: a failure where there are slips, else this state."""
+        before, after = 100.0 * self.before, 100.0 * self.after
+        if not self.slips:
+            return Tested(relation, state, reason, "", before, unit="%", tried=self.tried, hidden=tuple(hidden))
+        subject = named_shortly(list(dict.fromkeys(name for slip in self.slips for name in slip.subjects)))
+        sizes = (before, after, None, "%")
+        return Tested(relation, State.FAILS, "slip", subject, *sizes, self.slips, self.rivals, self.tried)
 
 
 @dataclass(frozen=True)
@@ -232,9 +249,8 @@ def hidden(found: Responses, expected: Expected, candidates: Sequence[Candidate]
 
 
 def _compare(found: Responses, expected: Expected, read: Reading) -> _Compared:
-    possible = expected.of_column[read.column] * np.linalg.norm(read.direction * expected.of_load, axis=1)
-    possible = np.maximum(possible, 1e-300)
-    wanted = np.sum(expected.matrix[read.column] * read.direction, axis=1)
+    possible = np.maximum(expected.possible(read.column, read.direction), 1e-300)
+    wanted = expected.wanted(read.column, read.direction)
     return _Compared(found.size * read.factor / possible, wanted / possible, possible, expected)
 
 

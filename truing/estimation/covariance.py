@@ -140,6 +140,18 @@ def shared_parent_covariance(R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, p_a:
     return symmetric(_sandwich(J, cov_aw))
 
 
+def in_inner_constraints(xyz: NDArray, cov: NDArray, *, with_scale: bool) -> NDArray:
+    """The covariance (3n, 3n) of points (n, 3) by Baarda's S-transformation into inner constraints.
+
+    Nothing of it is then a motion of all points together, nor a growth where ``with_scale``.
+    """
+    x = xyz - xyz.mean(axis=0)
+    parts = [np.tile(np.eye(3), (len(x), 1)), -skew(x).reshape(-1, 3)]
+    G = np.concatenate([*parts, *([x.reshape(-1, 1)] if with_scale else [])], axis=1)
+    S = np.eye(len(cov)) - G @ np.linalg.solve(G.T @ G, G.T)
+    return np.asarray(S @ cov @ S.T)
+
+
 def apply_rotation(R: NDArray, v: NDArray) -> NDArray:
     """Return ``R v`` (..., 3)."""
     return np.einsum("...ij,...j->...i", R, v)

@@ -24,6 +24,11 @@ class Scatter:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.sqrt(np.where(self.dof > 0.0, self.chi_square / self.dof, np.nan))
 
+    @property
+    def pooled(self) -> Scatter:
+        """All groups as one."""
+        return Scatter(self.chi_square.sum(keepdims=True), self.dof.sum(keepdims=True))
+
     def p_above(self, tolerated_ratio: float) -> Array:
         """p-value of a noise no larger than ``tolerated_ratio`` times the declared (chi-square, one-sided)."""
         from scipy.special import chdtrc

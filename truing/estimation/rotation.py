@@ -64,6 +64,20 @@ def inverse_left_jacobian_so3(theta: NDArray) -> NDArray:
     return _polynomial(theta, np.full_like(x, -0.5), _by_series(x, _COTC, _cotc))
 
 
+def euler_axes(angles: NDArray, order: str) -> NDArray:
+    """(N, 3, 3) axes, in the parent frame, about which three Euler angles (N, 3), rad, turn: one column per angle."""
+    inner = order if order.isupper() else order[::-1]  # about turned axes, the first angle turns the others
+    own = angles if order.isupper() else angles[:, ::-1]
+    R = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
+    axes = []
+    for number, axis in enumerate(inner.upper()):
+        unit = np.eye(3)["XYZ".index(axis)]
+        axes.append(R @ unit)
+        R = R @ exp_so3(own[:, number, None] * unit)
+    stacked = np.stack(axes, axis=-1)
+    return stacked if order.isupper() else stacked[:, :, ::-1]
+
+
 def log_so3(R: NDArray) -> NDArray:
     """Return the rotation vector (..., 3), in rad and not longer than pi, of rotations R (..., 3, 3).
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from truing.formats.compression import open_plain
 from truing.formats.file_search import companions, plain_ending
 from truing.formats.interior_orientation import Row, camera_row, from_millimetres
-from truing.formats.raw import RawBatch, Unusable, Wanted, one_batch, whole_numbers
+from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, one_batch, whole_numbers
 from truing.formats.source import RawFile
 
 _LARGEST = 1 << 28
@@ -111,15 +111,7 @@ def _lines(path: Path, name: str | None = None) -> list[tuple[int, str]]:
 
 def _numbers(lines: list[tuple[int, str]], count: int, expected: str) -> NDArray[np.float64]:
     """Lines of ``count`` finite numbers each (N, count); raises Unusable at the first that is none."""
-    found = np.empty((len(lines), count))
-    for place, (row, line) in enumerate(lines):
-        try:
-            found[place] = line.split()
-        except ValueError:
-            raise Unusable(expected, row=row, value=line[:80]) from None
-        if not np.isfinite(found[place]).all():
-            raise Unusable(f"{expected}, all of them finite", row=row, value=line[:80])
-    return found
+    return np.array([finite_numbers(line, expected, row, count) for row, line in lines]).reshape(-1, count)
 
 
 def _cameras(lines: list[tuple[int, str]]) -> list[AiconCamera]:

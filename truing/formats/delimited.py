@@ -48,7 +48,7 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
         return
     parser = _Parser(lines, separator, entry, len(names), kinds)
     done = 0
-    for batch, count in _in_order(parser.parse, _prepend(rest if has_header else first, blocks)):
+    for batch, count in _in_order(parser.parse, chain(filter(None, [rest if has_header else first]), blocks)):
         if count:  # a block may hold blank lines and comments alone
             yield _from_record(batch, done)
         done += count
@@ -193,10 +193,7 @@ def _whole(column: pa.ChunkedArray) -> pa.Array:
 
 
 def _from_record(batch: RawBatch, first: int) -> RawBatch:
-    faults = tuple(
-        CellFaults(f.expected, f.column, tuple((first + record, value) for record, value in f.cells), f.count)
-        for f in batch.faults
-    )
+    faults = tuple(fault.changed(lambda record, value: (first + record, value)) for fault in batch.faults)
     return RawBatch(batch.columns, batch.records + first, faults)
 
 
@@ -215,12 +212,6 @@ def _check_utf8(text: bytes, lines: Lines) -> None:
             'text in UTF-8; exports of older programs are read with encoding = "cp1252"',
             value=split_lines(text[: error.end], lines.quote)[-1].decode(errors="replace")[-40:],
         ) from None
-
-
-def _prepend(first: bytes, rest: Iterator[bytes]) -> Iterator[bytes]:
-    if first:
-        yield first
-    yield from rest
 
 
 def _in_order(function: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:

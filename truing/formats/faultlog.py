@@ -42,6 +42,10 @@ class CellFaults:
         cells = tuple((int(records[row]), _shown(values, int(row))) for row in rows[:SHOWN])
         return cls(expected, column, cells, len(rows))
 
+    def changed(self, change: Callable[[int, str | None], tuple[int, str | None]]) -> CellFaults:
+        """The same faults with other records, or other values, of their cells."""
+        return replace(self, cells=tuple(change(*cell) for cell in self.cells))
+
 
 def _shown(values: pa.Array | None, row: int) -> str | None:
     if values is None:
@@ -140,4 +144,4 @@ def discreet(value: str | None) -> str | None:
 
 def discreet_cells(faults: CellFaults) -> CellFaults:
     """Return faults of cells without their text."""
-    return replace(faults, cells=tuple((record, discreet(value)) for record, value in faults.cells))
+    return faults.changed(lambda record, value: (record, discreet(value)))

@@ -65,7 +65,8 @@ def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str |
     if not source.entries(shape.name):
         return None
     batches, found = _read(source, shape, as_text=False)
-    if identifier is not None and any(_is_text(batch, identifier) for _, batch in batches):
+    named = [batch.columns[identifier] for _, batch in batches if identifier in batch.columns]
+    if any(pa.types.is_dictionary(column.type) for column in named):
         batches, found = _read(source, shape, as_text=True)
     log.absorb(found)
     if not batches:
@@ -91,10 +92,6 @@ def _faulty(batches: list[TableBatch], kept: Mapping[str, str]) -> dict[str, NDA
 def _read(source: CampaignFiles, shape: Shape, *, as_text: bool) -> tuple[list[tuple[FileRows, TableBatch]], FaultLog]:
     log = FaultLog()
     return list(read_table(source, shape, log, poses_as_text=as_text)), log
-
-
-def _is_text(batch: TableBatch, name: str) -> bool:
-    return name in batch.columns and bool(pa.types.is_dictionary(batch.columns[name].type))
 
 
 def _concatenated(batches: list[TableBatch]) -> pa.Table:

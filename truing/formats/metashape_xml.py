@@ -114,13 +114,16 @@ def _rays(root: ElementTree.Element, lines: Lines) -> dict[str, Any]:
 
 
 def _number(element: ElementTree.Element, name: str, lines: Lines) -> float:
-    text = element.get(name, "")
+    return _finite(element.get(name, ""), name, lines[element])
+
+
+def _finite(text: str, name: str, line: int) -> float:
     try:
         value = float(text)
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise Unusable("a number", row=lines[element], column=name, value=text[:40])
+        raise Unusable("a number", row=line, column=name, value=text[:40])
     return value
 
 
@@ -154,10 +157,4 @@ def _child(calibration: ElementTree.Element, name: str, lines: Lines) -> float:
     child = calibration.find(name)
     if child is None:
         return 0.0
-    try:
-        value = float(child.text or "")
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise Unusable("a number", row=lines[child], column=name, value=(child.text or "")[:40])
-    return value
+    return _finite(child.text or "", name, lines[child])

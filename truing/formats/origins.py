@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from truing.formats.faultlog import CellFaults, Records
+from truing.formats.faultlog import Records
 from truing.formats.patterns import BoundedPattern
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
 from truing.schemas.mapping import FileMapping
@@ -104,10 +104,7 @@ class RowCount:
         columns = {
             place: batch.columns[place % self._width].take(rows[:, place // self._width]) for place in self._kinds
         }
-        faults = tuple(
-            CellFaults(f.expected, f.column, tuple((row // self._per, value) for row, value in f.cells), f.count)
-            for f in batch.faults
-        )
+        faults = tuple(fault.changed(lambda row, value: (row // self._per, value)) for fault in batch.faults)
         return RawBatch(columns, whole, faults)
 
 

@@ -66,19 +66,15 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
                 seen.add(raw)
                 if (one := _photograph(raw, pattern, entry, sensor_width_mm, log)) is not None:
                     found.found.append(one)
-    _tell_passed_over(source, {raw.name for raw in seen}, found, log)
+    for other in passed_over(source.folder, source.folders_of_photographs, {raw.name for raw in seen}):
+        _tell(other, found, log)
     _check_names(found.found, log)
     found.found = _cameras_apart(_once(found, log))
     return found
 
 
-def _tell_passed_over(source: CampaignFiles, seen: set[str], found: Photographs, log: FaultLog) -> None:
-    """A fault for what was meant as a photograph and is not read; everything else is counted."""
-    for one in passed_over(source.folder, source.folders_of_photographs, seen):
-        _tell(one, found, log)
-
-
 def _tell(one: PassedOver, found: Photographs, log: FaultLog) -> None:
+    """A fault for what was meant as a photograph and is not read; everything else is counted."""
     if one.is_fault:
         log.add(Fault(one.name, one.why))
     else:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_corrections
-from truing.formats.raw import RawBatch, Unusable, Wanted, one_batch, whole_numbers
+from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, one_batch, whole_numbers
 
 _LARGEST = 1 << 28
 _HEAD = 5
@@ -76,7 +76,7 @@ def _read(path: Path) -> _Export:
     lines = content[:_LARGEST].decode("cp1252", errors="replace").splitlines()
     if len(content) > _LARGEST or b"\0" in content or len(lines) < _HEAD:
         raise Unusable("PhotoModeler's text export, with a head of five lines")
-    tolerance = _row(lines, 1, "tolerance, iterations, width and height of the photos in pixels")
+    tolerance = finite_numbers(lines[1], "tolerance, iterations, width and height of the photos in pixels", 2)
     if len(tolerance) < 4 or not (tolerance[2:4] >= 1).all():
         expected = (
             "width and height of the photos in pixels after tolerance and iterations; pixels have no size without them"
@@ -97,7 +97,7 @@ def _photos(lines: list[str]) -> tuple[list[_Photo], int]:
         if at + _PER_PHOTO > len(lines):
             raise Unusable(_PHOTO, row=at + 1, value=lines[at][:80])
         number, _, name = lines[at].strip().partition(" ")
-        interior = _row(lines, at + 4, _PHOTO)
+        interior = finite_numbers(lines[at + 4], _PHOTO, at + 5)
         if not number.isdigit() or len(interior) != 11 or interior[0] != int(number):
             raise Unusable(_PHOTO, row=at + 1, value=lines[at][:80])
         photos.append(_Photo(PureWindowsPath(name.strip()).name or number, int(number), interior[1:], at + 1))
@@ -111,21 +111,9 @@ def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[_Block
     """Lines of ``count`` numbers up to a blank one, and the line after that."""
     rows, first = [], at + 1
     while at < len(lines) and lines[at].strip():
-        rows.append(_row(lines, at, expected))
-        if len(rows[-1]) != count:
-            raise Unusable(expected, row=at + 1, value=lines[at][:80])
+        rows.append(finite_numbers(lines[at], expected, at + 1, count))
         at += 1
     return _Block(np.array(rows).reshape(-1, count), first), at + 1
-
-
-def _row(lines: list[str], at: int, expected: str) -> NDArray[np.float64]:
-    try:
-        found = np.array(lines[at].split(), dtype=np.float64)
-    except ValueError:
-        raise Unusable(expected, row=at + 1, value=lines[at][:80]) from None
-    if not np.isfinite(found).all():
-        raise Unusable(f"{expected}, all of them finite", row=at + 1, value=lines[at][:80])
-    return found
 
 
 def _rays(export: _Export) -> dict[str, Any]:

@@ -46,6 +46,19 @@ class Unusable(Exception):
         super().__init__(expected)
 
 
+def finite_numbers(text: str, expected: str, row: int, count: int | None = None) -> NDArray[np.float64]:
+    """The finite numbers (N,) of a line of text, N as ``count`` where that is given; raises Unusable else."""
+    try:
+        found = np.array(text.split(), dtype=np.float64)
+    except ValueError:
+        raise Unusable(expected, row=row, value=text[:80]) from None
+    if count is not None and len(found) != count:
+        raise Unusable(expected, row=row, value=text[:80])
+    if not np.isfinite(found).all():
+        raise Unusable(f"{expected}, all of them finite", row=row, value=text[:80])
+    return found
+
+
 def consecutive(first: int, count: int) -> Records:
     """The numbers of ``count`` records from ``first`` on."""
     return np.arange(first, first + count, dtype=np.int64)

@@ -114,10 +114,7 @@ class Shape:
         return (is_added or is_of_others or is_marked(name)) and self.is_covariate(name)
 
     def _has(self, known: Column, name: str) -> bool:
-        return name in (*self.required, *self.optional) or self._is_member(known)
-
-    def _is_member(self, column: Column) -> bool:
-        return self.family is not None and column.name == self.family
+        return name in (*self.required, *self.optional) or (self.family is not None and known.name == self.family)
 
     def known(self, names: tuple[str, ...]) -> Iterator[str]:
         """The columns of the contract that this table may have, with those of its family among ``names``."""

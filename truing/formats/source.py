@@ -7,11 +7,10 @@ import os
 import stat
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from truing.formats.file_search import TooManyEntries, companions, find_files, is_raw_file, plain_ending
+from truing.formats.file_search import TooManyEntries, companions, find_files, plain_ending
 from truing.schemas.special_files import NOTHING_SPECIAL
 
 if TYPE_CHECKING:
@@ -133,22 +132,6 @@ class CampaignFiles:
     def compliance(self) -> RawFile | None:
         """The file of the simulated compliance; None where campaign.toml names none."""
         return None if self._compliance is None else RawFile(self._compliance, self.folder / self._compliance)
-
-    @cached_property
-    def raw_files(self) -> tuple[Path, ...]:
-        """Every raw file that ingest opens."""
-        found = (
-            path
-            for table in TABLES
-            for entry in self.entries(table)
-            for pattern in entry.paths
-            for raw in self.resolve(pattern)
-            for path in (raw.path, *companions(raw.path))
-        )
-        single = [
-            file.path for file in (self.earlier_model, self.compliance) if file is not None and is_raw_file(file.path)
-        ]
-        return tuple(sorted({*found, *single}))
 
 
 def has_photographs(folder: Path, document: Mapping[str, Any]) -> bool:

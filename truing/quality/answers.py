@@ -8,12 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure
-from truing.quality.loading import ChannelView, LoadingView
+from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 FEWEST = 4  # readings of a run that a slope is told by
 _EXACT = 1e-6
 _BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # a stiffness off by that factor is another sensor's
+_ITS_OWN = 0.3  # of how far apart two channels' answers are: readings that near to one of them are its own
+_APART = 0.7  # of the larger answer: nearer to each other, what the sensor does otherwise than simulated tells as much
+_REGULAR = 0.9  # of a run's readings: the others may be gross errors
+_OTHERS = 2  # runs that an answer is typical of
 _Answer = tuple[str, int, float, float, int]
 
 
@@ -26,10 +31,10 @@ class Answers:
     """
 
     channel: tuple[str, ...]
-    run: NDArray[np.int64]
+    run: Index
     slope: Array
     sigma: Array
-    kind: NDArray[np.int64]
+    kind: Index
     simulated: bool
 
 
@@ -69,7 +74,7 @@ def signal_answers(view: LoadingView) -> Answers:
     return _gathered(found, simulated=False)
 
 
-def _drive(view: LoadingView, channel: ChannelView, run: int, rows: NDArray[np.int64]) -> tuple[Array | None, int]:
+def _drive(view: LoadingView, channel: ChannelView, run: int, rows: Index) -> tuple[Array | None, int]:
     if view.simulated is None:
         axis = int(view.axis[run])
         return (view.steps.load[rows, axis] if view.loaded_alone[run] else None), 6 * axis + channel.place
@@ -88,7 +93,7 @@ def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
     return value, float(np.sqrt(left @ left / max(len(x) - 2, 1) / square))
 
 
-def beyond_simulation(found: Answers, told: NDArray[np.int64]) -> list[int]:
+def beyond_simulation(found: Answers, told: Index) -> list[int]:
     """Answers that are another size than the simulated by more than any sensor departs from it."""
     if not found.simulated:
         return []
@@ -98,7 +103,7 @@ def beyond_simulation(found: Answers, told: NDArray[np.int64]) -> list[int]:
     return [int(at) for at in np.flatnonzero(apart) if at not in told]
 
 
-def typical_size(value: Array, kind: NDArray[np.int64]) -> Array:
+def typical_size(value: Array, kind: Index) -> Array:
     """The median size (G,) of the others of the same kind; NaN where there are fewer than two."""
     out = np.full(len(value), np.nan)
     for at in range(len(value)):
@@ -124,3 +129,58 @@ def same_sign(found: Answers, share: float) -> NDArray[np.bool_]:
         return sure & (found.slope > 0.0)
     groups = np.unique(np.stack([found.kind, found.slope > 0.0]), axis=1, return_inverse=True)[1].ravel()
     return sure & (np.bincount(groups, sure)[groups] > 1)
+
+
+def read_as(view: LoadingView, expected: ExpectedReadings) -> tuple[list[tuple[int, int, int, bool]], int]:
+    """Run, channel, the other that it reads like, and whether that other's answer is the larger; and how many runs and
+    channels were asked."""
+    found, count = [], 0
+    for channel in view.channels:
+        beside = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
+        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
+            rows = channel.rows[own]  # all: a run of another channel's readings may stand out as gross
+            asked = [_nearness(view, channel, expected, rows, other) for other in beside]
+            count += any(one is not None for one in asked)
+            for other, one in zip(beside, asked, strict=True):
+                if one is not None and one[0] < _ITS_OWN:
+                    found.append((run, channel.place, other, one[1]))
+    return found, count
+
+
+def _nearness(
+    view: LoadingView, channel: ChannelView, expected: ExpectedReadings, rows: Index, other: int
+) -> tuple[float, bool] | None:
+    """How far a channel's readings are from another's answer, over how far that is from its own; whether the other's is
+    the larger. None where these are too near to each other, or too small."""
+    if len(rows) < FEWEST:
+        return None
+    answer = expected.value[rows][:, [channel.place, other]]
+    answer = answer - answer.mean(axis=0)
+    size = np.sqrt(np.mean(answer**2, axis=0))
+    apart = float(np.sqrt(np.mean((answer[:, 0] - answer[:, 1]) ** 2)))
+    larger = int(size.argmax())
+    if not apart > _APART * size[larger]:
+        return None
+    if not expected.is_clear((channel.place, other)[larger], rows, channel.sigma):
+        return None
+    off = view.steps.reading[rows, channel.place] - answer[:, 1]
+    square = np.sort((off - np.median(off)) ** 2)[: int(np.ceil(_REGULAR * len(rows)))]
+    return float(np.sqrt(np.mean(square))) / apart, larger == 1
+
+
+def as_others(view: LoadingView) -> ExpectedReadings:
+    """Readings as the other runs under the same axis answer, by their median; NaN where they are too few."""
+    slope = np.full((len(view.steps.runs), 6), np.nan)
+    for channel in view.channels:
+        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
+            rows = channel.rows[own[channel.fit.kept[own]]]
+            if view.loaded_alone[run] and len(rows) >= FEWEST:
+                load, reading = view.steps.load[rows, view.axis[run]], view.steps.reading[rows, channel.place]
+                slope[run, channel.place] = slope_of(load, reading)[0]
+    typical = np.full(slope.shape, np.nan)
+    for run in np.flatnonzero(view.loaded_alone):
+        others = (view.axis == view.axis[run]) & view.loaded_alone & (np.arange(len(slope)) != run)
+        enough = np.isfinite(slope[others]).sum(axis=0) >= _OTHERS
+        typical[run, enough] = np.nanmedian(slope[others][:, enough], axis=0)
+    along = np.take_along_axis(view.steps.load, np.maximum(view.axis, 0)[view.steps.run, None], axis=1)
+    return ExpectedReadings(along * typical[view.steps.run])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.estimation.quality import Scatter
 from truing.estimation.response import keep_consistent
 from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.rigid import RigidFit
@@ -17,6 +19,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _LEAST_TARGETS = 3
 _POSES_TO_COMPARE = 2
+_ODD_POSE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -132,3 +135,102 @@ def body_view(
     gross = usable & ~inlier
     gross |= _gross_attachments(residuals, sigma, points.seen & ~frame & fit.ok[:, None], around.covariates)
     return BodyView(body, place, points, fit, np.nan_to_num(residuals), sigma, frame, gross, is_surveyed)
+
+
+@dataclass(frozen=True)
+class SeenAgain:
+    """What is seen again: its name, positions (B, 3) with covariances (B, 3, 3) in m, and where they are known (B,)."""
+
+    name: str
+    position: Array
+    cov: Array
+    known: Mask
+
+
+def seen_again(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterator[SeenAgain]:
+    """Bodies seen from the first, and each target of bodies that have too few for a pose; legs move by themselves.
+
+    Where no body has a pose, or the instrument stood still, they are seen from the instrument: single reflectors alone
+    mean nothing in a frame that changes from pose to pose.
+    """
+    reference = bodies[0] if len(bodies[0].survey.targets) >= _LEAST_TARGETS and not instrument_stood else None
+    for body in bodies:
+        if body is reference or body.name.startswith("leg"):
+            continue
+        if len(body.survey.targets) < _LEAST_TARGETS:
+            yield from _reflectors(reference, body)
+        elif reference is not None:
+            position, cov = _in_frame(reference, body.fit.t, _measured_cov(body)[:, :3, :3])
+            yield SeenAgain(body.name, position, cov, reference.fit.ok & body.fit.ok)
+        elif instrument_stood:
+            cov = np.nan_to_num(_measured_cov(body)[:, :3, :3])
+            yield SeenAgain(body.name, np.nan_to_num(body.fit.t), cov, body.fit.ok)
+
+
+def _reflectors(reference: BodyView | None, body: BodyView) -> Iterator[SeenAgain]:
+    for k, target in enumerate(body.survey.targets):
+        points, cov, known = body.points.points[:, k], body.points.cov[:, k], body.points.seen[:, k]
+        if reference is not None:
+            points, cov = _in_frame(reference, points, cov)
+            known = known & reference.fit.ok
+        yield SeenAgain(f"{body.name} {target}", points, cov, known)
+
+
+def _measured_cov(body: BodyView) -> Array:
+    """Covariances (B, 6, 6) of a body's poses by the measurement alone: the survey's errors are the same each time."""
+    used = body.good & body.frame
+    measured, both = (
+        np.where(used[..., None], sigma**2, 0.0).sum(axis=(1, 2)) for sigma in (body.measured_sigma, body.sigma)
+    )
+    share = np.divide(measured, both, out=np.ones_like(both), where=both > 0.0)
+    return np.asarray(body.fit.covariance * share[:, None, None])
+
+
+def _in_frame(reference: BodyView, points: Array, cov: Array) -> tuple[Array, Array]:
+    """Points (B, 3) with covariances (B, 3, 3) in the frame of a body, its own covariance added to first order."""
+    turn = np.swapaxes(np.nan_to_num(reference.fit.R), 1, 2)
+    offset = np.nan_to_num(points - reference.fit.t)
+    arm = np.cross(np.eye(3)[None], offset[:, None])
+    jacobian = np.concatenate([-np.broadcast_to(np.eye(3), arm.shape), arm], axis=2)
+    cov = np.nan_to_num(cov)
+    cov = cov + np.einsum("bij,bjk,blk->bil", jacobian, np.nan_to_num(_measured_cov(reference)), jacobian)
+    return np.einsum("bij,bj->bi", turn, offset), np.einsum("bij,bjk,blk->bil", turn, cov, turn)
+
+
+def chi_square_about_mean(values: Array, cov: Array) -> float:
+    """Chi-square of a group's values (G, 3) about their weighted mean."""
+    weight = np.linalg.inv(cov)
+    mean = np.linalg.solve(weight.sum(axis=0), np.einsum("gij,gj->i", weight, values))
+    return float(np.einsum("gi,gij,gj->", values - mean, weight, values - mean))
+
+
+def scatter_by_pose(body: BodyView) -> Scatter:
+    """Chi-square of each pose's residuals in units of the body's ordinary scatter, the median over its poses."""
+    good = body.good & body.frame
+    dof = np.maximum(3.0 * good.sum(axis=1) - 6.0, 0.0)
+    square = np.where(good[..., None], (body.residuals / body.sigma) ** 2, 0.0).sum(axis=(1, 2))
+    judged = dof > 0.0
+    level = max(1.0, float(np.median(square[judged] / dof[judged]))) if judged.any() else 1.0
+    return Scatter(np.where(judged, square / level, 0.0), dof)
+
+
+def odd_poses(scatter: Scatter) -> Mask:
+    """Poses that chance makes as noisy once in a million: a gross error that its few neighbours hid, most often."""
+    return (scatter.p_above(1.0) < _ODD_POSE) & (np.nan_to_num(scatter.ratio) > 1.5)
+
+
+def is_trend(values: Array, sigma: Array, kept: Mask, time: Array, onset: int) -> bool:
+    """Whether a straight line in time explains the values (B, 3) better than the step at ``onset``."""
+    left = []
+    for shape in ((np.arange(len(time)) >= onset).astype(float), time):
+        design = np.column_stack([np.ones(int(kept.sum())), shape[kept]])
+        fitted = design @ np.linalg.lstsq(design, values[kept], rcond=None)[0]
+        left.append((((values[kept] - fitted) / sigma[kept]) ** 2).sum())
+    return bool(left[1] < left[0])
+
+
+def nearest_neighbour(points: Array) -> Array:
+    """How far each of points (N, 3) is from the nearest other one (N,)."""
+    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    return distance.min(axis=1)

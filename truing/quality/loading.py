@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +21,8 @@ UNITS = ("um",) * 3 + ("arcsec",) * 3
 _MAIN = 0.3  # of a channel's largest expected answer: where its sign is beyond doubt
 _CLEAR = 10.0  # sigmas that an expected answer spans where its size can be told
 _FEWEST = 6  # readings of a channel that anything can be said of
+_FEWEST_STEPS, _LEAST_FREEDOM = 8, 4  # of a signal whose scatter is told
+_FEW = 0.1  # of a run's steps: where a table says nothing at more, it was not meant to
 
 
 @dataclass(frozen=True)
@@ -145,3 +148,64 @@ class LoadingView:
         loaded = np.zeros((len(self.steps.runs), 6), dtype=bool)
         np.logical_or.at(loaded, self.steps.run, self.steps.load != 0.0)
         return loaded.sum(axis=1) == 1
+
+
+@dataclass(frozen=True)
+class Programme:
+    """Loads that were run more than once: the first run of them, chi-square and degrees of freedom of all."""
+
+    run: str
+    square: float
+    freedom: float
+
+
+def repeated_programmes(view: LoadingView, channel: ChannelView) -> Iterator[Programme]:
+    """The programmes of loads that a channel was read in more than once, and how far its runs of each scatter."""
+    steps = view.steps
+    alike: dict[bytes, list[Index]] = {}
+    for mine in channel.of_runs:
+        alike.setdefault((steps.load[channel.rows[mine]].round(9) + 0.0).tobytes(), []).append(mine)
+    for group in (np.array(rows) for rows in alike.values() if len(rows) > 1):
+        used = channel.fit.kept[group].all(axis=0)
+        if used.sum() < 2:
+            continue
+        values = steps.reading[channel.rows[group], channel.place][:, used]
+        left = values - values.mean(axis=1, keepdims=True)
+        left = left - left.mean(axis=0)
+        square = float(np.sum((left / channel.fit.sigma[group][:, used]) ** 2))
+        first = int(steps.run[channel.rows[group[0][0]]])
+        yield Programme(view.run_name(first), square, (len(group) - 1.0) * (float(used.sum()) - 1.0))
+
+
+def scatter_of_signal(view: LoadingView, at: int, sigma: float) -> float:
+    """Scatter over sigma of one signal; NaN where too few steps tell it."""
+    there = np.isfinite(view.steps.signal[:, at])
+    if there.sum() < _FEWEST_STEPS:
+        return float("nan")
+    steps = view.steps.chosen(there)
+    run = np.unique(steps.run, return_inverse=True)[1]
+    groups = response_columns(steps.load, run, steps.time_s, np.zeros((len(run), 0)))
+    declared = np.full(len(run), sigma)
+    fit = fit_channel(steps.signal[:, at], declared, groups, run, steps.time_s, steps.load, view.load_sigma)
+    return float(np.sqrt(fit.chi_square / fit.dof)) if fit.dof >= _LEAST_FREEDOM else float("nan")
+
+
+def followed_by_loads(load: Array, value: Array) -> Array:
+    """What a signal (N,) would be by its loads (N, 6) and a zero, both fitted."""
+    design = np.column_stack([load / np.maximum(np.abs(load).max(axis=0), 1e-300), np.ones(len(load))])
+    return np.asarray(design @ np.linalg.lstsq(design, value, rcond=None)[0])
+
+
+def steps_without(run: Index, values: Array) -> Index:
+    """The few steps (N,) at which a table (B, K) of values says nothing, in runs (B,) of which it does."""
+    there = np.isfinite(values).any(axis=1)
+    lost = np.flatnonzero(~there & np.isin(run, np.unique(run[there])))
+    return lost if len(lost) <= _FEW * there.sum() else lost[:0]
+
+
+def first_steps(view: LoadingView) -> Index:
+    """The number (R,) that the steps of each run begin with; the lowest where most runs begin with it."""
+    steps = view.steps
+    first = np.full(len(steps.runs), np.iinfo(np.int64).max)
+    np.minimum.at(first, steps.run, steps.step)
+    return np.full(len(first), first.min()) if np.mean(first == first.min()) > 0.5 else first

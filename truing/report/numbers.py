@@ -1,10 +1,11 @@
-"""Numbers as a reader wants them: rounded to what their uncertainty supports, with unit."""
+"""Numbers as a reader wants them: rounded to what their uncertainty supports, with unit; and names, listed."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 # Where a number leaves the range whose digits a reader counts, another unit takes over: from, below, unit, factor.
 _HANDIER = {
@@ -140,3 +141,23 @@ def duration(seconds: float) -> str:
             divisor = {"days": 86400.0, "h": 3600.0, "min": 60.0}[unit]
             return f"{seconds / divisor:.1f} {unit}"
     return f"{plain(seconds)} s"
+
+
+def listed(names: Sequence[str], most: int = 8) -> str:
+    """The first names, and how many more there are."""
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
+
+
+def reasons(what: str, *left_out: Mapping[tuple[str, str], int]) -> list[str]:
+    """How many were left out for which reason, the most frequent first; given by (file, reason)."""
+    total: Counter[str] = Counter()
+    for one in left_out:
+        for (_, reason), number in one.items():
+            total[reason] += number
+    return [f"{count(number, what)}: {reason}" for reason, number in total.most_common()]
+
+
+def gross_errors(number: int, what: str) -> str:
+    """``1 reading as a gross error``, ``2 readings as gross errors``: what a stage leaves out."""
+    return f"{count(number, what)} as {'a gross error' if number == 1 else 'gross errors'}"

@@ -13,7 +13,7 @@ import pytest
 from tests.photographs.machine import photograph
 from tests.stages.line import run_line
 from truing.schemas.photograph_artifacts import LENGTH, LENGTH_SIGMA
-from truing.stages.quality.scale_checks import Contradiction, Figures, scale_contradiction
+from truing.stages.quality.scale_checks import Contradiction, figures_of, scale_contradiction
 
 TOO_LONG = 2e-3
 
@@ -57,7 +57,7 @@ def _found(**ratios: float) -> Contradiction | None:
         for name, value in ratios.items()
         for figure in (LENGTH, LENGTH_SIGMA)
     ]
-    return scale_contradiction(Figures(pa.Table.from_pylist(rows)))
+    return scale_contradiction(figures_of(pa.Table.from_pylist(rows)))
 
 
 def test_lengths_that_agree_contradict_nothing() -> None:

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 from truing.stages.quality.check import CampaignLimits, Check
-from truing.stages.quality.scale_checks import Figures, bar_lengths, scale, target_sizes
+from truing.stages.quality.scale_checks import Figures, bar_lengths, figures_of, scale, target_sizes
 
 LIMITS = CampaignLimits("photogrammetry")
 SURVEY = [("survey, a/1 to a/2", "a/1"), ("survey, a/3 to a/4", "a/3"), ("survey, b/1 to b/2", "b/1")]
@@ -16,7 +16,7 @@ SURVEY = [("survey, a/1 to a/2", "a/1"), ("survey, a/3 to a/4", "a/3"), ("survey
 
 def figures(*rows: tuple[str, str, float]) -> Figures:
     names = ("figure", "subject", "value")
-    return Figures(pa.table({name: [row[k] for row in rows] for k, name in enumerate(names)}))
+    return figures_of(pa.table({name: [row[k] for row in rows] for k, name in enumerate(names)}))
 
 
 def lengths(bars: list[tuple[str, str]], serves: str = "scale", off_um: float = 0.0) -> pa.Table:

@@ -12,7 +12,7 @@ from tests.blind.generator.sensor.layout import CHANNELS, DataFaults, Programme
 from tests.blind.generator.sensor.recording import ZeroDrift
 from tests.stages.benches import READING_SI, Bench, bench, case_errors, layout
 from tests.stages.line import run_line
-from truing.stages.common.words import gross_errors
+from truing.report.numbers import gross_errors
 
 POSE = ("ingest", "pose")
 

@@ -1,8 +1,8 @@
-"""Do the readings, poses, points and the description of a mechanism belong together?"""
+"""Do the tables of a campaign belong together: its relations out of tables, and tested ones as quality checks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.belonging.plausible_slips import Column
 from truing.belonging.points_of_bodies import (
     AsAnother,
     BodyPoints,
@@ -20,22 +21,54 @@ from truing.belonging.points_of_bodies import (
 )
 from truing.belonging.reading_hypotheses import Motion
 from truing.belonging.readings_of_poses import READINGS, Names, relate_readings
-from truing.belonging.relation import State, Tested
+from truing.belonging.relation import DISPLACEMENT_UNITS, FRINGE_SHARES, ROTATION_UNITS, State, Tested
+from truing.belonging.relations_of_loads import MILLIVOLT, KnownBench, relate_loads
 from truing.estimation.covariance import relative
+from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.quality.bodies import BodyView, Surroundings
+from truing.report.belonging import message
 from truing.schemas.columns import COLUMNS
+from truing.schemas.interferometer import LINEAR
+from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.mechanisms.recording import FREE_DIRECTION, FREE_LENGTH_M
 from truing.stages.common.point_arrays import number_column, pose_points, positions
+from truing.stages.common.reading_arrays import LOAD_COLUMNS
+from truing.stages.common.sensor_elements import elastic_parts, sensor_joints
+from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check, without
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
+    from truing.schemas.sensor_mechanism import SensorMechanism
     from truing.simulation.mechanisms.legs.closures import Legs
 
 Array = NDArray[np.float64]
 Groups = tuple[tuple[str, tuple[str, ...]], ...]
 
 _ROWS_OF_A_GROUP = 3  # at least, on average: numbers that vary from row to row make no groups
+_VERDICTS = {State.OK: PASS, State.ATTENTION: WARN, State.FAILS: FAIL, State.NOT_TESTED: NOT_EVALUATED}
+_LEGS = 6
+_SINGULAR = 1e12  # condition of the legs' influence, from which on legs do not carry every load
+
+
+def belonging_checks(tested: Iterable[Tested]) -> Iterator[Check]:
+    """Yield the check of every tested relation."""
+    for one in tested:
+        verdict = _VERDICTS[one.state]
+        value, limit = (None, None) if verdict == NOT_EVALUATED else (one.misfit, one.limit)
+        yield Check(one.relation, one.subject, value, limit, one.unit, verdict, message(one))
+
+
+def without_contradiction(checks: Iterable[Check], tested: Iterable[Tested]) -> Iterator[Check]:
+    """Yield checks; exchanged rows are not told of signals that do not belong to their loads as they stand."""
+    apart = any(one.relation == "signals-against-loads" and one.state == State.FAILS for one in tested)
+    deferred = False
+    for check in checks:
+        if not apart or check.check != "exchanged-rows":
+            yield check
+        elif not deferred:
+            deferred = True
+            yield without("belonging", "exchanged-rows", "", "signals do not belong to loads (signals-against-loads)")
 
 
 def relations_of_points(
@@ -207,3 +240,37 @@ def _drivers(around: Surroundings, at: NDArray[np.int64]) -> Array:
     varying = [values for values in columns if len(values) and np.isfinite(values).all() and np.ptp(values) > 0.0]
     scaled = [(values - values.mean()) / values.std() for values in varying]
     return np.column_stack(scaled) if scaled else np.zeros((len(at), 0))
+
+
+def relations_of_loads(steps: RecordedSteps, seen: Array | None, settings: Campaign) -> tuple[Tested, ...]:
+    """The tested relations of a loading campaign; seen: rows (6, 6) of the simulated compliance that channels see."""
+    count, sensitivity = len(steps.signals), settings.signals.sensitivity_mv_per_n
+    gain = leg_forces = None
+    if sensitivity is not None and np.size(sensitivity) in (1, count):
+        gain = np.broadcast_to(np.asarray(sensitivity, float), count) * MILLIVOLT
+    if settings.mechanism.type == "6-upur" and count == _LEGS:
+        leg_forces = _leg_forces(settings.mechanism)  # type: ignore[arg-type]
+    largest = np.array([getattr(settings.loading, name) or np.nan for name in LOAD_COLUMNS], float)
+    noise, tared = settings.noise.signal_mv or np.nan, settings.signals.zero_mv is not None
+    return relate_loads(steps, KnownBench(_channels(settings), seen, leg_forces, gain, largest, noise, tared))
+
+
+def _leg_forces(section: SensorMechanism) -> Array | None:
+    """The forces (6, 6) along the legs by the loads; None where the legs do not carry every load."""
+    elastic = elastic_parts(section)
+    if elastic is not None:
+        return np.asarray(elastic.axial_forces)
+    G = influence_matrix(sensor_joints(section))
+    return np.asarray(np.linalg.inv(G)) if np.linalg.cond(G) < _SINGULAR else None
+
+
+def _channels(settings: Campaign) -> list[Column]:
+    """The channels with their quantities, and what makes other units of them right."""
+    wave_um = settings.interferometer.wavelength_nm * 1e-3
+    fringes = tuple(share * wave_um for share in FRINGE_SHARES)
+    return [
+        Column(name, "displacement", DISPLACEMENT_UNITS, fringes, float(READING_SI[k]))
+        if name in LINEAR
+        else Column(name, "rotation", ROTATION_UNITS, (), float(READING_SI[k]))
+        for k, name in enumerate(CHANNELS)
+    ]

@@ -1,0 +1,213 @@
+"""A campaign of points, poses or scans: its tables read one after the other, each checked against those before."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+import pyarrow as pa
+
+from truing.formats.faultlog import FaultLog
+from truing.formats.source import CampaignFiles, passed_over
+from truing.report.numbers import count
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import Fault
+from truing.stages.common.gathered import SmallTable
+from truing.stages.declaration import Outcome, Progress
+from truing.stages.ingestion.adjusted_points import AdjustedPoints, EstimatedCovariance, in_inner_datum
+from truing.stages.ingestion.dense_scans import DenseScans, identifier_of, read_scans
+from truing.stages.ingestion.later_surveys import LaterSurveys, read_later_surveys, relabelling_of
+from truing.stages.ingestion.points import Expected, Geometry, Points
+from truing.stages.ingestion.pose_table import MeasuredPoses, check_bodies, read_poses
+from truing.stages.ingestion.relabelling import PoseOrder, Relabelling, declared, relabelled_table
+from truing.stages.ingestion.tables import (
+    all_left_out,
+    check_any_fitted,
+    check_survey_noise,
+    exclusions,
+    left_out_words,
+    legs_of,
+    read_configurations,
+    read_start,
+    read_survey,
+)
+
+
+@dataclass
+class _Parts:
+    """What was read of a campaign apart from its points; None where it has no such table."""
+
+    configurations: SmallTable
+    survey: SmallTable | None
+    start: str | None
+    later: LaterSurveys | None = None
+    measured: MeasuredPoses | None = None
+    scans: DenseScans | None = None
+
+    def artifacts(self) -> dict[str, Any]:
+        """The tables by artifact."""
+        poses = self.configurations.table.column("pose")
+        found = {
+            "survey": None if self.survey is None else self.survey.table,
+            "start": self.start,
+            "configurations": self.configurations.table,
+            "scans": None if self.scans is None else self.scans.table(poses),
+            "resurveys": None if self.later is None else self.later.table(),
+            "measured_poses": None if self.measured is None else self.measured.table,
+        }
+        return {name: table for name, table in found.items() if table is not None}
+
+    def left_out(self, *more: Points) -> Counter[tuple[str, str]]:
+        """How many rows were left out of these tables, and of more, by (subject, reason)."""
+        return all_left_out(*more, self.configurations, self.survey, self.later, self.scans, self.measured)
+
+    def outcome(self, read: str, figure: str, **more: pa.Table) -> Outcome:
+        """The outcome of a campaign of which no points are read."""
+        artifacts = {**self.artifacts(), **more, "exclusions": exclusions(self.left_out())}
+        return Outcome(artifacts, read, left_out_words(self.left_out()), figure)
+
+
+def ingest_points(
+    tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog, progress: Progress
+) -> Outcome:
+    """The tables of a campaign of points; raises CampaignFaults, at the end of the stream of points at the latest."""
+    adjusted = _adjusted(tables, settings, source, log)
+    source.estimate = estimated = EstimatedCovariance()
+    parts = _first_tables(settings, source, adjusted, log)
+    if adjusted is None and source.has_photographs:  # a campaign is checked before its photographs are adjusted
+        log.throw()
+        return parts.outcome(count(len(parts.configurations.table), "configuration"), "points are not adjusted yet")
+    if adjusted is None:
+        _check_any_points(source, log)
+    order = PoseOrder.of(parts.configurations.table)
+    parts.later = read_later_surveys(source, settings, parts.survey, order, log)
+    if parts.survey is not None and parts.later is not None:
+        parts.survey = replace(parts.survey, table=parts.later.survey(parts.survey.table))
+    survey = None if parts.survey is None else parts.survey.table
+    renamed = declared(settings, order, survey, log), relabelling_of(parts.later, order)
+    expected = _expected(settings, parts.configurations.table, survey, renamed)
+    parts.measured = read_poses(source, settings, expected, log)
+    parts.scans = read_scans(source, expected.poses, log, progress)
+    if adjusted is None and not source.entries("points"):
+        return _without_points(parts, expected, log)
+    known = {*(parts.scans.bodies if parts.scans else ()), *(parts.measured.bodies if parts.measured else ())}
+    return _with_points(parts, Points(source, log, expected.without(known), progress, adjusted), estimated)
+
+
+def _first_tables(settings: Any, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog) -> _Parts:
+    """Configurations, the survey and the earlier model."""
+    configurations = read_configurations(source, settings, log, None if adjusted is None else adjusted.table)
+    survey = read_survey(source, settings, log)
+    start = read_start(source, settings, log)
+    if survey is not None and (source.has_photographs or source.entries("points")):
+        check_survey_noise(survey, log)
+    check_any_fitted([configurations.table], configurations.file, "pose", log)
+    return _Parts(configurations, survey, start)
+
+
+def _without_points(parts: _Parts, expected: Expected, log: FaultLog) -> Outcome:
+    """The outcome of a campaign of measured poses or dense scans alone."""
+    if parts.measured is not None:
+        check_bodies(parts.measured, expected.without(set() if parts.scans is None else parts.scans.bodies), log)
+    log.throw()
+    there = [part for part in (parts.scans, parts.measured) if part is not None]
+    read, figure = ("; ".join(words) for words in ([part.read for part in there], [part.figure for part in there]))
+    return parts.outcome(read, figure, observations=ARTIFACTS["observations"].empty(identifier_of(expected.poses)))
+
+
+def _with_points(parts: _Parts, points: Points, estimated: EstimatedCovariance) -> Outcome:
+    """The outcome with the stream of points; what hangs on all of them is known once it has been drained."""
+    observations = points.stream()
+    if points.log:
+        observations.read_all()  # the rest of the faults, which raise at its end
+    by_geometry, renamed = points.unlabelled.left_out, points.expected.relabelled
+    artifacts = {**parts.artifacts(), "observations": observations}
+    artifacts["exclusions"] = _at_last("exclusions", lambda: exclusions(parts.left_out(points), by_geometry))
+    if any(part.rules for part in renamed):
+        artifacts["relabelled"] = _at_last("relabelled", lambda: relabelled_table(*renamed))
+    return Outcome(
+        artifacts,
+        read=_late(lambda: "; ".join((points.read, *estimated.said))),
+        left_out=_late(lambda: left_out_words(parts.left_out(points))),
+        figure=_late(lambda: points.figure),
+    )
+
+
+def _adjusted(
+    tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog
+) -> AdjustedPoints | None:
+    """The object points that photographs gave; None where they were measured as points."""
+    if source.has_photographs and source.entries("points"):
+        expected = "either photographs (or rays measured in them) or points, not both"
+        log.add(Fault("campaign.toml", expected, column="files.points"))
+    if "object_points" not in tables:
+        return None
+    points = in_inner_datum(tables["object_points"], tables.get("point_correlations"))
+    bars = tables.get("scale_bars")
+    ends = () if bars is None else (*bars.column("first").to_pylist(), *bars.column("second").to_pylist())
+    boards = tuple(board.label for board in settings.photographs.boards)
+    return AdjustedPoints(points, frozenset(ends), source.folder, boards)
+
+
+def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
+    """Raise CampaignFaults where there is nothing to read, with what was passed over as no photograph."""
+    if any(source.entries(table) for table in ("points", "poses", "scans")):
+        return
+    log.add(Fault("points.csv", "this file (or points.parquet, poses.csv), or [files.points] in campaign.toml"))
+    for one in passed_over(source.folder, source.folders_of_photographs, ()):
+        if one.is_fault:
+            log.add(Fault(one.name, one.why))
+    log.throw()
+
+
+class _Late:
+    """Words that are known only once everything has been read."""
+
+    def __init__(self, say: Callable[[], str]) -> None:
+        self._say = say
+
+    def __str__(self) -> str:
+        return self._say()
+
+
+def _late(say: Callable[[], str]) -> str:
+    return cast(str, _Late(say))
+
+
+def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchReader:
+    """A table that is known only once the points have been read."""
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        yield from table().to_batches()
+
+    return pa.RecordBatchReader.from_batches(ARTIFACTS[artifact].arrow_schema(), batches())
+
+
+def _expected(
+    settings: Any, configurations: pa.Table, survey: pa.Table | None, renamed: tuple[Relabelling, ...]
+) -> Expected:
+    legs = tuple(f"leg{leg + 1}" for leg in range(len(legs_of(settings))))
+    return Expected(
+        poses=configurations.column("pose").combine_chunks().unique(),
+        always=(("platform",) if settings.is_frame_fixed else ("base", "platform")) if legs else (),
+        bodies=("base", "platform", *legs) if legs else (),
+        reference=settings.bodies.reference if settings.is_frame_fixed else settings.reference_body,
+        point_mm=settings.noise.point_mm,
+        geometry=_geometry(settings, survey),
+        survey=survey,
+        relabelled=renamed,
+    )
+
+
+def _geometry(settings: Any, survey: pa.Table | None) -> Geometry:
+    surveyed: dict[str, dict[str, Any]] = {}
+    if survey is not None:
+        columns = (survey.column(name).to_pylist() for name in ("body", "target", "x_mm", "y_mm", "z_mm"))
+        for body, target, *point in zip(*columns, strict=True):
+            surveyed.setdefault(body, {})[target] = np.array(point, dtype=float)
+    legs = legs_of(settings)
+    joints = {"base": np.array([leg.a_mm for leg in legs]), "platform": np.array([leg.b_mm for leg in legs])}
+    return Geometry(surveyed, joints if legs else {})

@@ -1,0 +1,352 @@
+"""Do the loads, readings and signals of a loading campaign belong together, and readings follow loads as simulated?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.belonging import signals_of_loads
+from truing.belonging.copied_rows import Values, copied_runs, equal_columns
+from truing.belonging.frozen_values import Frozen, frozen, stood_still
+from truing.belonging.parts_of_runs import Part, concerns, of_parts, parts
+from truing.belonging.plausible_slips import Column, slips_of_all_loads, slips_of_columns, slips_of_run_loads
+from truing.belonging.relation import FORCE_UNITS, SIGNAL_FACTORS, Slip, SlipKind, State, Tested, named_shortly
+from truing.belonging.responses import Responses, responses
+from truing.belonging.row_order import can_reverse, row_slips
+from truing.belonging.signals_of_loads import Recorded
+from truing.belonging.slip_search import Expected, clear, explain, hidden
+from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+READINGS = "loads-against-readings"
+_DEPARTS, _NO_SUCH = np.log(2.0), np.log(3.0)  # of a main response over the expected one, in most runs
+_MAIN = 0.3  # share of what is possible from which a response is a main one
+_LINEAR = 0.1
+_EVERYWHERE = 0.5  # share of the main responses
+_RANGE = 0.003  # largest load over the declared range: no campaign is planned for so little
+MILLIVOLT = 1e-3
+_SAME_SIZE = 1e-9  # of the logarithm of a factor
+
+
+def against_simulation(steps: Recorded, columns: Sequence[Column], seen: Array) -> Tested:
+    """Return how readings follow loads, of which each column shows seen (K, 6): its row of the simulated compliance."""
+    found = clear(responses(steps.load, steps.run, steps.value), len(columns))
+    if not len(found):
+        return Tested(READINGS, State.NOT_TESTED, "no-response")
+    expected = by_compliance(seen)
+    overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
+    each = list(slips_of_run_loads(found, steps.runs, expected))
+    broad = [one for one in overall if not one.slip.subjects]
+    others = [one for one in overall if one.slip.subjects]
+    told = explain(found, expected, [*others, *each], broad)
+    if told.slips:
+        return told.tested(READINGS, State.FAILS, "slip", ())
+    of_all_runs = [one for one in overall if not any(name in steps.runs for name in one.slip.subjects)]
+    unseen = (*hidden(found, expected, of_all_runs), *_hardly_answering(found, expected, steps.runs))
+    return told.tested(READINGS, *_departure(found, expected), unseen)
+
+
+def by_compliance(seen: Array) -> Expected:
+    """Return what columns should answer by their rows (K, 6) of a compliance (6, 6) whose diagonal bounds the rest."""
+    gives = np.sqrt(np.maximum(np.abs(np.diag(seen)), 1e-300))
+    return Expected(seen, np.maximum(gives, np.abs(seen / gives).max(axis=1)), gives)
+
+
+def against_range(load: Array, largest: Array) -> Tested | None:
+    """Return a campaign whose loads (N, 6) are no more than a trace of the declared range (6,), NaN where none is."""
+    share = np.abs(load).max(axis=0, initial=0.0) / largest
+    loaded = np.isfinite(share) & (share > 0.0)
+    if not loaded.any() or np.max(share[loaded]) > _RANGE:
+        return None
+    most = float(np.max(share[loaded]))
+    fitting = [factor for factor in FORCE_UNITS if 0.1 <= factor * most <= 1.0 + 1e-9]
+    slips = tuple(Slip(SlipKind.UNIT, "load", (), factor) for factor in fitting[:1])
+    return Tested(
+        READINGS, State.ATTENTION, "trace-of-range", "", 100.0 * most, None, 100.0 * _RANGE, "%", slips, tried=1
+    )
+
+
+def untested(reason: str) -> Tested:
+    """Return the relation where nothing predicts the readings: no unit of all loads, and no sign of them, can show."""
+    unseen = (Slip(SlipKind.UNIT, "load"), Slip(SlipKind.SIGN, "load"))
+    return Tested(READINGS, State.NOT_TESTED, reason, hidden=unseen)
+
+
+def _hardly_answering(found: Responses, expected: Expected, runs: Sequence[str]) -> tuple[Slip, ...]:
+    """What nobody sees in runs that no channel answers clearly which was read in them."""
+    main = _main(found, expected)[0]
+    idle = tuple(runs[run] for run in np.unique(found.run).tolist() if not main[found.run == run].any())
+    return tuple(Slip(kind, "reading", idle) for kind in (SlipKind.UNIT, SlipKind.SIGN)) if idle else ()
+
+
+def _main(found: Responses, expected: Expected) -> tuple[Mask, Array, Array]:
+    """Which responses (C,) should be main ones, and responses and expectations in shares of what is possible."""
+    possible = expected.possible(found.column, found.direction)
+    wanted = expected.wanted(found.column, found.direction) / possible
+    return np.abs(wanted) > _MAIN, found.size / possible, wanted
+
+
+def _departure(found: Responses, expected: Expected) -> tuple[State, str]:
+    """Whether most main responses are far from what is expected, though no slip explains it."""
+    main, share, wanted = _main(found, expected)
+    if not main.any():
+        return State.NOT_TESTED, "no-main-response"
+    off = np.abs(np.arcsinh(share / _LINEAR) - np.arcsinh(wanted / _LINEAR))[main]
+    if np.quantile(off, _EVERYWHERE) > _NO_SUCH:
+        return State.FAILS, "no-slip"
+    each = [np.median(off[found.run[main] == run]) for run in np.unique(found.run[main])]
+    return (State.ATTENTION, "departs") if max(each) > _DEPARTS else (State.OK, "agrees")
+
+
+@dataclass(frozen=True)
+class KnownBench:
+    """What is declared of a bench: its channels, and of its sensor as far as it is.
+
+    ``seen``: rows (6, 6) of the simulated compliance that channels see. ``leg_forces`` (6, 6) along the legs by the
+    loads. ``gain`` (S,) of signals, V/N. ``largest`` (6,) loads, N and N m, and ``signal_mv``, the noise of
+    signals, are NaN where none is declared. ``tared``: signals count from no load.
+    """
+
+    channels: Sequence[Column]
+    seen: Array | None
+    leg_forces: Array | None
+    gain: Array | None
+    largest: Array
+    signal_mv: float
+    tared: bool
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Readings, or signals: values (N, K) by column, the number of the first among all, and typical noise (K,)."""
+
+    relation: str
+    name: str
+    columns: Sequence[Column]
+    first: int
+    value: Array
+    noise: Array
+
+    def recorded(self, steps: RecordedSteps, runs: Sequence[str], used: Mask, wrong: Sequence[Part]) -> _Used:
+        """What is told by: rows (N,) that are used, without runs of which a part is wrong, or that stood still."""
+        places = range(self.first, self.first + len(self.columns))
+        apart = np.isin(steps.run, [one.run for one in wrong if concerns(one, places)])
+        value = np.where((used & ~apart)[:, None], self.value, np.nan)
+        still = list(stood_still(steps.load, steps.run, value))
+        for one in still:
+            value[steps.run == one.run, one.column] = np.nan
+        return _Used(Recorded(steps.load, steps.run, value, runs), still)
+
+    def tests(
+        self, response: Tested, used: _Used, answers: Array, steps: RecordedSteps, wrong: Sequence[Part]
+    ) -> list[Tested]:
+        """The tests of responses, parts, columns and rows; where these fail, responses that follow are left out."""
+        response = _also_reversed(response, used.steps, self.name)
+        found = [
+            *of_parts(wrong, steps.step, used.steps.runs, self.columns, self.first, self.relation),
+            *equal_columns(self.value, self.columns, self.relation, self.name),
+            *self._of_rows(used, answers, steps.time_s),
+        ]
+        return [*([] if found and not response.slips else [response]), *found]
+
+    def _of_rows(self, used: _Used, answers: Array, time_s: Array) -> Iterator[Tested]:
+        """Columns that stand still, and runs whose rows stand in another order than their loads."""
+        steps = used.steps
+        still = [*used.still, *frozen(steps.load, steps.run, steps.value, answers, self.noise)]
+        share = 100.0 * max((one.share for one in still), default=0.0)
+        for slip in _frozen_slips(still, self.columns, steps.runs):
+            told = (named_shortly(slip.subjects), share, None, None, "%")
+            yield Tested(self.relation, State.FAILS, "frozen", *told, (slip,), tried=len(still))
+        if not still:
+            found, tried = row_slips(steps.load, steps.run, time_s, steps.value, steps.runs, self.name)
+            for row in found:
+                sizes = (named_shortly(row.slip.subjects), row.before, row.after, None, "% of the range")
+                yield Tested(self.relation, State.FAILS, "rows", *sizes, (row.slip,), tried=tried)
+
+
+@dataclass(frozen=True)
+class _Used:
+    """The rows and columns of a table that responses are told by, and what stood still."""
+
+    steps: Recorded
+    still: list[Frozen]
+
+
+def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[Tested, ...]:
+    """The tested relations of the loads, readings and signals of a bench, and of runs with each other."""
+    runs = [f"run {run}" for run in steps.runs]
+    copies = copied_runs(steps.run, runs, steps.load, _values(steps, known))
+    alone = ~np.isin(steps.run, [runs.index(name) for one in copies for slip in one.slips for name in slip.subjects])
+    signals = [Column(name, "signal", SIGNAL_FACTORS) for name in steps.signals]
+    wrong = _parts(steps, [*known.channels, *signals], known.seen)
+    found: list[Tested] = []
+    if np.isfinite(steps.reading).any():
+        noise = _typical(steps.sigma)
+        of = _Table(READINGS, "readings", known.channels, 0, steps.reading, noise)
+        used = of.recorded(steps, runs, alone, wrong)
+        response = _of_readings(used.steps, known)
+        answers = signals_of_loads.responses_of(used.steps, len(known.channels)) if known.seen is None else known.seen
+        found += of.tests(response, used, answers, steps, wrong)
+    else:
+        in_range = against_range(steps.load, known.largest)
+        found.append(in_range or untested("no-displacements"))
+    if signals:
+        noise = np.full(len(signals), known.signal_mv * MILLIVOLT)
+        of = _Table(signals_of_loads.RELATION, "signals", signals, len(known.channels), steps.signal, noise)
+        used = of.recorded(steps, runs, alone, wrong)
+        used = replace(used, steps=replace(used.steps, tared=known.tared))
+        found[0], response = _reconciled(found[0], _of_signals(used.steps, signals, known))
+        response = _by_the_same_slip(found[0], response, used.steps, signals, known)
+        answers = signals_of_loads.responses_of(used.steps, len(signals))
+        found += of.tests(response, used, answers, steps, wrong)
+    return (*found, *copies)
+
+
+def _reconciled(readings: Tested, signals: Tested) -> tuple[Tested, Tested]:
+    """Both tests with the slip first that both know; where readings follow the loads as predicted, loads are right."""
+    known = (*signals.slips, *signals.rivals)
+    common = [slip for slip in (*readings.slips, *readings.rivals) if slip in known]
+    if len(readings.slips) == len(signals.slips) == 1 and common:
+        return _put_first(readings, common[0]), _put_first(signals, common[0])
+    runs = readings.slips[0].subjects if len(readings.slips) == 1 and readings.slips[0].quantity == "load" else ()
+    if runs and signals.state == State.OK and not any(set(slip.subjects) & set(runs) for slip in signals.hidden):
+        moved = [slip for slip in readings.rivals if slip.quantity in ("displacement", "rotation")]
+        return (_put_first(readings, moved[0]) if moved else readings), signals
+    own = [slip for slip in signals.rivals if slip.quantity == "signal"]
+    right = readings.state == State.OK and all(slip.quantity != "load" for slip in readings.hidden)
+    if right and own and len(signals.slips) == 1 and signals.slips[0].quantity == "load":
+        return readings, _put_first(signals, own[0])
+    return readings, signals
+
+
+def _by_the_same_slip(
+    readings: Tested, signals: Tested, recorded: Recorded, columns: Sequence[Column], known: KnownBench
+) -> Tested:
+    """The test of signals with the slip of loads that readings tell, where it leaves nothing else to explain."""
+    if readings.state != State.FAILS or not signals.slips or len(readings.slips) != 1:
+        return signals
+    slip = readings.slips[0]
+    if slip == signals.slips[0] or slip.subjects or slip.kind not in (SlipKind.UNIT, SlipKind.SIGN):
+        return signals
+    axes = {"load": slice(0, 6), "force": slice(0, 3), "torque": slice(3, 6)}.get(slip.quantity)
+    if axes is None:
+        return signals
+    load = recorded.load.copy()
+    load[:, axes] *= -1.0 if slip.kind == SlipKind.SIGN else slip.factor
+    right = _of_signals(replace(recorded, load=load), columns, known)
+    if right.slips or right.misfit is None or right.misfit > (signals.misfit_explained or np.inf):
+        return signals
+    return replace(signals, slips=(slip,), rivals=(), misfit_explained=right.misfit)
+
+
+def _put_first(tested: Tested, slip: Slip) -> Tested:
+    """A test with one of the slips that it has found as likely before the others."""
+    if slip in tested.slips or abs(abs(np.log(slip.factor)) - abs(np.log(tested.slips[0].factor))) > _SAME_SIZE:
+        return tested
+    others = tuple(one for one in (*tested.slips, *tested.rivals) if one != slip)
+    return replace(tested, slips=(slip,), rivals=others)
+
+
+def _parts(steps: RecordedSteps, columns: Sequence[Column], seen: Array | None) -> list[Part]:
+    """Parts of runs that are in another unit or have the opposite sign, told by channels and signals together."""
+    value = np.column_stack([steps.reading, steps.signal])
+    answers = signals_of_loads.responses_of(Recorded(steps.load, steps.run, value, ()), len(columns))
+    if seen is not None:
+        answers[: len(seen)] = seen
+    return parts(steps.load, steps.run, value, columns, answers)
+
+
+def _also_reversed(tested: Tested, steps: Recorded, table: str) -> Tested:
+    """Runs with the opposite sign whose loads go the same way backwards: their rows may be reversed as well; loads that
+    are the same backwards never show it."""
+    turned = [slip for slip in tested.slips if slip.kind == SlipKind.SIGN]
+    number = {name: run for run, name in enumerate(steps.runs)}
+    rivals = list(tested.rivals)
+    for slip in turned:
+        named = [number[name] for name in slip.subjects if name in number]
+        rows = np.isin(steps.run, named)
+        if named and can_reverse(steps.load[rows], steps.run[rows])[1]:
+            rivals.append(Slip(SlipKind.REVERSED, table, tuple(steps.runs[run] for run in named)))
+    if not tested.slips and can_reverse(steps.load, steps.run)[0]:
+        return replace(tested, hidden=(*tested.hidden, Slip(SlipKind.REVERSED, "rows")))
+    return replace(tested, rivals=tuple(rivals))
+
+
+def _of_readings(loaded: Recorded, known: KnownBench) -> Tested:
+    alike = signals_of_loads.against_each_other(loaded, known.channels, READINGS)
+    if known.seen is not None:
+        return _either(against_simulation(loaded, known.channels, known.seen), alike, loaded.runs)
+    return alike if alike.slips else against_range(loaded.load, known.largest) or alike
+
+
+def _of_signals(recorded: Recorded, columns: Sequence[Column], known: KnownBench) -> Tested:
+    alike = signals_of_loads.against_each_other(recorded, columns, signals_of_loads.RELATION)
+    if known.leg_forces is None:
+        return alike
+    told = signals_of_loads.against_geometry(recorded, columns, known.leg_forces, known.gain)
+    if told is None:
+        return alike
+    tested = _either(told, alike, recorded.runs)
+    return tested if known.gain is None else _or_sensitivity(tested)
+
+
+def _either(predicted: Tested, alike: Tested, runs: Sequence[str]) -> Tested:
+    """What a prediction tells; where it tells no slip, or one of single runs, what runs tell of each other."""
+    of_runs = all(set(slip.subjects).intersection(runs) for slip in predicted.slips)
+    if alike.slips and of_runs:
+        return replace(alike, tried=predicted.tried + alike.tried)
+    single = [slip for slip in alike.hidden if set(slip.subjects).intersection(runs) and slip.kind != SlipKind.SIGN]
+    doubled = tuple(replace(slip, factor=0.5) if slip.kind == SlipKind.UNIT else slip for slip in single)
+    return replace(predicted, tried=predicted.tried + alike.tried, hidden=(*predicted.hidden, *doubled))
+
+
+def _or_sensitivity(tested: Tested) -> Tested:
+    """All loads or all signals in another unit: the declared sensitivity may be, as well."""
+    slip = tested.slips[0] if len(tested.slips) == 1 else None
+    if slip is None or slip.subjects or slip.kind != SlipKind.UNIT or slip.quantity not in ("load", "signal"):
+        return tested
+    factor = slip.factor if slip.quantity == "load" else 1.0 / slip.factor
+    return replace(tested, rivals=(*tested.rivals, Slip(SlipKind.UNIT, "sensitivity_mv_per_n", (), factor)))
+
+
+def _frozen_slips(still: Sequence[Frozen], columns: Sequence[Column], runs: Sequence[str]) -> Iterator[Slip]:
+    """One slip for runs in which the same columns of a quantity stand still."""
+    by_run: dict[tuple[int, str], list[int]] = {}
+    for one in still:
+        by_run.setdefault((one.run, columns[one.column].quantity), []).append(one.column)
+    alike: dict[tuple[str, tuple[int, ...]], list[str]] = {}
+    for (run, quantity), places in by_run.items():
+        alike.setdefault((quantity, tuple(places)), []).append(runs[run])
+    for (quantity, same), names in alike.items():
+        every = len(same) == sum(column.quantity == quantity for column in columns)
+        own = () if every and len(same) > 1 else tuple(columns[place].name for place in same)
+        yield Slip(SlipKind.FROZEN, quantity, (*own, *names))
+
+
+def _values(steps: RecordedSteps, known: KnownBench) -> list[Values]:
+    """Tables whose runs are held against each other, in the units of their files."""
+    tables = list[Values]()
+    seen = np.isfinite(steps.reading)
+    if seen.any():
+        reading, sigma = steps.reading / READING_SI, steps.sigma / READING_SI
+        if seen.sum(axis=1).max() == 1:  # one channel at a time: a copy may stand under the name of another
+            reading = np.where(seen, reading, 0.0).sum(axis=1, keepdims=True)
+            reading[~seen.any(axis=1)] = np.nan
+            sigma = np.where(seen, sigma, np.inf).min(axis=1, keepdims=True)
+        tables.append(Values("readings", reading, _typical(sigma)))
+    if steps.signals:
+        hiss = np.full(len(steps.signals), known.signal_mv)
+        tables.append(Values("signals", steps.signal / MILLIVOLT, hiss))
+    return tables
+
+
+def _typical(sigma: Array) -> Array:
+    """The typical noise (K,) of columns (N, K); NaN where none is declared."""
+    known = np.isfinite(sigma)
+    return np.array(
+        [np.median(own[there]) if there.any() else np.nan for own, there in zip(sigma.T, known.T, strict=True)]
+    )
