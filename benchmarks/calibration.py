@@ -21,9 +21,7 @@ from truing.calibration.every_case import screened
 from truing.calibration.fits import Calibration, implicit, maximum_likelihood
 from truing.calibration.measured import Gathered
 from truing.calibration.question import cases
-from truing.pipeline.run_campaign import Wish
-from truing.pipeline.run_campaigns import run_campaigns
-from truing.pipeline.selection import Selection
+from truing.pipeline.run_campaign import Selection, Wish, run_campaigns
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages import calibrate as stage

@@ -36,7 +36,7 @@ _PROGRAMS = {
     "truing ingest": """
 from pathlib import Path
 from truing.pipeline.artifacts import Stamp, write_artifacts
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.campaign import read_campaign
 from truing.stages.ingest import DECLARATION, run
 from truing.formats.source import CampaignFiles

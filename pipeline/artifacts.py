@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from truing.pipeline.whole_file import discard_parts, reveal, settle, write_part
-from truing.schemas.artifact import Artifact
+from truing.schemas.artifact import Artifact, whole_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.settings_text import regular_size
-from truing.schemas.whole_table import whole_table
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
+from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, identity_faults, open_campaign
 from truing.pipeline.campaign_run import CampaignRun, detached_run
-from truing.pipeline.init_guesses import unconfirmed
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.settings_view import SettingsView
 from truing.pipeline.stage_order import RAW_READERS, is_optional, stage_module
+from truing.pipeline.starter import unconfirmed
 from truing.pipeline.voice import Voice
 from truing.schemas.faults import CampaignFaults, Fault
 
@@ -41,7 +40,7 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
     from truing.stages.ingestion.loading_tables import TABLES
     from truing.stages.prospects import Found, has_repeats, nothing_evaluated, prospects
 
-    faults = settings_faults(campaign)
+    faults = _settings_faults(campaign)
     if faults:
         taken_out = {(None, fault.column) for fault in faults if fault.column}  # no file can do without what these say
         further = (each for each in _raw_faults_despite(campaign) if (each.row, each.column) not in taken_out)
@@ -64,7 +63,7 @@ def check_before_photographs(run: CampaignRun) -> None:
     _read_raw(run, measure=False)
 
 
-def settings_faults(campaign: CampaignFolder) -> list[Fault]:
+def _settings_faults(campaign: CampaignFolder) -> list[Fault]:
     """Every fault of campaign.toml itself."""
     known = {fault.column: fault for fault in identity_faults(campaign)}
     try:
@@ -162,7 +161,7 @@ def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
         document["campaign"]["name"] = "campaign"  # no data hang on the name
     mended = replace(campaign, document=document)
     for _ in range(_ROUNDS):
-        faults = settings_faults(mended)
+        faults = _settings_faults(mended)
         if not faults:
             return None if _is_read_otherwise(campaign, mended) else mended
         if not all(_remove(mended.document, fault.column or "") for fault in faults):

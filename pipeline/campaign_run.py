@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import truing
-from truing.pipeline.campaign_folder import CampaignFolder, relative_name
+from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
 from truing.pipeline.freshness import Evidence, Standing, State
-from truing.pipeline.ledger import Entry, Ledger, MadeFrom, digest_of, read_ledger
+from truing.pipeline.ledger import Entry, Ledger, MadeFrom, RememberedDigests, digest_of, read_ledger
 from truing.pipeline.problems import EnvironmentProblem
-from truing.pipeline.remembered import RememberedDigests
 from truing.pipeline.run_folder import PRIVATE
-from truing.pipeline.settings_view import SettingsView
 from truing.pipeline.source_digest import SourceTree
 from truing.pipeline.stage_order import IN_PIECES, ORDER, RAW_READERS, bare, is_optional, makers, order_of, stage_module
 from truing.schemas.artifacts import ARTIFACTS
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
     from truing.stages.declaration import Progress
 
 PROJECT = Path(truing.__file__).parent.parent
-Piece = TypeVar("Piece")
+_Piece = TypeVar("_Piece")
 Result = TypeVar("Result")
 
 
@@ -144,11 +142,10 @@ class CampaignRun:
         return outcome
 
     def _each(
-        self, work: Callable[[Piece], Result], pieces: Sequence[Piece], progress: Callable[[int], None]
+        self, work: Callable[[_Piece], Result], pieces: Sequence[_Piece], progress: Callable[[int], None]
     ) -> Iterator[Result]:
         """The result of every piece, in their order, by as many processes as there are for this campaign."""
-        from truing.pipeline.executor import results
-        from truing.pipeline.workforce import Workforce
+        from truing.pipeline.executor import Workforce, results
 
         return results(work, pieces, Workforce(self.workers), _lost, progress)
 

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truing.pipeline.options import (
-    Anew,
-    Campaigns,
-    Gate,
-    Method,
-    OneCampaign,
-    Out,
-    QaGate,
-    Quiet,
-    Scheduler,
-    Within,
-    Workers,
-    pair,
-    workforce,
-)
 from truing.pipeline.problems import ExitCode
+
+if TYPE_CHECKING:
+    from truing.pipeline.executor import Workforce
+
 
 # Without rich's formatting of help: it would cost a third of a second before the first word.
 app = typer.Typer(
@@ -35,6 +27,77 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+
+class _QaGate(StrEnum):
+    """What a failed QA check does to the exit code."""
+
+    WARN = "warn"
+    FAIL = "fail"
+
+
+class _Method(StrEnum):
+    """How `design` searches."""
+
+    EXCHANGE = "exchange"
+    DIRECT = "direct"
+    IOOPS = "ioops"
+    RANDOM = "random"
+
+
+class _Within(StrEnum):
+    """What limits the configurations that `design` may choose."""
+
+    WORKSPACE = "workspace"
+    ACTUATORS = "actuators"
+
+
+Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders that hold a campaign.toml.")]
+_OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="A folder that holds a campaign.toml.")]
+_Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="The run's folder; default: runs/<campaign name>.")
+]
+_OutTable = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
+]
+_Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the random draws.")]
+_Gate = Annotated[_QaGate, typer.Option("--qa", help="Whether a failed check is exit code 3 or only told.")]
+_Anew = Annotated[bool, typer.Option("--check", help="Read every file anew instead of trusting size, time and inode.")]
+_Quiet = Annotated[bool, typer.Option("--quiet", help="Say only what went wrong.")]
+_Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, max=1000, metavar="N", help="Do so many at a time, each in a process.")
+]
+_Scheduler = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port; local: one for this call."),
+]
+
+
+def _listed(words: str) -> tuple[str, ...]:
+    """The words of an option that takes several, by commas."""
+    return tuple(word.strip() for word in words.split(",") if word.strip())
+
+
+def _pair(option: str, text: str) -> tuple[float, float]:
+    """Two numbers by a comma; raises typer.BadParameter."""
+    try:
+        low, high = (float(word) for word in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{option}: two numbers by a comma, as 500,1500; found {text!r}") from None
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise typer.BadParameter(f"{option}: finite numbers; found {text!r}")
+    return low, high
+
+
+def workforce(workers: int | None, scheduler: str | None) -> Workforce:
+    """Who does the work, from the options; raises typer.BadParameter."""
+    from truing.pipeline.executor import LOCAL, Workforce
+
+    if scheduler not in (None, LOCAL) and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", scheduler or ""):
+        raise typer.BadParameter(
+            f"--scheduler: found {scheduler!r}; expected tcp://host:port, tls://host:port or local"
+        )
+    return Workforce(workers, scheduler)
 
 
 def _tell_version(wanted: bool) -> None:
@@ -57,7 +120,7 @@ def truing(
 @app.command()
 def run(
     campaigns: Campaigns,
-    out: Out = None,
+    out: _Out = None,
     first: Annotated[
         str | None, typer.Option("--from", metavar="STAGE", help="Run this stage and all after it again.")
     ] = None,
@@ -65,11 +128,11 @@ def run(
         str | None, typer.Option("--only", metavar="STAGE", help="Just this stage, and what it needs.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Run stages that are up to date, too.")] = False,
-    qa: Gate = QaGate.FAIL,
-    check: Anew = False,
-    quiet: Quiet = False,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    qa: _Gate = _QaGate.FAIL,
+    check: _Anew = False,
+    quiet: _Quiet = False,
+    workers: _Workers = None,
+    scheduler: _Scheduler = None,
 ) -> None:
     """Run every stage that is not up to date, then say where the report lies.
 
@@ -82,27 +145,25 @@ def run(
 
     Example: truing run sample_data/telescope --from pose
     """
-    from truing.pipeline.run_campaign import Wish
-    from truing.pipeline.run_campaigns import run_campaigns
-    from truing.pipeline.selection import Selection
+    from truing.pipeline.run_campaign import Selection, Wish, run_campaigns
 
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
-    wish = Wish(Selection(first, only, force), distrust=check, accept_failed_checks=qa is QaGate.WARN)
+    wish = Wish(Selection(first, only, force), distrust=check, accept_failed_checks=qa is _QaGate.WARN)
     raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet, workforce=workforce(workers, scheduler)))
 
 
 @app.command()
 def stages(
     campaign: Annotated[Path | None, typer.Argument(metavar="CAMPAIGN", help="Absent: the stages there are.")] = None,
-    out: Out = None,
-    check: Anew = False,
+    out: _Out = None,
+    check: _Anew = False,
 ) -> None:
     """Show each stage of a campaign as fresh, stale (and why) or never run; without one, list the stages there are.
 
     Example: truing stages sample_data/telescope
     """
-    from truing.pipeline.show_stages import show_all_stages, show_standings
+    from truing.pipeline.run_campaign import show_all_stages, show_standings
 
     _end(show_all_stages if campaign is None else lambda: show_standings(campaign, out, distrust=check))
 
@@ -138,22 +199,24 @@ def init(
 def predict(
     model: Annotated[Path, typer.Argument(metavar="MODEL.toml", help="The model.toml that a run has written.")],
     inputs: Annotated[Path, typer.Argument(metavar="INPUTS", help="A configurations table, .csv or .parquet.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
-    ] = None,
+    out: _OutTable = None,
 ) -> None:
     """Predict with the extended model where nothing was measured: poses from actuator readings.
 
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """
-    from truing.pipeline.predict_command import predict_file
 
-    _end(lambda: predict_file(model, inputs, out))
+    def tell() -> ExitCode:
+        from truing.pipeline.predict_command import predict_file
+
+        return predict_file(model, inputs, out)
+
+    _end(tell)
 
 
 @app.command()
 def design(
-    campaign: OneCampaign,
+    campaign: _OneCampaign,
     poses: Annotated[int, typer.Option("--poses", min=1, max=1000, help="How many configurations to choose.")] = 40,
     verification: Annotated[
         int, typer.Option("--verification", min=0, max=1000, help="How many more to hold out, among the chosen.")
@@ -165,10 +228,10 @@ def design(
         Path | None,
         typer.Option("--avoid", metavar="FILE", help="Forbidden regions, a row each: x_min_mm, rho1_max_mm, ..."),
     ] = None,
-    method: Annotated[Method, typer.Option("--method", help="How to search.")] = Method.EXCHANGE,
+    method: Annotated[_Method, typer.Option("--method", help="How to search.")] = _Method.EXCHANGE,
     within: Annotated[
-        Within, typer.Option("--within", help="All limits of [workspace], or rho_mm alone.")
-    ] = Within.WORKSPACE,
+        _Within, typer.Option("--within", help="All limits of [workspace], or rho_mm alone.")
+    ] = _Within.WORKSPACE,
     parameters: Annotated[
         str,
         typer.Option("--parameters", metavar="NAMES", help="Of each leg: a_x,b_x,l; default: all that can be known."),
@@ -185,10 +248,8 @@ def design(
             "--causes", metavar="NAMES", help="Interferometer: loads that show these, not those to calibrate by."
         ),
     ] = "",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draws.")] = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
-    ] = None,
+    seed: _Seed = 0,
+    out: _OutTable = None,
 ) -> None:
     """Choose where to measure: the configurations from which a calibration learns most, and how near the best they are.
 
@@ -205,8 +266,8 @@ def design(
         from truing.pipeline.design_command import DesignFiles, design_campaign
         from truing.stages.configurations.chosen import DesignWish
 
-        names = tuple(name.strip() for name in parameters.split(",") if name.strip())
-        shown = tuple(name.strip() for name in causes.split(",") if name.strip())
+        names = _listed(parameters)
+        shown = _listed(causes)
         wish = DesignWish(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
         return design_campaign(campaign, wish, DesignFiles(extend, avoid, out))
 
@@ -215,7 +276,7 @@ def design(
 
 @app.command()
 def power(
-    campaign: OneCampaign,
+    campaign: _OneCampaign,
     causes: Annotated[
         str, typer.Option("--causes", metavar="NAMES", help="Ids of causes, by commas; default: all of the catalogue.")
     ] = "",
@@ -225,9 +286,9 @@ def power(
     gross: Annotated[
         float, typer.Option("--gross", min=0.0, max=0.2, help="Share of points that are grossly wrong.")
     ] = 0.0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random draws.")] = 0,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
+    seed: _Seed = 0,
+    workers: _Workers = None,
+    scheduler: _Scheduler = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: runs/<name>/power.parquet."),
@@ -245,7 +306,7 @@ def power(
     def tell() -> ExitCode:
         from truing.pipeline.power_command import PowerWish, power_campaign
 
-        names = tuple(name.strip() for name in causes.split(",") if name.strip())
+        names = _listed(causes)
         return power_campaign(campaign, PowerWish(names, draws, gross, seed), workforce(workers, scheduler), out)
 
     _end(tell)
@@ -253,7 +314,7 @@ def power(
 
 @app.command()
 def plan(
-    campaign: OneCampaign,
+    campaign: _OneCampaign,
     stations: Annotated[int, typer.Option("--stations", min=3, max=200, help="Photographs to take at most.")] = 12,
     wanted: Annotated[
         float | None,
@@ -305,8 +366,8 @@ def plan(
         from truing.estimation.bundle.photograph_plan import PlanWish
         from truing.pipeline.plan_command import PlanFiles, plan_campaign
 
-        near, far = pair("--distance", distance) if distance else (None, None)
-        bounds = pair("--elevation", elevation)
+        near, far = _pair("--distance", distance) if distance else (None, None)
+        bounds = _pair("--elevation", elevation)
         wish = PlanWish(stations, wanted, near, far, bounds, directions, incidence, least)
         return plan_campaign(campaign, wish, PlanFiles(camera, run, normals, out))
 
@@ -333,10 +394,13 @@ def export(
 
     Example: truing export runs/telescope --to xlsx,controller
     """
-    from truing.pipeline.export_command import export_run
 
-    forms = tuple(form.strip() for form in to.split(",") if form.strip())
-    _end(lambda: export_run(run, forms, out, campaign))
+    def write() -> ExitCode:
+        from truing.pipeline.recorded_runs import export_run
+
+        return export_run(run, _listed(to), out, campaign)
+
+    _end(write)
 
 
 @app.command()
@@ -353,9 +417,13 @@ def compare(
 
     Example: truing compare runs/2026-spring runs/2026-autumn --out runs/comparison
     """
-    from truing.pipeline.compare_command import compare_runs
 
-    _end(lambda: compare_runs(runs, out))
+    def compare_them() -> ExitCode:
+        from truing.pipeline.recorded_runs import compare_runs
+
+        return compare_runs(runs, out)
+
+    _end(compare_them)
 
 
 def _end(*actions: Callable[[], ExitCode]) -> None:

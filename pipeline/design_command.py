@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import pyarrow as pa
+
+from truing.formats.faultlog import FaultLog
+from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import CampaignFolder, open_campaign
-from truing.pipeline.given_table import ENDINGS, read_given, table_bytes
+from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
+from truing.pipeline.in_memory import bench_tables
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.voice import Voice
-from truing.pipeline.written_places import check_file
+from truing.pipeline.whole_file import write_whole
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from truing.stages.configurations.chosen import DesignTables, DesignWish
+from truing.stages.cause_loads import loads_for_causes
+from truing.stages.configurations.chosen import DesignTables, DesignWish
+from truing.stages.configurations.words import words_of, words_of_loads
+from truing.stages.design import design
+from truing.stages.ingestion.loading_tables import TABLES, read_loading_tables
+from truing.stages.ingestion.tables import read_configurations, read_survey
+from truing.stages.load_design import plan_loads
 
 
 @dataclass(frozen=True)
@@ -31,9 +37,6 @@ class DesignFiles:
 
 def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCode:
     """Choose configurations, say how good they are, and write them to a file or say them. Raises CampaignFaults."""
-    from truing.stages.configurations.words import words_of
-    from truing.stages.design import design
-
     if files.out is not None and files.out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(files.out))])
     campaign = open_campaign(place)
@@ -55,9 +58,6 @@ def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCo
 
 def _plan_loads(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, voice: Voice) -> ExitCode:
     """Choose load steps for a sensor; raises CampaignFaults for what only poses have."""
-    from truing.stages.configurations.words import words_of_loads
-    from truing.stages.load_design import plan_loads
-
     _check_of_loads(wish, files)
     found = plan_loads(campaign.validated(), wish, _loads_of(campaign))
     for line in words_of_loads(found):
@@ -73,9 +73,7 @@ def _plan_loads(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, 
 
 def _loads_for_causes(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, voice: Voice) -> ExitCode:
     """Choose runs of loads that show causes, beside the campaign's own load steps, measured or planned."""
-    from truing.pipeline.bench_tables import bench_tables
-    from truing.pipeline.power_command import check_causes
-    from truing.stages.cause_loads import loads_for_causes
+    from truing.pipeline.power_command import check_causes  # which loads all that a diagnosis needs
 
     _check_of_loads(wish, files)
     settings = campaign.validated()
@@ -96,10 +94,6 @@ def _loads_for_causes(campaign: CampaignFolder, wish: DesignWish, files: DesignF
 
 def _loads_of(campaign: CampaignFolder) -> dict[str, pa.Table]:
     """The campaign's own readings and signals; nothing where it holds none yet, or has faults."""
-    from truing.formats.faultlog import FaultLog
-    from truing.formats.source import CampaignFiles
-    from truing.stages.ingestion.loading_tables import TABLES, read_loading_tables
-
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
     if not any(source.entries(name) for name in TABLES):
@@ -118,8 +112,6 @@ def _check_of_loads(wish: DesignWish, files: DesignFiles) -> None:
 def _hand_over(
     table: pa.Table, out: Path | None, voice: Voice, what: str, then: str = "; fill in time_s when measuring"
 ) -> None:
-    from truing.pipeline.whole_file import write_whole
-
     if out is None:
         voice.say(table_bytes(table, ".csv").decode().rstrip("\n"))
         return
@@ -128,8 +120,6 @@ def _hand_over(
 
 
 def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
-    from truing.stages.configurations.chosen import DesignTables
-
     extend = None if files.extend is None else read_given(files.extend, "a configurations table")
     avoid = None if files.avoid is None else read_given(files.avoid, "a table of forbidden regions")
     existing, survey = _measured(campaign)
@@ -138,10 +128,6 @@ def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
 
 def _measured(campaign: CampaignFolder) -> tuple[pa.Table | None, pa.Table | None]:
     """Return the campaign's own configurations and survey; None for what it does not hold yet, or holds with faults."""
-    from truing.formats.faultlog import FaultLog
-    from truing.formats.source import CampaignFiles
-    from truing.stages.ingestion.tables import read_configurations, read_survey
-
     settings = campaign.validated()
     source = CampaignFiles(campaign.folder, settings)
     tables: list[pa.Table | None] = []

@@ -30,7 +30,7 @@ def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
     """The exit code of an action, its trouble told on stderr; interruptions pass, for they end the whole call."""
     try:
         with heard():
-            check_memory_limit()
+            _check_memory_limit()
             return action()
     except CampaignFaults as error:
         if shortage(error) is not None:  # what could not be read for want of memory is no fault of the campaign
@@ -97,7 +97,7 @@ def defects_logged(log: Path, doing: str) -> Iterator[None]:
         raise Defect(sentence) from error
 
 
-def limit_mb() -> float | None:
+def _limit_mb() -> float | None:
     """The address space that this process may use (ulimit -v); None where it has no limit, or the system knows none."""
     try:
         import resource
@@ -107,9 +107,9 @@ def limit_mb() -> float | None:
     return None if most == resource.RLIM_INFINITY else most / 2**20
 
 
-def check_memory_limit() -> None:
+def _check_memory_limit() -> None:
     """Raise EnvironmentProblem where the limit is below what loading the libraries needs."""
-    most = limit_mb()
+    most = _limit_mb()
     if most is not None and most < _LEAST_MB:
         least = f"at least {_LEAST_MB} MB are needed to load the libraries"
         raise EnvironmentProblem(f"this process may use {most:.0f} MB of memory; {least}: raise the limit (ulimit -v)")

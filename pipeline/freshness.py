@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truing.pipeline.campaign_folder import CampaignFolder, relative_name
-from truing.pipeline.ledger import Entry, Ledger, MadeFrom, canonical
-from truing.pipeline.remembered import RememberedDigests
+from truing.pipeline.ledger import Entry, Ledger, MadeFrom, RememberedDigests, canonical
 from truing.pipeline.source_digest import SourceTree
 from truing.pipeline.stage_order import bare
 

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from truing.pipeline.campaign_folder import open_campaign
-from truing.pipeline.settings_view import SettingsView
+import pyarrow as pa
+
+from truing.formats.source import CampaignFiles
+from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, open_campaign
 from truing.pipeline.stage_order import RAW_READERS, bare, order_of, stage_module
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from truing.formats.source import CampaignFiles
-    from truing.schemas.campaign import Campaign
-    from truing.stages.declaration import Outcome
+from truing.schemas.campaign import Campaign
+from truing.stages.declaration import Outcome
 
 
 @dataclass
@@ -43,8 +40,6 @@ class StageLine:
 
 def stage_line(campaign: str | Path) -> StageLine:
     """A line for a campaign's folder, no stage called yet; raises CampaignFaults with every fault of its toml."""
-    from truing.formats.source import CampaignFiles
-
     opened = open_campaign(Path(campaign))
     settings = opened.validated()
     return StageLine(settings, CampaignFiles(opened.folder, settings))
@@ -63,8 +58,17 @@ def _as_read(left: pa.Table | pa.RecordBatchReader | str) -> pa.Table | str:
     """A stream read to its end, and text without its dictionary."""
     if isinstance(left, str):
         return left
-    import pyarrow as pa
-
     table = left.read_all() if isinstance(left, pa.RecordBatchReader) else left
     kinds = [(f.name, f.type.value_type if pa.types.is_dictionary(f.type) else f.type) for f in table.schema]
     return table.cast(pa.schema(kinds))
+
+
+def bench_tables(campaign: CampaignFolder, settings: Campaign) -> tuple[dict[str, pa.Table], bool]:
+    """Load steps with what was read, and True; or as they are planned, with zeros, and False. Raises CampaignFaults."""
+    from truing.stages.ingestion.planned_loads import planned_loads
+
+    source = CampaignFiles(campaign.folder, settings)
+    planned = planned_loads(source, settings)
+    if planned is not None:
+        return planned, False
+    return dict(call_stage("ingest", {}, settings, source).artifacts), True

@@ -15,12 +15,19 @@ from typing import TYPE_CHECKING, Any
 from truing.formats.file_search import is_raw_file
 from truing.formats.source import OF_IMAGES
 from truing.pipeline.campaign_folder import FILE, is_safe_name
-from truing.pipeline.file_names import bodies_and_targets, common_glob, scanned_body, told_apart, without_others
-from truing.pipeline.init_guesses import guess_lines
-from truing.pipeline.init_networks import network_tables
-from truing.pipeline.init_photographs import is_picture, photograph_entries
+from truing.pipeline.init_entries import (
+    bodies_and_targets,
+    common_glob,
+    is_picture,
+    network_tables,
+    photograph_entries,
+    scanned_body,
+    told_apart,
+    without_others,
+)
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
+from truing.pipeline.starter import guess_lines
 from truing.pipeline.voice import Voice
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault
@@ -59,9 +66,9 @@ def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
-    guesses = _together([(group, _guess(group)) for group in raw_groups(folder)])
+    guesses = _together([(group, _guess(group)) for group in _raw_groups(folder)])
     guesses = network_tables(_with_surfaces(_beside(_apart(guesses)))) + _photographs(folder)
-    text = (campaign_text if every_key else starter)(folder.resolve().name, guesses)
+    text = (campaign_text if every_key else _starter)(folder.resolve().name, guesses)
     _write_new(target, text)
     voice = Voice(quiet=False)
     for group, guess in guesses:
@@ -91,7 +98,7 @@ def _write_new(target: Path, text: str) -> None:
             raise
 
 
-def raw_groups(folder: Path) -> list[RawGroup]:
+def _raw_groups(folder: Path) -> list[RawGroup]:
     """The files below a folder but photographs, those together whose names differ in numbers alone."""
     groups: dict[str, list[Path]] = {}
     for path in _files(folder):
@@ -229,7 +236,7 @@ def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
     return re.sub("|".join(parts), lambda match: parts[match[0]], _TEMPLATE.read_text(encoding="utf-8"))
 
 
-def starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
+def _starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
     """The campaign.toml with what this campaign needs, to complete."""
     from truing.pipeline.starter import starter_text
 

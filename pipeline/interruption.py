@@ -146,12 +146,12 @@ def heard() -> Iterator[None]:
     try:
         yield
     except Exception:
-        raise_where_asked()
+        _raise_where_asked()
         raise
-    raise_where_asked()
+    _raise_where_asked()
 
 
-def raise_where_asked() -> None:
+def _raise_where_asked() -> None:
     """Raise Interrupted where a signal has asked this process to end."""
     if _request is not None:
         raise _request.error() from None

@@ -5,23 +5,31 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import pyarrow as pa
+from numpy import isnan
+
+from truing.estimation.bundle.camera import PARAMETERS
+from truing.estimation.bundle.photograph_plan import PhotographPlan, PlanWish, Targets, plan_photographs
+from truing.formats.faultlog import FaultLog
+from truing.formats.photographs import list_photographs
+from truing.formats.source import CampaignFiles
 from truing.pipeline.artifacts import Unreadable, read_artifact
 from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
-from truing.pipeline.given_table import ENDINGS, read_given, table_bytes
+from truing.pipeline.given_files import ENDINGS, check_file, leave_tables, read_given
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_beside_run, note_owner
 from truing.pipeline.voice import Voice
-from truing.pipeline.written_places import check_file
+from truing.report.plan_page import plan_head, plan_sections
+from truing.report.rendering.render import render_page
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-    from truing.estimation.bundle.photograph_plan import PhotographPlan, PlanWish, Targets
+from truing.stages.image_tables.known_beforehand import cameras_table, read_cameras, read_image_targets, read_scale_bars
+from truing.stages.ingestion.tables import read_survey
+from truing.stages.photograph_planning.plan_tables import sentences, tables
+from truing.stages.photograph_planning.planned_network import planned_network
 
 _DEFAULT_FILE = "plan.csv"
 
@@ -39,10 +47,6 @@ class PlanFiles:
 
 def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
     """Choose stations, say how well the targets will be known, and leave tables and a page. Raises CampaignFaults."""
-    from truing.estimation.bundle.photograph_plan import plan_photographs
-    from truing.stages.photograph_planning.plan_tables import sentences, tables
-    from truing.stages.photograph_planning.planned_network import planned_network
-
     campaign, voice = usable_campaign(place), Voice(quiet=False)
     settings = campaign.validated()
     _check(settings.campaign.kind, wish, files)
@@ -80,8 +84,6 @@ def _of_camera(said: str, plan: PhotographPlan) -> str:
 
 def _not_modelled(targets: Targets) -> list[str]:
     """What the plan takes to be seen that may not be."""
-    from numpy import isnan
-
     turned = int((~isnan(targets.layout.normals).any(axis=1)).sum())
     said = "Nothing is taken to stand in the way of a ray, neither other things nor the object itself"
     if turned == len(targets.name):
@@ -108,11 +110,6 @@ def _check(kind: str, wish: PlanWish, files: PlanFiles) -> None:
 
 def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
     """The survey, and what is known of cameras, scale bars and codes; raises CampaignFaults."""
-    from truing.formats.faultlog import FaultLog
-    from truing.formats.source import CampaignFiles
-    from truing.stages.image_tables.known_beforehand import read_cameras, read_image_targets, read_scale_bars
-    from truing.stages.ingestion.tables import read_survey
-
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
     targets = read_image_targets(source, tuple(board.label for board in settings.photographs.boards), log)
@@ -133,17 +130,6 @@ def _leave(
     name: str, plan: PhotographPlan, tables: Mapping[str, pa.Table], left_out: tuple[str, ...], file: Path
 ) -> list[Path]:
     """Write the tables and the page; the files, in order."""
-    from truing.pipeline.problems import environment
-    from truing.pipeline.whole_file import write_whole
-    from truing.report.plan_page import plan_head, plan_sections
-    from truing.report.rendering.render import render_page
-    from truing.stages.photograph_planning.plan_tables import sentences
-
-    with environment(f"{file.parent} cannot be made"):
-        file.parent.mkdir(parents=True, exist_ok=True)
-    written = {file.with_name(f"{file.stem}{ending}{file.suffix}"): table for ending, table in tables.items()}
-    for path, table in written.items():
-        write_whole(path, table_bytes(table, file.suffix, quoting="needed"))
     frames = {ending.lstrip("-") or "stations": table.to_pandas() for ending, table in tables.items()}
     points = 1e3 * plan.planned.layout.points
     for axis, column in zip("xyz", points.T, strict=True):
@@ -154,12 +140,11 @@ def _leave(
         plan_head(name, (*sentences(plan), *left_out), plan.reaches, frames),
         plan_sections(frames, plan.stations.R, half, plan.wish.wanted_mm),
     )
-    write_whole(file.with_suffix(".html"), page.encode())
-    return [*written, file.with_suffix(".html")]
+    return leave_tables(file, tables, page)
 
 
 @dataclass(frozen=True)
-class KnownCameras:
+class _KnownCameras:
     """Cameras, a row per parameter as in cameras_given; by camera the noise of an image coordinate in px, where a run
     found it; and where all that is from, in words."""
 
@@ -168,21 +153,21 @@ class KnownCameras:
     said: str = ""
 
 
-def known_cameras(campaign: CampaignFolder, given: pa.Table | None, run: Path | None) -> KnownCameras:
+def known_cameras(campaign: CampaignFolder, given: pa.Table | None, run: Path | None) -> _KnownCameras:
     """Those of a run that is named, else those of campaign.toml, else of the campaign's own run, else of its pictures.
 
     Raises CampaignFaults where the run that is named has none.
     """
     if given is not None and run is None:
-        return KnownCameras(given)
+        return _KnownCameras(given)
     found = _adjusted(run or run_folder_of(campaign, None, several=False))
     if found is None and run is not None:
         expected = f"a run that adjusted photographs, with {ARTIFACTS['cameras'].file}"
         raise CampaignFaults([Fault("--run", expected, value=str(run))])
-    return found or _of_pictures(campaign) or KnownCameras(None)
+    return found or _of_pictures(campaign) or _KnownCameras(None)
 
 
-def _adjusted(run: Path) -> KnownCameras | None:
+def _adjusted(run: Path) -> _KnownCameras | None:
     """The cameras of a run as it adjusted them; what it calibrated would be calibrated again."""
     try:
         cameras = read_artifact(run, ARTIFACTS["cameras"])
@@ -195,17 +180,11 @@ def _adjusted(run: Path) -> KnownCameras | None:
     noise = kept.groupby("camera")[["sigma_x_px", "sigma_y_px"]].median().mean(axis=1)
     names = list(dict.fromkeys(cameras.column("camera").to_pylist()))
     what = f"camera {names[0]}" if len(names) == 1 else f"cameras {', '.join(names)}"
-    return KnownCameras(cameras, noise.to_dict(), f"With {what} as adjusted in {run.as_posix()}.")
+    return _KnownCameras(cameras, noise.to_dict(), f"With {what} as adjusted in {run.as_posix()}.")
 
 
-def _of_pictures(campaign: CampaignFolder) -> KnownCameras | None:
+def _of_pictures(campaign: CampaignFolder) -> _KnownCameras | None:
     """The cameras that the heads of a campaign's photographs tell of: format and principal distance."""
-    from truing.estimation.bundle.camera import PARAMETERS
-    from truing.formats.faultlog import FaultLog
-    from truing.formats.photographs import list_photographs
-    from truing.formats.source import CampaignFiles
-    from truing.stages.image_tables.known_beforehand import cameras_table
-
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
     rows: dict[str, dict[str, Any]] = {}
@@ -215,6 +194,6 @@ def _of_pictures(campaign: CampaignFolder) -> KnownCameras | None:
             rows.setdefault(one.camera, {**head, "focal_px": one.head.principal_distance_px, "free": PARAMETERS})
     if not rows:
         return None
-    return KnownCameras(
+    return _KnownCameras(
         cameras_table(rows), said=f"With {', '.join(rows)} as the photographs' files tell, not calibrated."
     )

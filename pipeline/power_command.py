@@ -1,4 +1,4 @@
-"""`truing power`: which effects a campaign's own layout would show, and from which size on."""
+"""`truing power`: which effects a campaign's own layout would show, and from which size; of photographs in theory."""
 
 from __future__ import annotations
 
@@ -9,34 +9,64 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truing.pipeline.bench_tables import bench_tables
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from truing.formats.faultlog import FaultLog
+from truing.formats.source import CampaignFiles
+from truing.pipeline.artifacts import Unreadable, read_artifact
 from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
-from truing.pipeline.executor import results
-from truing.pipeline.given_table import ENDINGS, table_bytes
-from truing.pipeline.in_memory import call_stage
-from truing.pipeline.power_of_photographs import HEADS, OfPhotographs, of_photographs
-from truing.pipeline.power_of_rays import plan_of_rays, said_of_rays, wants_rays
+from truing.pipeline.executor import Workforce, results
+from truing.pipeline.given_files import ENDINGS, check_file, leave_tables
+from truing.pipeline.in_memory import bench_tables, call_stage
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_beside_run, note_owner
 from truing.pipeline.voice import Voice
-from truing.pipeline.workforce import Workforce
-from truing.pipeline.written_places import check_file
+from truing.report.diagnosis.findings import subject_words
+from truing.report.diagnosis.hidden import size_words
+from truing.report.power_page import (
+    SIZE_HEADS,
+    alarm_words,
+    power_head,
+    power_sections,
+    section_of_photographs,
+    size_rows,
+)
+from truing.report.rendering.render import render_page
+from truing.report.tables import cell
+from truing.report.wordings.catalogue import cause_words
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.simulation.catalogue import catalogue_of_rays, of_photographed_points
+from truing.simulation.cause import Cause, Effect
+from truing.simulation.detection_trials import Answer, Question, Trial, answer, curve, false_alarms, questions, trials
+from truing.stages import power
+from truing.stages.common.why_not import NO_DRAWING
+from truing.stages.diagnosis.ray_points import gather_rays
+from truing.stages.diagnosis.rows import Words, diagnosis_table
+from truing.stages.diagnosis.search import decided, decided_of_rays, gathered_of, kinds_of, rule_of, rule_of_rays
+from truing.stages.ingestion.tables import read_configurations, read_survey
+from truing.stages.power import compared, completed, expected_sights, judged_by, reading_plan_of
+from truing.stages.simulated_campaigns.plan import NEEDS, RayPlan, bare_plan
+from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import pyarrow as pa
-
-    from truing.schemas.campaign import Campaign
-    from truing.simulation.cause import Effect
-    from truing.simulation.detection_trials import Answer, Question, Trial
     from truing.stages.power import Plan
 
 # So many campaigns without an effect per campaign of each size with one.
 _NOTHING_PER_DRAW = 5
 _DEFAULT_FILE = "power.parquet"
 _SURVEY = "the survey of the targets, or their planned places"
+
+HEADS = ("cause that photographs show", "concerns", "theory, in the run")
+_DRAWN = (
+    "Points come from photographs, and photographs are not drawn: points scatter by noise.point_mm each, every "
+    "surveyed target counts as seen in every pose, and no error of a camera or of a scale bar is shared among points. "
+)
+_ASKED = " With their names after --causes, rays are drawn from the run's network, and these looked for."
 
 
 @dataclass(frozen=True)
@@ -87,8 +117,6 @@ def _check(wish: PowerWish, out: Path | None, settings: Campaign, of_rays: bool)
 
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
     """Raise CampaignFaults for names that are no causes of this kind of campaign."""
-    from truing.stages.diagnosis.search import kinds_of
-
     known = [name for name, kind in kinds_of(settings).items() if kind.catalogued]
     strange = [name for name in names if name not in known]
     if strange:
@@ -98,12 +126,6 @@ def check_causes(names: Sequence[str], settings: Campaign) -> None:
 def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish, run: Path | None = None) -> Plan:
     """The campaign as a plan, from what was measured or from survey and configurations alone; of its rays, from what a
     run left of them. Raises CampaignFaults."""
-    import numpy as np
-
-    from truing.stages.diagnosis.search import gathered_of
-    from truing.stages.power import completed, reading_plan_of
-    from truing.stages.simulated_campaigns.plan import bare_plan
-
     if run is not None:
         with _to_be_drawn(campaign):
             return plan_of_rays(run, settings).with_gross(wish.gross)
@@ -128,9 +150,6 @@ def _to_be_drawn(campaign: CampaignFolder) -> Iterator[None]:
 
 def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:
     """Survey and configurations and, where there are points, observations and poses; raises CampaignFaults."""
-    from truing.formats.source import CampaignFiles
-    from truing.stages.common.why_not import NO_DRAWING
-
     if settings.campaign.kind == "interferometer":
         return bench_tables(campaign, settings)[0]
     if not settings.mechanism.is_legged:
@@ -148,9 +167,6 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
 
 
 def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
-    from truing.formats.faultlog import FaultLog
-    from truing.stages.ingestion.tables import read_configurations, read_survey
-
     log = FaultLog()
     survey, configurations = read_survey(source, settings, log), read_configurations(source, settings, log)
     log.throw()
@@ -165,8 +181,6 @@ def _posed(tables: Mapping[str, pa.Table], settings: Campaign) -> dict[str, pa.T
 
 def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign) -> dict[str, pa.Table]:
     """The tables of a drawn campaign, taken through the stages before the diagnosis."""
-    import numpy as np
-
     tables = plan.drawn(effects, np.random.default_rng(seed))
     for name in plan.through:
         tables = {**tables, **call_stage(name, tables, settings).artifacts}
@@ -178,9 +192,6 @@ def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: P
 
     Raises CampaignFaults where such a campaign could not be diagnosed.
     """
-    from truing.simulation.detection_trials import questions
-    from truing.stages.power import compared, expected_sights, judged_by
-
     drawn = _drawn(plan, (), wish.seed, settings)
     with _to_be_drawn(campaign):
         gathered = compared(plan, drawn, settings)
@@ -197,8 +208,6 @@ def _answers(
     voice: Voice,
 ) -> Generator[Answer]:
     """Draw and diagnose all campaigns, wherever that is done; the same answers everywhere."""
-    from truing.simulation.detection_trials import trials
-
     pieces = trials(asked, plan, wish.draws, _NOTHING_PER_DRAW * wish.draws, wish.seed)
     work = partial(diagnosed_trial, plan, settings)
     with voice.during("power") as progress:
@@ -209,20 +218,12 @@ def _answers(
 
 def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
     """Draw one campaign, push it through the stages that lead to a diagnosis, and read off what that says."""
-    from truing.stages.simulated_campaigns.plan import RayPlan
-
-    judge = diagnosed_rays if isinstance(plan, RayPlan) else diagnosed
+    judge = _diagnosed_rays if isinstance(plan, RayPlan) else diagnosed
     return judge(_drawn(plan, trial.effects, trial.seed, settings), settings, trial)
 
 
 def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
     """What the diagnosis of a drawn campaign's tables, up to the poses, says of what was hidden in it."""
-    import numpy as np
-
-    from truing.simulation.detection_trials import answer
-    from truing.stages.diagnosis.rows import Words, diagnosis_table
-    from truing.stages.diagnosis.search import decided, gathered_of
-
     try:
         gathered = gathered_of(tables, settings)
         diagnosis = decided(gathered, settings, lambda *_: None)
@@ -232,13 +233,8 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
     return answer(trial, table.to_pylist())
 
 
-def diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
+def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
     """What the diagnosis of a drawn campaign's rays says of what was hidden in them."""
-    from truing.simulation.detection_trials import answer
-    from truing.stages.diagnosis.ray_points import gather_rays
-    from truing.stages.diagnosis.rows import Words, diagnosis_table
-    from truing.stages.diagnosis.search import decided_of_rays, rule_of, rule_of_rays
-
     rule = rule_of(settings)
     gathered, _ = gather_rays(tables, settings)
     diagnosis = decided_of_rays(gathered, rule, lambda *_: None)
@@ -258,10 +254,6 @@ def _tell(
     voice: Voice,
 ) -> None:
     """Say and leave what was found, and what an ``out`` beside the file says of photographs."""
-    from truing.report.power_page import SIZE_HEADS, alarm_words, size_rows
-    from truing.simulation.detection_trials import curve, false_alarms
-    from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
-
     file, photographs = out
     if file == run_folder_of(campaign, None, several=False) / _DEFAULT_FILE:
         note_owner(campaign, file.parent)
@@ -275,30 +267,89 @@ def _tell(
         if photographs.rows:
             voice.show(HEADS, photographs.rows)
         voice.say(photographs.said)
-    _leave(campaign.name, {"": sizes, "-rates": rates}, (said, drawn), (file, photographs))
-    voice.say(f"tables and page: {file}, {_beside(file, '-rates', file.suffix)}, {_beside(file, '', '.html')}")
-
-
-def _leave(
-    name: str,
-    tables: Mapping[str, pa.Table],
-    frames: tuple[pd.DataFrame, pd.DataFrame],
-    out: tuple[Path, OfPhotographs | None],
-) -> None:
-    from truing.pipeline.problems import environment
-    from truing.pipeline.whole_file import write_whole
-    from truing.report.power_page import power_head, power_sections, section_of_photographs
-    from truing.report.rendering.render import render_page
-
-    file, photographs = out
-    with environment(f"{file.parent} cannot be made"):
-        file.parent.mkdir(parents=True, exist_ok=True)
-    for ending, table in tables.items():
-        write_whole(_beside(file, ending, file.suffix), table_bytes(table, file.suffix, quoting="needed"))
     further = [] if photographs is None else [section_of_photographs(photographs.said, HEADS, photographs.rows)]
-    page = render_page(power_head(name, *frames), [*power_sections(*frames), *further])
-    write_whole(_beside(file, "", ".html"), page.encode())
+    page = render_page(power_head(campaign.name, said, drawn), [*power_sections(said, drawn), *further])
+    written = leave_tables(file, {"": sizes, "-rates": rates}, page)
+    voice.say(f"tables and page: {', '.join(map(str, written))}")
 
 
-def _beside(file: Path, ending: str, suffix: str) -> Path:
-    return file.with_name(f"{file.stem}{ending}{suffix}")
+@dataclass(frozen=True)
+class OfPhotographs:
+    """The sentence that says what is not judged, and what the run tells of that: cause, subject, size in words."""
+
+    said: str
+    rows: tuple[tuple[str, ...], ...] = ()
+
+
+def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
+    """What the run in a folder tells of causes that are not drawn; None where no point comes from photographs."""
+    if not campaign.has_photographs:
+        return None
+    catalogues: tuple[Mapping[str, Cause], ...] = (catalogue_of_rays(), of_photographed_points())
+    names = list(dict.fromkeys(name for own in catalogues for name, kind in own.items() if kind.catalogued))
+    listed = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
+    table = _detectable(run)
+    own = None if table is None else table[table["cause"].isin(names)]
+    if own is None or not len(own):
+        why = f"{listed.capitalize()} are not judged here: `truing run` tells from which size on they would be found."
+        return OfPhotographs(_DRAWN + why)
+    what = f"{listed.capitalize()} are not drawn either: what the run in {run.as_posix()} would have shown of them, "
+    return OfPhotographs(_DRAWN + what + "with a probability of 80 %, is told by theory alone." + _ASKED, _rows(own))
+
+
+def _detectable(run: Path) -> pd.DataFrame | None:
+    try:
+        table = read_artifact(run, ARTIFACTS["detectable"])
+    except Unreadable:
+        return None
+    return None if isinstance(table, str) else table.to_pandas()
+
+
+def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        (cause_words(str(row.cause)), subject_words(cell(row.subject)) or "the whole", f"{row.parameter} {size}")
+        for row, size in zip(own.itertuples(), size_words(own), strict=True)
+    )
+
+
+def wants_rays(causes: Sequence[str], campaign: CampaignFolder) -> bool:
+    """Whether causes are asked for that rays show; raises CampaignFaults where others are asked for beside them."""
+    if not campaign.has_photographs:
+        return False
+    known = _names_of_rays()
+    own = [name for name in causes if name in known]
+    others = [name for name in causes if name not in known]
+    if own and others:
+        expected = f"causes that rays show ({', '.join(known)}) in a call of their own"
+        raise CampaignFaults([Fault("--causes", expected, value=", ".join(others))])
+    return bool(own)
+
+
+def _names_of_rays() -> list[str]:
+    """The ids of the causes that rays show."""
+    return [name for name, kind in catalogue_of_rays().items() if kind.catalogued]
+
+
+def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
+    """The network of the run in a folder; raises CampaignFaults where it has left none."""
+    tables: dict[str, pa.Table] = {}
+    for name in NEEDS:
+        try:
+            table = read_artifact(run, ARTIFACTS[name])
+        except Unreadable:
+            continue
+        if not isinstance(table, str):
+            tables[name] = table
+    try:
+        return power.ray_plan_of(tables, settings)
+    except ValueError as why:
+        expected = f"a run of the campaign, from whose network rays can be drawn ({why}): truing run"
+        raise CampaignFaults([Fault(run.as_posix(), expected)]) from None
+
+
+def said_of_rays(run: Path) -> OfPhotographs:
+    """The sentence that says what is drawn."""
+    return OfPhotographs(
+        f"Rays are drawn, not photographs: with the network, the noise and the cameras of the run in {run.as_posix()}, "
+        "as small departures from these. What an effect does to the machine's points is not looked at."
+    )

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from truing.pipeline.given_table import ENDINGS, read_given, table_bytes
+import pyarrow as pa
+
+from truing import __version__
+from truing.pipeline.artifacts import Stamp, write_table
+from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
+from truing.pipeline.ledger import digest_of
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.voice import Voice
-from truing.pipeline.written_places import check_file
+from truing.pipeline.whole_file import write_whole
+from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml, read_settings_text
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from truing.stages.predict import predict
 
 # What is predicted, by a column that tells it from poses.
 _ARTIFACTS = {"reading": "readings", "encoder": "axis_prediction"}
@@ -44,8 +47,6 @@ def _model_text(model: Path) -> str:
 
 
 def _predicted(model: Path, text: str, inputs: Path) -> pa.Table:
-    from truing.stages.predict import predict
-
     table = read_given(inputs, "a table of configurations, or of load steps")
     try:
         return predict(text, table, str(inputs))
@@ -63,12 +64,6 @@ def _campaign(model: Path, text: str) -> str:
 
 
 def _write(out: Path, predicted: pa.Table, campaign: str, made_from: list[str]) -> None:
-    from truing import __version__
-    from truing.pipeline.artifacts import Stamp, write_table
-    from truing.pipeline.ledger import digest_of
-    from truing.pipeline.whole_file import write_whole
-    from truing.schemas.artifacts import ARTIFACTS
-
     if out.suffix == ".csv":
         write_whole(out, _csv(predicted))
         return

@@ -23,7 +23,7 @@ class ExitCode(IntEnum):
 
 
 # Of several campaigns in one call the gravest ending is the call's.
-GRAVITY = (
+_GRAVITY = (
     *(ExitCode.DONE, ExitCode.FAILED_CHECK, ExitCode.UNUSABLE_CAMPAIGN, ExitCode.ENVIRONMENT),
     *(ExitCode.KEYBOARD, ExitCode.DEFECT),
 )
@@ -31,7 +31,7 @@ GRAVITY = (
 
 def gravest(codes: list[ExitCode]) -> ExitCode:
     """The worst of several endings."""
-    return max(codes, key=GRAVITY.index, default=ExitCode.DONE)
+    return max(codes, key=_GRAVITY.index, default=ExitCode.DONE)
 
 
 class EnvironmentProblem(Exception):

@@ -1,26 +1,59 @@
-"""`truing run` on one campaign: what is fresh stays, what is stale runs, the report's place is said."""
+"""`truing run` and `truing stages`: what is fresh stays, what is stale runs, of one campaign or many at a time."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import unicodedata
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from truing.pipeline.campaign_check import check_before_photographs, check_campaign
-from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
+from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign, run_folder_of
 from truing.pipeline.campaign_run import CampaignRun, detached_run, open_run
-from truing.pipeline.endings import defects_logged
+from truing.pipeline.endings import KEPT, defects_logged, end, end_all
+from truing.pipeline.executor import Workforce, processors, results
 from truing.pipeline.freshness import State
-from truing.pipeline.problems import ExitCode
+from truing.pipeline.problems import ExitCode, gravest
 from truing.pipeline.run_folder import occupied
-from truing.pipeline.run_owner import claim
-from truing.pipeline.selection import Selection
-from truing.pipeline.stage_order import OF_PHOTOGRAPHS
-from truing.pipeline.voice import Voice
+from truing.pipeline.run_owner import check_owner, claim, refuse_raw_files
+from truing.pipeline.stage_order import OF_PHOTOGRAPHS, ORDER, RAW_READERS, needed_for, stage_module
+from truing.pipeline.voice import Recorder, Voice
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.faults import CampaignFaults
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import meant
 from truing.stages.declaration import Stage
 
 _LOG = "defect.log"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """``first``: rerun from this stage on; ``only``: this stage and what it needs; ``force``: run what is fresh too."""
+
+    first: str | None = None
+    only: str | None = None
+    force: bool = False
+
+    def stages(self, order: tuple[Stage, ...]) -> tuple[Stage, ...]:
+        """The stages concerned, in order; raises CampaignFaults where a stage is named that this campaign lacks."""
+        names = [stage.name for stage in order]
+        for option, name in (("--from", self.first), ("--only", self.only)):
+            if name is not None and name not in names:
+                raise CampaignFaults([Fault(option, _expected(name, names), value=name)])
+        return order if self.only is None else needed_for(self.only, order)
+
+    def forces(self, stage: Stage, order: tuple[Stage, ...]) -> bool:
+        """Whether a stage shall run although it is fresh."""
+        if self.only is not None:
+            return self.force and stage.name == self.only
+        names = [each.name for each in order]
+        return self.force or (self.first is not None and names.index(stage.name) >= names.index(self.first))
+
+
+def _expected(name: str, names: list[str]) -> str:
+    return f"a stage of this kind of campaign ({', '.join(names)}){meant(name, names)}"
 
 
 @dataclass(frozen=True)
@@ -100,3 +133,142 @@ def _verdict(failed: tuple[str, ...], wish: Wish, voice: Voice) -> ExitCode:
         return ExitCode.DONE
     voice.warn(f"QA: {len(failed)} failed ({', '.join(failed)}); the report says why")
     return ExitCode.DONE if wish.accept_failed_checks else ExitCode.FAILED_CHECK
+
+
+def show_standings(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
+    """One line per stage: fresh, stale and why, or never run. Writes nothing."""
+    campaign = usable_campaign(place)
+    run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
+    check_owner(run)
+    voice = Voice(quiet=False)
+    for stage, standing in run.standings():
+        voice.say(f"{stage.name:<12} {standing.state:<10} {standing.why}".rstrip())
+    return ExitCode.DONE
+
+
+def show_all_stages() -> ExitCode:
+    """The stages of every kind of campaign, with what they read and leave."""
+    voice = Voice(quiet=False)
+    for kind, names in ORDER.items():
+        voice.say(f"{kind}:")
+        for name in names:
+            stage = stage_module(name).DECLARATION
+            only = " (where there are photographs)" if name in OF_PHOTOGRAPHS else ""
+            read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
+            voice.say(f"  {name:<12} {stage.summary}{only}")
+            voice.say(f"  {'':<12} reads {', '.join(read)}; leaves {', '.join(stage.leaves)}")
+    return ExitCode.DONE
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One campaign to run, where, and the line that its messages stand under."""
+
+    campaign: CampaignFolder
+    folder: Path
+    wish: Wish
+    heading: str | None = None
+
+
+@dataclass(frozen=True)
+class _Told:
+    """How a campaign ended, and what was said meanwhile: each line with whether it warns."""
+
+    code: ExitCode
+    lines: tuple[tuple[bool, str], ...]
+
+    def repeat(self, voice: Voice) -> None:
+        """Say it to whoever watches."""
+        for warns, line in self.lines:
+            (voice.warn if warns else voice.say)(line)
+
+
+@dataclass
+class _Plan:
+    """From the places of a call to jobs; no two campaigns of a call may share a run folder."""
+
+    out: Path | None
+    wish: Wish
+    several: bool
+    taken: set[Path] = field(default_factory=set)
+
+    def job(self, place: Path) -> _Job:
+        """The job for one place; raises CampaignFaults where there can be none."""
+        campaign = usable_campaign(place)
+        folder = run_folder_of(campaign, self.out, several=self.several)
+        # Not everywhere do capitals, or how an accent is composed, tell folders apart.
+        taken = Path(unicodedata.normalize("NFC", str(folder)).casefold())
+        if taken in self.taken:
+            expected = "a name that no other campaign of this call has: it names the run's folder"
+            raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
+        self.taken.add(taken)
+        refuse_raw_files(campaign, folder)
+        return _Job(campaign, folder, self.wish, f"{campaign.name} ({place})" if self.several else None)
+
+
+def run_campaigns(
+    places: Sequence[Path], out: Path | None, wish: Wish, *, quiet: bool, workforce: Workforce | None = None
+) -> ExitCode:
+    """Run campaigns; the gravest ending is the call's. Nothing but an interruption of one ends the others."""
+    voice, plan = Voice(quiet=quiet), _Plan(out, wish, several=len(places) > 1)
+    if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
+        plan.wish = replace(wish, workers=(workforce and workforce.workers) or processors())
+        return end_all([partial(_run_here, place, plan, voice) for place in places], voice)
+    return end_all([partial(_run_at_a_time, places, plan, workforce, voice)], voice)
+
+
+def _run_here(place: Path, plan: _Plan, voice: Voice) -> ExitCode:
+    return _run(plan.job(place), voice)
+
+
+def _run(job: _Job, voice: Voice) -> ExitCode:
+    if job.heading is not None:
+        voice.say(job.heading)
+    return run_campaign(job.campaign, job.folder, job.wish, voice)
+
+
+def _run_at_a_time(places: Sequence[Path], plan: _Plan, workforce: Workforce, voice: Voice) -> ExitCode:
+    """Several campaigns at a time, their messages in the order of the call, each whole."""
+    planned = [_planned(place, plan, workforce) for place in places]
+    jobs = [job for job in planned if isinstance(job, _Job)]
+    codes = []
+    with voice.during("run") as watched:
+        told = results(_told, jobs, workforce, _lost, lambda done: watched(done, len(jobs), "campaigns"))
+        with closing(told):
+            for entry in planned:
+                ending = next(told) if isinstance(entry, _Job) else entry
+                ending.repeat(voice)
+                codes.append(ending.code)
+    return gravest(codes)
+
+
+def _planned(place: Path, plan: _Plan, workforce: Workforce) -> _Job | _Told:
+    """The job for one place, or why there is none."""
+    found: list[_Job] = []
+    recorder = Recorder()
+
+    def prepare() -> ExitCode:
+        job = plan.job(place)
+        found.append(job if workforce.scheduler is None else _for_other_machines(job))
+        return ExitCode.DONE
+
+    code = end(prepare, recorder)
+    return found[0] if found else _Told(code, tuple(recorder.lines))
+
+
+def _for_other_machines(job: _Job) -> _Job:
+    """The same job by paths that hold wherever the worker stands, its folders shared."""
+    campaign = replace(job.campaign, file=job.campaign.file.resolve())
+    return replace(job, campaign=campaign, folder=job.folder.resolve())
+
+
+def _told(job: _Job) -> _Told:
+    """What a worker does: run the campaign, and keep what it says."""
+    recorder = Recorder()
+    code = end(lambda: _run(job, recorder), recorder)
+    return _Told(code, tuple(recorder.lines))
+
+
+def _lost(job: _Job) -> _Told:
+    why = f"{job.campaign.name}: whatever worker ran it vanished (killed, or out of memory); {KEPT}"
+    return _Told(ExitCode.ENVIRONMENT, ((True, why),))

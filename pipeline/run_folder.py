@@ -1,17 +1,28 @@
-"""The folder of one run: entered under its lock, swept of what dead runs left, never left half made."""
+"""The folder of one run: entered under its lock, swept of what dead runs left, never left half made.
+
+One run per folder: an operating-system lock, which a dead process cannot hold. The lock file names its holder. filelock
+locks the first byte of the file, which hides that name from others on Windows.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import socket
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from truing.pipeline.lock import hold
-from truing.pipeline.problems import environment
+from truing.pipeline.problems import EnvironmentProblem, environment
 from truing.pipeline.whole_file import PART, part_of
 from truing.schemas.artifacts import ARTIFACTS
 
 PRIVATE = ".truing"  # ledger, remembered digests and lock; deleting it loses no result
+
+# Windows locks are mandatory: the locked byte lies beyond the note that others shall be able to read.
+_LOCKED_BYTE = 1 << 20
 
 
 @contextmanager
@@ -51,3 +62,75 @@ def _remove_empty(lock: Path, created: list[Path]) -> None:
             place.rmdir()
     except OSError:  # somebody put something there or took it away, or Windows keeps the open lock: what is there stays
         return
+
+
+@contextmanager
+def hold(path: Path) -> Iterator[None]:
+    """Hold the lock file ``path``; raises EnvironmentProblem that names the holder where another run has it."""
+    descriptor = _acquire(path)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _acquire(path: Path) -> int:
+    folder = path.parent.parent
+    while True:
+        with environment(f"the run folder {folder} cannot be used"):
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            if not _try_lock(descriptor):
+                holder = _holder(descriptor)
+                os.close(descriptor)
+                raise EnvironmentProblem(f"{folder} is in use by another run: {holder}")
+            if _is_still_there(descriptor, path):
+                _sign(descriptor)
+                return descriptor
+        os.close(descriptor)  # the holder before us removed the file while we were opening it
+
+
+def _is_still_there(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _sign(descriptor: int) -> None:
+    since = time.strftime("%Y-%m-%d %H:%M:%S")
+    note = json.dumps({"pid": os.getpid(), "host": socket.gethostname(), "since": since}).encode()
+    os.ftruncate(descriptor, 0)
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    os.write(descriptor, note)
+
+
+def _holder(descriptor: int) -> str:
+    try:
+        note = json.loads(os.read(descriptor, 4096))
+        return f"process {note['pid']} on {note['host']}, since {note['since']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "a process that has only just started"
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _try_lock(descriptor: int) -> bool:
+        os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        finally:
+            os.lseek(descriptor, 0, os.SEEK_SET)
+        return True
+
+else:
+    import fcntl
+
+    def _try_lock(descriptor: int) -> bool:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True

@@ -16,20 +16,20 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-from truing.pipeline.remembered import TICK_NS, RememberedDigests
+from truing.pipeline.ledger import TICK_NS, RememberedDigests
 
 _NAME = "truing"
-BESIDE = ("schemas", "stages", "pipeline")  # packages of `truing` whose folders stand beside its own in a checkout
-ROOMS = (_NAME, *BESIDE)
+_BESIDE = ("schemas", "stages", "pipeline")  # packages of `truing` whose folders stand beside its own in a checkout
+ROOMS = (_NAME, *_BESIDE)
 _TELLING = re.compile(rf"\b{_NAME}\b|\bfrom[\s\\]*\.".encode())
 # Where a statement of a file begins; in a text of several lines too, where what follows is then no Python.
 _STATEMENT = re.compile(rb"^(?=[^\s#)\]}])", re.MULTILINE)
 _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
 
-Told = dict[tuple[str, ...], dict[str, str]]
+_Told = dict[tuple[str, ...], dict[str, str]]
 State = tuple[tuple[str, int, int, int], ...]
 # By the root: how its files stood when this process last looked, and what it told of them since.
-_OF_THIS_PROCESS: dict[Path, tuple[State, Told]] = {}
+_OF_THIS_PROCESS: dict[Path, tuple[State, _Told]] = {}
 
 
 class SourceTree:
@@ -96,7 +96,7 @@ class SourceTree:
     def _file(self, name: str) -> Path | None:
         if name not in self._files:
             parts = name.split(".")
-            places = [parts, *([parts[1:]] if parts[0] == _NAME and parts[1:2] and parts[1] in BESIDE else [])]
+            places = [parts, *([parts[1:]] if parts[0] == _NAME and parts[1:2] and parts[1] in _BESIDE else [])]
             folders = [os.path.join(self._root, *place) for place in places]
             candidates = (path for at in folders for path in (f"{at}.py", os.path.join(at, "__init__.py")))
             self._files[name] = next((Path(path) for path in candidates if self._is_file(path)), None)
@@ -115,7 +115,7 @@ class SourceTree:
         return self._data[folder]
 
 
-def _told_before(root: Path) -> Told:
+def _told_before(root: Path) -> _Told:
     """What this process has told of the files as they stand, to be added to; nothing where their times may deceive."""
     state = tuple(sorted(entry for room in ROOMS for entry in _standing(os.path.join(root, room))))
     if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:

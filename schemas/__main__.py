@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from truing.schemas.campaign_page import campaign_page
-from truing.schemas.page import artifacts_page
+from truing.schemas.pages import artifacts_page, campaign_page
 
 if __name__ == "__main__":
     Path("docs/artifacts.md").write_text(artifacts_page(), encoding="utf-8")

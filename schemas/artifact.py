@@ -1,15 +1,17 @@
-"""What an artifact is: its file, its columns, its key; and the enforcement of them."""
+"""What an artifact is: its file, its columns, its key; the enforcement of them, and the table read back."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truing.schemas.column import Column
 from truing.schemas.columns import COLUMNS, find_column
 from truing.schemas.faults import Fault
+from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -150,13 +152,41 @@ def _bound_faults(file: str, column: Column, name: str, values: pa.ChunkedArray 
 def parquet(
     name: str,
     meaning: str,
-    columns: tuple[str, ...],
+    columns: str,
     *,
-    optional: tuple[str, ...] = (),
-    families: tuple[str, ...] = (),
+    optional: str = "",
+    families: str = "",
     covariates: bool = False,
-    key: tuple[str, ...] = (),
     version: int = 1,
+    file: str = "",
 ) -> Artifact:
-    """A table in the file of its name."""
-    return Artifact(name, f"{name}.parquet", meaning, columns, optional, families, covariates, key, version)
+    """A table in the file of its name; columns by blanks, those of its key with a ``*`` behind."""
+    own, further = ([column.removesuffix("*") for column in names.split()] for names in (columns, optional))
+    key = tuple(column[:-1] for column in f"{columns} {optional}".split() if column.endswith("*"))
+    file = file or f"{name}.parquet"
+    return Artifact(name, file, meaning, tuple(own), tuple(further), tuple(families.split()), covariates, key, version)
+
+
+def whole_table(path: Path, artifact: Artifact) -> pa.Table:
+    """Return the table in a Parquet file; raises ValueError with everything in which it is not this artifact."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path)
+        table.validate(full=True)
+        faults = artifact.faults(table)
+    except (pa.ArrowException, UnicodeError) as error:
+        raise_shortage(error)
+        raise ValueError(f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
+    except OSError as error:
+        if error.errno:  # not of the file's bytes, but of reaching them
+            raise
+        raise ValueError(f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
+    if faults:
+        raise ValueError("\n".join(str(fault) for fault in faults))
+    return table
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [""])[0][:200]

@@ -7,12 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
-from truing.schemas.axis_mechanism import AxisMechanism
 from truing.schemas.certificate import Certificate
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.interferometer import Interferometer
 from truing.schemas.mapping import OF_NAME, OF_TABLE, FileMapping
-from truing.schemas.mechanism import LeggedMechanism, NoMechanism
+from truing.schemas.mechanism import AxisMechanism, LeggedMechanism, NoMechanism, SensorMechanism
 from truing.schemas.photographs import GivenCamera, Photographs
 from truing.schemas.quality_checks import acceptance_faults, limit_faults
 from truing.schemas.section import Section
@@ -33,7 +32,6 @@ from truing.schemas.sections import (
     Signals,
     Workspace,
 )
-from truing.schemas.sensor_mechanism import SensorMechanism
 
 
 def _is_first_format(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truing.schemas.quality_check import Checks, Limits, QualityCheck, Rule
+from truing.schemas.quality_check import TEMPERATURE_UNIT, Checks, Limits, QualityCheck, Rule, time_unit
 
 _OF_PROGRAMME: Checks = {
     "overruled": QualityCheck(
@@ -36,14 +36,7 @@ _OF_PROGRAMME: Checks = {
         "Repeat the run without a pause, or begin a new one after it. Not evaluated: times are not recorded, or merely "
         "count the steps.",
     ),
-    "time-unit": QualityCheck(
-        "Can the column `time_s` be seconds, by its pace from step to step and by how far it counts?",
-        "Days of a spreadsheet, hours or milliseconds turn every drift, creep and pause into one of another size.",
-        Rule(warns="a median pace below 0.2 s or above 20000 s that another unit makes likely; counts since 1970"),
-        'Say the unit in [files] (`units = { time_s = "d" }`, or `columns = { time_s = { scale = 1e-9 } }`). '
-        "Passes without a word: minutes at a pace that seconds may have, and even paces of a clock. Not evaluated: "
-        "fewer than 12 times, or times that merely count.",
-    ),
+    "time-unit": time_unit("step"),
     "load-range": QualityCheck(
         "How large is the largest load, over the range in [loading]?",
         "Beyond the largest load everything is extrapolated. (Beyond 1 `ingest` refuses the load, unless "
@@ -131,17 +124,7 @@ _OF_SURROUNDINGS: Checks = {
         "Mend the unit in the table or in its mapping; read the sensor beside another one.",
         withholds="models",
     ),
-    "temperature-unit": QualityCheck(
-        "Are recorded temperatures and [mechanism] reference_temperature_c in degrees Celsius?",
-        "Kelvin or degrees Fahrenheit pass as a warming by tens or hundreds of kelvins, and everything grows by it.",
-        Rule(
-            warns="a reference like one in another unit, with nothing to contradict it",
-            fails="a column and the reference that contradict each other by a unit, or parts of a column that do",
-        ),
-        'Say the unit in [files] (`units = { temperature_c = "K" }`), convert the rows that are named, or correct '
-        "the reference. A part in another unit is told by steps of 25 K and more that the conversion undoes.",
-        withholds="models",
-    ),
+    "temperature-unit": TEMPERATURE_UNIT,
     "temperature-span": QualityCheck(
         "How far did a temperature walk within a run; is it missing in some steps?",
         "Beams and material follow it, and load follows time within a run.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 # No measurement, in whatever unit; its fourth power is still a number, so that nothing later overflows.
 LARGEST = 1e30
@@ -49,5 +49,31 @@ class Column:
         return re.fullmatch(self.family, name) is not None if self.family else name == self.name
 
 
-def real(name: str, unit: str, meaning: str, **bounds: object) -> Column:
-    return Column(name, "real", meaning, unit, **bounds)  # type: ignore[arg-type]
+def real(name: str, unit: str, meaning: str, **bounds: Any) -> Column:
+    """A number with a unit."""
+    return Column(name, "real", meaning, unit, **bounds)
+
+
+def size(name: str, unit: str, meaning: str, *, nullable: bool = False) -> Column:
+    """A number that is not below 0."""
+    return Column(name, "real", meaning, unit, minimum=0.0, nullable=nullable)
+
+
+def share(name: str, meaning: str, *, nullable: bool = False) -> Column:
+    """A number from 0 to 1: a share or a probability."""
+    return Column(name, "real", meaning, minimum=0.0, maximum=1.0, nullable=nullable)
+
+
+def text(name: str, meaning: str, **rules: Any) -> Column:
+    """Words, a name or a code."""
+    return Column(name, "text", meaning, **rules)
+
+
+def integer(name: str, meaning: str, **bounds: Any) -> Column:
+    """A whole number."""
+    return Column(name, "integer", meaning, **bounds)
+
+
+def flag(name: str, meaning: str, *, nullable: bool = False) -> Column:
+    """Yes or no."""
+    return Column(name, "flag", meaning, nullable=nullable)

@@ -1,4 +1,4 @@
-"""[mechanism]: legs with actuators that carry a platform, or none; what is common to all types."""
+"""[mechanism]: legs with actuators that carry a platform, a force sensor, one axis, or none."""
 
 from __future__ import annotations
 
@@ -7,14 +7,51 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from truing.schemas.elastic import Modulus, Poisson, thin_rod
 from truing.schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Share, Temperature, Vector
+
+_STIFFEST_GPA = 2000.0  # diamond has 1200
+_IN_GPA = {"MPa": 1e-3, "Pa": 1e-9}
+_LIKELY_GPA = (0.5, _STIFFEST_GPA)
+# No rod of a machine is thinner over its length; in metres it is a thousandth of what it was.
+_THINNEST = 5e-4
 
 # A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
 OF_LEGS = ("6-pus", "ups")
 WITHOUT_LEGS = ("6-upur", "axis", "none")
 """Types whose bodies no legs with actuators carry."""
+
+# What stages that read the rows of an axis declare: columns, how far it stands from its command, noise of encoders.
+COLUMNS_OF_AXES = tuple(
+    f"mechanism.{name}" for name in ("kind", "command", "motor", "load", "loop", "counts_per_deg", "counts_per_mm")
+)
+NOISE_OF_COMMANDS = ("noise.command_deg", "noise.command_mm")
+NOISE_OF_ENCODERS = tuple(f"noise.{name}_{unit}" for name in ("motor", "load", "measured") for unit in ("deg", "mm"))
+
+_UNIT = {"rotary": "deg", "linear": "mm"}
+_COUNTS = "_counts"
+
+
+def _is_modulus(value: float) -> float:
+    if value <= _STIFFEST_GPA:
+        return value
+    low, high = _LIKELY_GPA
+    known = ((unit, value * factor) for unit, factor in _IN_GPA.items())
+    meant = [f"{size:g} ({value:g} in {unit})" for unit, size in known if low <= size <= high]
+    raise ValueError(f"at most {_STIFFEST_GPA:g}" + (f"; did you mean {' or '.join(meant)}?" if meant else ""))
+
+
+def thin_rod(what: str, diameter_mm: float, length_mm: float | None) -> None:
+    """Raise ValueError where a rod is thinner than any, as one is whose diameter is in metres."""
+    if length_mm and diameter_mm < _THINNEST * length_mm:
+        raise ValueError(
+            f"{what}.diameter_mm of at least 1/{1 / _THINNEST:g} of its length, {length_mm:g} mm; "
+            f"did you mean {1e3 * diameter_mm:g} ({diameter_mm:g} in m)?"
+        )
+
+
+Modulus = Annotated[Positive, AfterValidator(_is_modulus)]
+Poisson = Annotated[float, Field(gt=-1.0, lt=0.5)]
 
 
 class Leg(Section):
@@ -115,4 +152,145 @@ class LeggedMechanism(MechanismSection):
             thin_rod("leg_tube", self.leg_tube.diameter_mm, shortest)
         if large:
             raise ValueError(f"no more than the shortest leg, {shortest:g} mm: {', '.join(large)}")
+        return self
+
+
+class SensorLeg(Section):
+    """One leg of a 6-upur: its joint centres."""
+
+    B_mm: Vector = Field(description="lower joint centre, fixed frame")
+    b_mm: Vector = Field(description="upper joint centre, platform frame")
+
+
+# What each kind of element needs; a rigid one without length takes up the rest of its leg, a notch is 2 radius long.
+_ELASTIC = ("youngs_gpa", "poisson")
+_NEEDED: dict[str, tuple[str, ...]] = {
+    "cylinder": ("length_mm", "diameter_mm", *_ELASTIC),
+    "leaf": ("length_mm", "width_mm", "thickness_mm", "soft", *_ELASTIC),
+    "notch": ("width_mm", "web_mm", "radius_mm", "soft", *_ELASTIC),
+    "spring": (),
+    "rigid": (),
+    "compliance": ("matrix",),
+}
+_ALLOWED: dict[str, tuple[str, ...]] = {
+    "notch": ("length_mm", *_NEEDED["notch"]),
+    "spring": ("length_mm", "axial_n_per_m", "torsion_n_m_per_rad"),
+    "rigid": ("length_mm",),
+    "compliance": ("length_mm", "matrix"),
+}
+
+
+class Element(Section):
+    """One element of a sensor's leg, from the base to the platform; what it needs depends on its kind."""
+
+    kind: Literal["cylinder", "leaf", "notch", "spring", "rigid", "compliance"] = Field(description="what it is")
+    length_mm: NotNegative | None = Field(None, description="along the leg; absent: rigid takes up what is left of it")
+    diameter_mm: Positive | None = Field(None, description="cylinder")
+    width_mm: Positive | None = Field(None, description="leaf, notch: across")
+    thickness_mm: Positive | None = Field(None, description="leaf")
+    web_mm: Positive | None = Field(None, description="notch: what is left at its thinnest")
+    radius_mm: Positive | None = Field(None, description="notch")
+    soft: Literal["s1", "s2"] | None = Field(None, description="leaf, notch: the axis that it bends about")
+    youngs_gpa: Modulus | None = Field(None, description="Young's modulus")
+    poisson: Poisson | None = Field(None, description="Poisson's ratio")
+    axial_n_per_m: Positive | None = Field(None, description="spring: stiffness along the leg; absent: rigid")
+    torsion_n_m_per_rad: Positive | None = Field(None, description="spring: stiffness about the leg; absent: rigid")
+    matrix: tuple[tuple[Finite, ...], ...] | None = Field(
+        None, description="compliance, 6 x 6, SI, at the element's outer end"
+    )
+
+    @model_validator(mode="after")
+    def _keys_fit_the_kind(self) -> Element:
+        needed, kind = _NEEDED[self.kind], f"for kind {self.kind}"
+        given = {name for name in self.model_fields_set if getattr(self, name) is not None} - {"kind"}
+        if lacking := [name for name in needed if name not in given]:
+            raise ValueError(f"{', '.join(lacking)} {kind}")
+        if foreign := sorted(given - {*needed, *_ALLOWED.get(self.kind, ())}):
+            allowed = ", ".join(_ALLOWED.get(self.kind, needed))
+            raise ValueError(f"{allowed} {kind}, not {', '.join(foreign)}")
+        if self.kind == "cylinder":
+            thin_rod("cylinder", self.diameter_mm or 0.0, self.length_mm)
+        own = 2.0 * (self.radius_mm or 0.0)
+        if self.kind == "notch" and abs((self.length_mm or own) - own) > TYPED * own:
+            raise ValueError(f"length_mm to be 2 radius_mm, {own:g}, {kind}; absent it is that")
+        rows = [len(row) for row in self.matrix or ()]
+        if rows and rows != [6] * 6:
+            raise ValueError(f"a matrix of 6 x 6 numbers, not rows of {', '.join(map(str, rows))}")
+        return self
+
+
+class SensorTolerance(Section):
+    """[mechanism.tolerance] of a 6-upur: full widths T, sigma = T / 6."""
+
+    platform_radius_um: NotNegative | None = Field(None, description="radius of the upper joints")
+    base_radius_um: NotNegative | None = Field(None, description="radius of the lower joints")
+    lower_clearance_um: NotNegative | None = Field(None, description="clearance of the lower joint")
+    middle_clearance_um: NotNegative | None = Field(None, description="clearance of the middle joint")
+    sensor_installation_um: NotNegative | None = Field(None, description="installation of the cell in its leg")
+    stiffness: Share = Field(0.0, description="one sigma, relative, of the elastic parameters")
+
+
+class SensorMechanism(MechanismSection):
+    """[mechanism] of type 6-upur: joint centres, and the elements of one leg or the compliance itself."""
+
+    type: Literal["6-upur"] = Field(description="a force sensor of six elastic legs")
+    legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6, description="six entries, in leg order")
+    height_mm: Positive = Field(description="platform's origin above that of the fixed frame, unloaded")
+    elements: tuple[Element, ...] = Field((), description="of one leg, from the base to the platform")
+    compliance_file: Path | None = Field(None, description="the simulated compliance, 6 x 6, SI, instead of elements")
+    tolerance: SensorTolerance = Field(
+        SensorTolerance(), description="how well geometry and stiffness are known beforehand"
+    )
+    model: Path | None = Field(None, description="model.toml of an earlier campaign of this sensor, to start from")
+
+    @model_validator(mode="after")
+    def _one_simulation(self) -> SensorMechanism:
+        if self.elements and self.compliance_file is not None:
+            raise ValueError("either elements or compliance_file, not both")
+        return self
+
+
+class AxisMechanism(MechanismSection):
+    """[mechanism] of type axis: which columns of configurations.csv hold its command and its encoders."""
+
+    type: Literal["axis"] = Field(description="one rotary or linear axis")
+    kind: Literal["rotary", "linear"] = Field(description="rotary: angles, in degrees; linear: lengths, in mm")
+    command: Name = Field(description="column of where the axis was sent: ..._deg, ..._mm or ..._counts")
+    motor: Name | None = Field(None, description="column of the encoder at the motor")
+    load: Name | None = Field(None, description="column of the encoder at the load, behind the transmission")
+    loop: Literal["motor", "load"] = Field(
+        "motor", description="the encoder that the controller holds to the command, recorded or not"
+    )
+    counts_per_deg: Positive | None = Field(None, description="rotary: counts of columns that end in _counts")
+    counts_per_mm: Positive | None = Field(None, description="linear: counts of columns that end in _counts")
+
+    @property
+    def unit(self) -> str:
+        """The unit of the axis in tables: deg or mm."""
+        return _UNIT[self.kind]
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The columns that the section names, by what they hold: command, motor, load."""
+        named = {"command": self.command, "motor": self.motor, "load": self.load}
+        return {what: column for what, column in named.items() if column is not None}
+
+    @property
+    def counts_per_unit(self) -> float | None:
+        """Counts per degree or per mm; None where no column is in counts."""
+        return self.counts_per_deg if self.kind == "rotary" else self.counts_per_mm
+
+    @model_validator(mode="after")
+    def _columns_fit_the_kind(self) -> AxisMechanism:
+        unit = _UNIT[self.kind]
+        for what, column in self.columns.items():
+            if not column.endswith((f"_{unit}", _COUNTS)):
+                raise ValueError(f"a column ..._{unit} or ...{_COUNTS} as {what} of a {self.kind} axis, not {column}")
+            if column.endswith(_COUNTS) and self.counts_per_unit is None:
+                raise ValueError(f"counts_per_{unit}, since column {column} is in counts")
+        if len(set(self.columns.values())) < len(self.columns):
+            raise ValueError("a column of its own for each of command, motor and load")
+        other = self.counts_per_mm if self.kind == "rotary" else self.counts_per_deg
+        if other is not None:
+            raise ValueError(f"counts_per_{unit} for a {self.kind} axis")
         return self

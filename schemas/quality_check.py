@@ -68,3 +68,28 @@ class QualityCheck:
 
 
 Checks = Mapping[str, QualityCheck]
+
+# What campaigns of either kind are asked alike.
+TEMPERATURE_UNIT = QualityCheck(
+    "Are recorded temperatures and [mechanism] reference_temperature_c in degrees Celsius?",
+    "Kelvin or degrees Fahrenheit pass as a warming by tens or hundreds of kelvins, and everything grows by it.",
+    Rule(
+        warns="a reference like one in another unit, with nothing to contradict it",
+        fails="a column and the reference that contradict each other by a unit, or parts of a column that do",
+    ),
+    'Say the unit in [files] (`units = { temperature_c = "K" }`), convert the rows that are named, or correct '
+    "the reference. A part in another unit is told by steps of 25 K and more that the conversion undoes.",
+    withholds="models",
+)
+
+
+def time_unit(row: str) -> QualityCheck:
+    """Whether times can be seconds; ``row``: what a row of the table is, a pose or a step."""
+    return QualityCheck(
+        f"Can the column `time_s` be seconds, by its pace from {row} to {row} and by how far it counts?",
+        "Days of a spreadsheet, hours or milliseconds turn every drift, creep and pause into one of another size.",
+        Rule(warns="a median pace below 0.2 s or above 20000 s that another unit makes likely; counts since 1970"),
+        'Say the unit in [files] (`units = { time_s = "d" }`, or `columns = { time_s = { scale = 1e-9 } }`). '
+        "Passes without a word: minutes at a pace that seconds may have, and even paces of a clock. Not evaluated: "
+        "fewer than 12 times, or times that merely count.",
+    )

@@ -5,11 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from truing.schemas.checks_of_axes import OF_AXES
+from truing.schemas.checks_of_axes import OF_AXES, OF_POSITIONS
 from truing.schemas.checks_of_loads import OF_LOADS
-from truing.schemas.checks_of_photographs import OF_PHOTOGRAPHS
-from truing.schemas.checks_of_points import OF_POINTS
-from truing.schemas.checks_of_positions import OF_POSITIONS
+from truing.schemas.checks_of_points import OF_PHOTOGRAPHS, OF_POINTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant, nearest
 from truing.schemas.quality_check import Checks, Limits

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from truing.schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS, NOISE_OF_ENCODERS
+from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS, NOISE_OF_ENCODERS
 from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:

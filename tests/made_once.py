@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from truing.pipeline.lock import hold
 from truing.pipeline.problems import EnvironmentProblem
+from truing.pipeline.run_folder import hold
 
 _WORKER_ASKS_AGAIN_S = 0.1
 

@@ -50,9 +50,7 @@ def run_folder(stage: str = "calibrate") -> Path:
 
 def run_sample(folder: Path, stage: str) -> None:
     """Run the sample campaign into a folder as far as a stage."""
-    from truing.pipeline.run_campaign import Wish
-    from truing.pipeline.run_campaigns import run_campaigns
-    from truing.pipeline.selection import Selection
+    from truing.pipeline.run_campaign import Selection, Wish, run_campaigns
 
     wish = Wish(Selection(None, stage, False), distrust=False, accept_failed_checks=True)
     if run_campaigns([CAMPAIGN], folder, wish, quiet=True):

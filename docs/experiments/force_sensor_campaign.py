@@ -22,12 +22,11 @@ from docs.experiments.marked_tables import renew, table
 from truing.report.diagnosis.effect_units import told_size
 from truing.report.diagnosis.hidden import hidden
 from truing.report.diagnosis.judged import judged
-from truing.report.diagnosis.reading_misses import reading_misses, root_mean_square
+from truing.report.diagnosis.misses import reading_misses, root_mean_square
 from truing.report.diagnosis.unwritten_loads import unwritten_loads
 from truing.report.head import build_head
-from truing.report.load_steps import CHANNELS, LOADS
 from truing.report.numbers import plain, printed, with_uncertainty
-from truing.report.tables import WHY_NOT
+from truing.report.tables import CHANNELS, LOADS, WHY_NOT
 
 if TYPE_CHECKING:
     import pandas as pd

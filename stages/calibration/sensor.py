@@ -37,7 +37,7 @@ from truing.stages.declaration import Outcome, Progress
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.schemas.sensor_mechanism import SensorMechanism
+    from truing.schemas.mechanism import SensorMechanism
 
 Array = NDArray[np.float64]
 Name = tuple[str, str]  # a matrix, and the model that it is of

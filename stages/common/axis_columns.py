@@ -20,7 +20,7 @@ from truing.simulation.axis.rows import (
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
-    from truing.schemas.axis_mechanism import AxisMechanism
+    from truing.schemas.mechanism import AxisMechanism
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from truing.stages.diagnosis.left_tables import errors_by_role, identified_table
 
 if TYPE_CHECKING:
     from truing.inference.selection import Diagnosis
-    from truing.schemas.axis_mechanism import AxisMechanism
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import AxisMechanism
     from truing.schemas.sections import Overrule
 
 Mask = NDArray[np.bool_]

@@ -41,7 +41,7 @@ from truing.stages.diagnosis.next_measurement import next_loads_of
 if TYPE_CHECKING:
     from truing.inference.selection import Diagnosis
     from truing.schemas.campaign import Campaign
-    from truing.schemas.sensor_mechanism import SensorMechanism
+    from truing.schemas.mechanism import SensorMechanism
     from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
 
 Array = NDArray[np.float64]

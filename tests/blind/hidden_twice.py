@@ -21,7 +21,7 @@ from tests.blind.generator.layout import Layout
 from tests.blind.generator.quaternions import Array
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.campaign import Campaign as Settings
 from truing.simulation.cause import Effect
 from truing.stages import pose

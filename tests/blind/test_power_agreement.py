@@ -22,7 +22,7 @@ from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
 from truing.inference.fitted_model import Fitter
 from truing.inference.rounds import score_round
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.campaign import Campaign
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation

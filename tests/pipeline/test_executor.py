@@ -16,9 +16,8 @@ from pathlib import Path
 import pytest
 
 from tests.pipeline import pieces_of_work as work
-from truing.pipeline.executor import results
+from truing.pipeline.executor import LOCAL, TRIES, Workforce, results
 from truing.pipeline.problems import EnvironmentProblem
-from truing.pipeline.workforce import LOCAL, TRIES, Workforce
 
 PROJECT = Path(__file__).resolve().parents[2]
 LOST = -1
@@ -145,7 +144,7 @@ def test_workers_end_with_the_process_that_asked_for_work(number: signal.Signals
 
 
 def test_where_no_scheduler_answers_the_environment_is_to_blame(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truing.pipeline.dask_workers._SECONDS_TO_ANSWER", 0.3)
+    monkeypatch.setattr("truing.pipeline.executor._SECONDS_TO_ANSWER", 0.3)
     with pytest.raises(EnvironmentProblem, match=r"tcp://127\.0\.0\.1:9: no scheduler with a worker answers"):
         list(results(work.square, range(2), Workforce(scheduler="tcp://127.0.0.1:9"), lost))
 

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from truing.pipeline.lock import hold
 from truing.pipeline.problems import EnvironmentProblem
-from truing.pipeline.run_folder import PRIVATE, occupied
+from truing.pipeline.run_folder import PRIVATE, hold, occupied
 
 
 def test_the_second_is_told_who_holds_it(tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.pipeline.fake_project import FakeProject
-from truing.pipeline.lock import hold
-from truing.pipeline.run_folder import PRIVATE
+from truing.pipeline.run_folder import PRIVATE, hold
 
 WAYS = {"processes": ("--workers", "2"), "dask": ("--workers", "2", "--scheduler", "local")}
 

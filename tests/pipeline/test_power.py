@@ -17,10 +17,9 @@ from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app
-from truing.pipeline.executor import results
+from truing.pipeline.executor import LOCAL, Workforce, results
 from truing.pipeline.power_command import PowerWish, _plan, diagnosed_trial
 from truing.pipeline.problems import Interrupted
-from truing.pipeline.workforce import LOCAL, Workforce
 from truing.schemas.campaign import Campaign
 from truing.simulation.cause import Effect
 from truing.simulation.detection_trials import Answer, Trial

@@ -9,7 +9,7 @@ import pytest
 
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import CampaignFolder
-from truing.pipeline.power_of_photographs import HEADS, of_photographs
+from truing.pipeline.power_command import HEADS, of_photographs
 from truing.report.power_page import section_of_photographs
 from truing.schemas.artifacts import ARTIFACTS
 

@@ -25,14 +25,12 @@ from tests.photographs.rays import Shooting, draw_rays
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.tolerance import assert_close
 from truing.pipeline import campaign_run
-from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.campaign_folder import SettingsView, open_campaign
 from truing.pipeline.campaign_run import PROJECT, CampaignRun, open_run
 from truing.pipeline.command_line import app
 from truing.pipeline.freshness import State
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.run_campaign import Wish, run_campaign
-from truing.pipeline.selection import Selection
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.run_campaign import Selection, Wish, run_campaign
 from truing.pipeline.stage_order import ORDER, makers, stage_module
 from truing.pipeline.voice import Voice
 from truing.schemas.artifacts import ARTIFACTS

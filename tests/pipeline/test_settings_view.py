@@ -6,7 +6,7 @@ from operator import attrgetter
 
 import pytest
 
-from truing.pipeline.settings_view import SettingsView, UndeclaredSetting
+from truing.pipeline.campaign_folder import SettingsView, UndeclaredSetting
 from truing.schemas.campaign import Campaign
 
 CAMPAIGN = Campaign.model_validate(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from truing.pipeline.remembered import RememberedDigests
+from truing.pipeline.ledger import RememberedDigests
 from truing.pipeline.source_digest import SourceTree
 
 FILES = {

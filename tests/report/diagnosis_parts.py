@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import pandas as pd
 
-from truing.report.diagnosis.changes import changes
 from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.gain import gained
 from truing.report.diagnosis.hidden import hidden
 from truing.report.diagnosis.judged import found_of, judged
-from truing.report.diagnosis.next_configurations import following
-from truing.report.diagnosis.pulls import pulls
-from truing.report.diagnosis.section import diagnosis
-from truing.report.diagnosis.sizes import sizes
+from truing.report.diagnosis.next_measurements import following
+from truing.report.diagnosis.pulls import changes, pulls
+from truing.report.diagnosis.section import diagnosis, sizes
 from truing.report.page import Section, all_of
 
 Frames = dict[str, pd.DataFrame]

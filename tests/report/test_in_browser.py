@@ -17,7 +17,7 @@ from tests.report.test_page import ATTACKS, kept, render
 from truing.report.figure_style import label, style
 from truing.report.page import Head, Listing, Section
 from truing.report.rendering.render import render_page
-from truing.report.scene.of_poses import pose_scene
+from truing.report.scene.scenes import pose_scene
 from truing.report.scene.view import drawn as to_draw
 from truing.report.scene.view import gains
 

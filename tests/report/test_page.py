@@ -15,9 +15,8 @@ from plotly.offline import get_plotlyjs
 from tests.report.campaign_tables import campaign_tables
 from truing.report.head import build_head
 from truing.report.page import MOST_ROWS, all_of
-from truing.report.rendering.embedded import embedded, file_name
-from truing.report.rendering.render import render_page
-from truing.report.scene.of_poses import pose_scene
+from truing.report.rendering.render import embedded, file_name, render_page
+from truing.report.scene.scenes import pose_scene
 from truing.report.sections import build_sections
 
 ATTACKS = (

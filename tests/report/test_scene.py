@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 
 from truing.report.scene.by_leg import by_leg
-from truing.report.scene.of_loads import load_scene
-from truing.report.scene.of_poses import pose_scene
+from truing.report.scene.scenes import load_scene, pose_scene
 from truing.report.scene.view import drawn, gains
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # about z

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from truing.report.uncertainty.grouped import group_of
-from truing.report.uncertainty.section import freedom, statement, uncertainty
+from truing.report.uncertainty_section import freedom, group_of, statement, uncertainty
 
 
 def _tables(dof: tuple[float | None, ...] = (None, None), hostile: str = "points") -> dict[str, pd.DataFrame]:

@@ -22,13 +22,11 @@ from typer.testing import CliRunner
 
 import truing
 from truing.estimation.uncertainty_budget import NOT_HELD
-from truing.pipeline import export_command
+from truing.pipeline import recorded_runs
 from truing.pipeline.command_line import app
-from truing.pipeline.export_command import certificate_files
 from truing.pipeline.problems import ExitCode
-from truing.runs.exports.certificate.document import certificate
-from truing.runs.exports.certificate.elements import one_line, one_word, rounded
-from truing.runs.exports.certificate.units import si_unit
+from truing.pipeline.recorded_runs import certificate_files
+from truing.runs.exports.certificate import certificate, one_line, one_word, rounded, si_unit
 from truing.schemas.certificate import Certificate
 from truing.schemas.faults import CampaignFaults
 
@@ -163,7 +161,7 @@ def test_other_campaigns_and_failed_checks_are_refused(
     run: truing.Run, campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     failed = _with(run, "qa", lambda qa: qa.assign(verdict=["fail", *qa["verdict"][1:]]))
-    monkeypatch.setattr(export_command, "opened_run", lambda folder: failed)
+    monkeypatch.setattr(recorded_runs, "opened_run", lambda folder: failed)
     done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
     assert done.exit_code == ExitCode.FAILED_CHECK
     assert str(run["qa"]["check"][0]) in done.output

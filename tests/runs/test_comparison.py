@@ -17,9 +17,7 @@ from tests.stages.two_campaigns import fitted, gathered, longer, measured, model
 from truing.pipeline.artifacts import Stamp, write_artifacts
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
-from truing.runs.comparison.mechanisms import mechanism_step
-from truing.runs.comparison.sensors import matrix_step, sensor_step
-from truing.runs.comparison.step import FALSE_ALARM, NAMES
+from truing.runs.comparison.steps import FALSE_ALARM, NAMES, matrix_step, mechanism_step, sensor_step
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain

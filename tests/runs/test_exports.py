@@ -18,11 +18,10 @@ from typer.testing import CliRunner
 import truing
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
-from truing.runs.exports import workbook as workbook_module
+from truing.runs.exports import tables as workbook_module
 from truing.runs.exports.controller import controller
 from truing.runs.exports.summary import summary
-from truing.runs.exports.text_tables import text_tables
-from truing.runs.exports.workbook import workbook
+from truing.runs.exports.tables import text_tables, workbook
 
 _SPREADSHEET = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 

@@ -9,10 +9,10 @@ import pytest
 
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign
-from truing.schemas.campaign_page import campaign_page
-from truing.schemas.columns import COLUMNS, find_column
+from truing.schemas.column import Column
+from truing.schemas.columns import COLUMNS, by_name, find_column
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.schemas.page import artifacts_page
+from truing.schemas.pages import artifacts_page, campaign_page
 
 TABLES = [artifact for artifact in ARTIFACTS.values() if artifact.is_table]
 SUFFIXES = {"_mm": "mm", "_um": "um", "_rad": "rad", "_s": "s", "_c": "degC", "_n": "N", "_nm": "N m"}
@@ -169,3 +169,9 @@ def test_a_fault_says_where_what_and_how_often():
     assert str(fault) == (
         "points.csv, row 17, column x_mm: found '1,5'; expected a finite number in mm (and 3 more like it)"
     )
+
+
+def test_a_column_is_defined_once() -> None:
+    assert by_name([Column("pose", "text", "a"), Column("body", "text", "b")]).keys() == {"pose", "body"}
+    with pytest.raises(ValueError, match="the column pose is defined twice: a; b"):
+        by_name([Column("pose", "text", "a"), Column("pose", "real", "b")])

@@ -13,9 +13,8 @@ from pydantic import BaseModel
 
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.schemas.faults import CampaignFaults
-from truing.schemas.mechanism import LeggedMechanism, NoMechanism
+from truing.schemas.mechanism import LeggedMechanism, NoMechanism, SensorMechanism
 from truing.schemas.section import LONGEST_NAME, LONGEST_TEXT
-from truing.schemas.sensor_mechanism import SensorMechanism
 
 Place = tuple[str | int, ...]
 

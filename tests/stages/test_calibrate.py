@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.tolerance import assert_between
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign, read_campaign
 

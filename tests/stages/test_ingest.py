@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from tests.tolerance import assert_close
 from truing.formats.source import CampaignFiles
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults

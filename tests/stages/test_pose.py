@@ -10,7 +10,7 @@ from tests.estimation.scatter import body, move, pose_error, random_motions, squ
 from tests.tolerance import assert_close
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign
 from truing.stages import pose

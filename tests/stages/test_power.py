@@ -17,7 +17,7 @@ from tests.blind.generator.layout import Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
 from truing.inference.detectable import Rule, Sight
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign
 from truing.simulation.detection_trials import (

@@ -15,7 +15,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets
 from tests.blind.generator.schedule import published_moves, random_moves
 from tests.stages.line import run_line
-from truing.report.quality_section import quality
+from truing.report.quality_section import qa as qa_section
 from truing.schemas.checks_of_points import OF_POINTS
 
 PLAIN = Layout(name="plain", targets=Targets(per_leg=0))
@@ -193,7 +193,7 @@ def test_a_person_accepts_a_verdict_by_name(tmp_path):
     row = _rows(qa, "exchanged-labels").loc["targets P02 P05"]
     assert row["verdict"] == "fail"
     assert row["accepted"] == "M. Keller: known"
-    lead = quality({"qa": qa}).lead
+    lead = qa_section({"qa": qa}).lead
     open_ones = qa[qa["accepted"].isna()]["verdict"].value_counts()
     for verdict, word in (("fail", "failed"), ("warn", "warn")):
         assert f", {open_ones.get(verdict, 0)} {word}" in said.figure

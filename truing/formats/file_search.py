@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from time import monotonic
 
-from truing.schemas.special_files import is_special
+from truing.schemas.settings_text import is_special
 
 MOST_ENTRIES = 200_000
 SECONDS = 10.0

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
 from truing.report.figure_style import BLUE, ORANGE, style
 from truing.report.numbers import count, rough, sign
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, filled
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import plotly.graph_objects as go
 
 _NAMES = {"motor": "encoder at the motor", "load": "encoder at the load", "measured": "outside instrument"}
 _WAYS = ((1, BLUE, "triangle-right", "coming up"), (-1, ORANGE, "triangle-left", "coming down"))
@@ -60,9 +57,6 @@ def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
 
 def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
     """Errors over commands, one row of panels per encoder, coloured by the direction of approach."""
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
     encoders = list(dict.fromkeys(errors["encoder"]))
     unit, command = sign(str(errors["unit"].iloc[0])), sign(str(errors["command_unit"].iloc[0]))
     figure = make_subplots(

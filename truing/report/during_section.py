@@ -3,34 +3,33 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from truing.report.numbers import count, p_value, plain, quantity, with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _AXES = "xyz"
 _OPEN = 24
 _UNEQUAL = 1e-3
 _SURE = 0.05  # all subjects of a model together
-_TABLES = ("resurveys", "relabelled", "likely_names", "repeats", "lack_of_fit", "pose_repeatability")
 
 
 def during(tables: Tables) -> Section | None:
     """Later surveys, changed names and repeats; None where the campaign has none of them."""
-    if all(filled(tables, name) is None for name in _TABLES):
+    told = {
+        "resurveys": _surveys,
+        "relabelled": _names,
+        "likely_names": _suggested,
+        "repeats": _repeats,
+        "pose_repeatability": _by_pose,
+        "lack_of_fit": _fits,
+    }
+    known = [(tell, table) for name, tell in told.items() if (table := filled(tables, name)) is not None]
+    if not known:
         return None
-    listings = (
-        *_surveys(filled(tables, "resurveys")),
-        *_names(filled(tables, "relabelled")),
-        *_suggested(filled(tables, "likely_names")),
-        *_repeats(filled(tables, "repeats")),
-        *_by_pose(filled(tables, "pose_repeatability")),
-        *_fits(filled(tables, "lack_of_fit")),
-    )
+    listings = tuple(listing for tell, table in known for listing in tell(table))
     return Section("during", "During the campaign", _lead(tables), listings=listings, said=tuple(_said(tables)))
 
 
@@ -71,9 +70,7 @@ def _said(tables: Tables) -> list[tuple[str, str]]:
     return said
 
 
-def _surveys(table: pd.DataFrame | None) -> list[Listing]:
-    if table is None:
-        return []
+def _surveys(table: pd.DataFrame) -> list[Listing]:
     heads = ("verdict", "survey", "body", "target", *(f"shift in {a} (mm)" for a in _AXES), "p", "holds as")
     rows, marks = [], []
     for r in table.itertuples():
@@ -97,9 +94,7 @@ def _shift(r: object, axis: str) -> str:
     return "–" if shift is None or shift != shift else with_uncertainty(shift, sigma)
 
 
-def _names(table: pd.DataFrame | None) -> list[Listing]:
-    if table is None:
-        return []
+def _names(table: pd.DataFrame) -> list[Listing]:
     rows = tuple((r.body, r.called, r.target, _poses(r), f"{r.rows:,}", cell(r.reason)) for r in table.itertuples())
     heads = ("body", "called in the files", "taken as", "poses", "points", "by whom, and why")
     return [Listing(heads, rows, caption="Under other names", folded=len(rows) > _OPEN, held_by="relabelled.parquet")]
@@ -110,10 +105,8 @@ def _poses(r: object) -> str:
     return f"{f'from {start}' if start else ''} {f'to {end}' if end else ''}".strip() or "all"
 
 
-def _suggested(table: pd.DataFrame | None) -> list[Listing]:
+def _suggested(table: pd.DataFrame) -> list[Listing]:
     """Lines to be copied into campaign.toml, once somebody has looked."""
-    if table is None:
-        return []
     lines = [line for r in table.itertuples() for line in _toml(r)]
     caption = "For campaign.toml, once you have looked: these names may be those targets"
     return [Listing(("lines",), tuple((line,) for line in lines), caption=caption, held_by="likely_names.parquet")]
@@ -139,10 +132,8 @@ def _apart(table: pd.DataFrame | None) -> dict[int, str]:
     return dict(zip(own.index.tolist(), own["subject"].astype(str), strict=True))
 
 
-def _by_pose(table: pd.DataFrame | None) -> list[Listing]:
+def _by_pose(table: pd.DataFrame) -> list[Listing]:
     """A row per subject and pose; figures with their intervals."""
-    if table is None:
-        return []
     rows = []
     for (subject, pose), own in table.groupby(["subject", "pose"], sort=False):
         told = {r.figure: f"{quantity(r.value, r.unit)} ({quantity(r.low, r.unit)} … {quantity(r.high, r.unit)})"
@@ -154,9 +145,7 @@ def _by_pose(table: pd.DataFrame | None) -> list[Listing]:
     return [Listing(heads, tuple(rows), (), caption, len(rows) > _OPEN, "pose_repeatability.parquet")]
 
 
-def _repeats(table: pd.DataFrame | None) -> list[Listing]:
-    if table is None:
-        return []
+def _repeats(table: pd.DataFrame) -> list[Listing]:
     rows = []
     differ = _apart(table)
     marks = tuple("warn" if at in differ else "" for at in table.index.tolist())
@@ -183,10 +172,8 @@ def _repeats(table: pd.DataFrame | None) -> list[Listing]:
     return [Listing(heads, tuple(rows), marks, caption, len(rows) > _OPEN, "repeats.parquet")]
 
 
-def _fits(table: pd.DataFrame | None) -> list[Listing]:
+def _fits(table: pd.DataFrame) -> list[Listing]:
     """A row per model: the subject where it leaves most beside pure error, all its subjects counted."""
-    if table is None:
-        return []
     rows, marks = [], []
     for (kind, model), own in table.groupby(["repeated", "contender"], sort=False):
         worst = own.loc[own["p_value"].idxmin()]

@@ -2,40 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import math
+from typing import Any
 
-import numpy as np
+import pandas as pd
 
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Listing, Section
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import SHIFT, Tables, cell, each, filled
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-_SHIFT = ["dx_mm", "dy_mm", "dz_mm"]
 # Longer listings are folded away.
 _OPEN = 40
 
 
 def excluded(tables: Tables) -> Section:
     """Rows of raw files, points, attachments and scans that were left out; and what persons decided."""
-    listings = [
-        listing
-        for listing in (
-            _decisions(tables),
-            _effects(tables),
-            _rows_of_files(tables),
-            _points_by_target(tables),
-            _points(tables),
-            _readings(tables),
-            _no_part(tables),
-            _attachments(tables),
-            _of_models(tables),
-            _scans(tables),
-        )
-        if listing is not None
-    ]
+    told = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
+    listings = [listing for tell in (*told, _of_models, _scans) if (listing := tell(tables)).rows]
     lead = "The tables of this run record nothing that was left out."
     return Section("excluded", "Left out", _lead(tables) if listings else lead, listings=tuple(listings))
 
@@ -62,11 +45,8 @@ def _by_person(table: pd.DataFrame) -> pd.Series:
     return table["decision"].notna() if "decision" in table else table["rejected"] & False
 
 
-def _effects(tables: Tables) -> Listing | None:
+def _effects(tables: Tables) -> Listing:
     """What persons left out, and what the result would be without that."""
-    effects = filled(tables, "exclusion_effects")
-    if effects is None:
-        return None
     rows = tuple(
         (
             r.entry,
@@ -78,34 +58,28 @@ def _effects(tables: Tables) -> Listing | None:
             quantity(r.largest_change, r.unit),
             plain(r.over_sigma),
         )
-        for r in effects.itertuples()
+        for r in each(tables, "exclusion_effects")
     )
     heads = ("entry", "by", "reason", "of", "left out", "gross errors anyway", "would change by up to", "over sigma")
     caption = "Without what persons excluded: the result with all of it taken back"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "exclusion_effects.parquet")
 
 
-def _decisions(tables: Tables) -> Listing | None:
+def _decisions(tables: Tables) -> Listing:
     """What a person overruled, by name: points excluded or kept, verdicts accepted."""
     rows: list[tuple[str, ...]] = []
-    residuals, qa = filled(tables, "residuals"), filled(tables, "qa")
-    if residuals is not None:
-        decided = residuals[_by_person(residuals)]
-        for (reason, body, target), part in decided.groupby(["reason", "body", "target"], sort=False):
-            rows.append((reason, f"{body} {target}", f"{count(len(part), 'pose')}: {_named(part['pose'])}"))
-    readings = filled(tables, "reading_residuals")
-    if readings is not None:
-        decided = readings[_by_person(readings)]
-        for (reason, run, channel), part in decided.groupby(["reason", "run", "channel"], sort=False):
-            steps = f"{count(len(part), 'step')}: {_named(part['step'])}"
-            rows.append((reason, f"run {run} {channel}", steps))
-    if qa is not None and "accepted" in qa:
-        for r in qa[qa["accepted"].notna()].itertuples():
-            rows.append(
-                (f"accepted by {r.accepted}", f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}")
-            )
-    if not rows:
-        return None
+    points, readings = (
+        ("residuals", "", "body", "target", "pose"),
+        ("reading_residuals", "run ", "run", "channel", "step"),
+    )
+    for name, start, *keys, noun in (points, readings):
+        if (table := filled(tables, name)) is not None:
+            for (reason, *of), part in table[_by_person(table)].groupby(["reason", *keys], sort=False):
+                where = f"{count(len(part), noun)}: {_named(part[noun])}"
+                rows.append((reason, f"{start}{' '.join(map(str, of))}", where))
+    for r in each(tables, "qa"):
+        if by := cell(getattr(r, "accepted", None)):
+            rows.append((f"accepted by {by}", f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}"))
     heads = ("decision, by whom, and why", "of what", "where")
     return Listing(heads, tuple(rows), caption="Decided by a person", folded=len(rows) > _OPEN)
 
@@ -114,64 +88,54 @@ def _named(poses: pd.Series) -> str:
     return ", ".join(str(p) for p in poses.iloc[:8]) + (" …" if len(poses) > 8 else "")
 
 
-def _rows_of_files(tables: Tables) -> Listing | None:
-    files = filled(tables, "exclusions")
-    if files is None:
-        return None
-    rows = tuple((r.stage, cell(r.subject), cell(r.reason), f"{r.rows:,}", cell(r.by)) for r in files.itertuples())
+def _rows_of_files(tables: Tables) -> Listing:
+    files = each(tables, "exclusions")
+    rows = tuple((r.stage, cell(r.subject), cell(r.reason), f"{r.rows:,}", cell(r.by)) for r in files)
     heads = ("stage", "subject", "reason", "rows", "by")
     return Listing(heads, rows, (), "Rows of raw files", len(rows) > _OPEN, "exclusions.parquet")
 
 
-def _rejected(tables: Tables) -> pd.DataFrame | None:
-    residuals = filled(tables, "residuals")
-    if residuals is None or not residuals["rejected"].any():
-        return None
-    out = residuals[residuals["rejected"] & ~_by_person(residuals)]
-    return out if len(out) else None
+def _by_rule(tables: Tables, name: str) -> pd.DataFrame:
+    """Residuals that were rejected and that no person decided on; without columns where the run has none."""
+    table = filled(tables, name)
+    return pd.DataFrame() if table is None else table[table["rejected"] & ~_by_person(table)]
 
 
-def _points_by_target(tables: Tables) -> Listing | None:
+def _points_by_target(tables: Tables) -> Listing:
     """Where many points are out: which targets they belong to, the most frequent first."""
-    out = _rejected(tables)
-    if out is None or len(out) <= _OPEN:
-        return None
+    out, heads = _by_rule(tables, "residuals"), ("body", "target", "left out in poses")
+    if len(out) <= _OPEN:
+        return Listing(heads, ())
     seen = tables["residuals"].groupby(["body", "target"]).size()
     number = out.groupby(["body", "target"], sort=False).size().sort_values(ascending=False, kind="stable")
     rows = tuple((*key, f"{n} of {seen[key]}") for key, n in number.items())
-    heads = ("body", "target", "left out in poses")
     return Listing(heads, rows, caption=f"Points kept out of the poses, by {count(len(rows), 'target')}", folded=True)
 
 
-def _points(tables: Tables) -> Listing | None:
-    out = _rejected(tables)
-    if out is None:
-        return None
-    distance = np.linalg.norm(out[_SHIFT].to_numpy(dtype=float), axis=1)
+def _points(tables: Tables) -> Listing:
     rows = tuple(
-        (str(r.pose), r.body, r.target, quantity(d, "mm"), _off(r), cell(r.reason))
-        for r, d in zip(out.itertuples(), distance, strict=True)
+        (str(r.pose), r.body, r.target, quantity(math.hypot(*_shift(r)), "mm"), _off(r), cell(r.reason))
+        for r in _by_rule(tables, "residuals").itertuples()
     )
     heads = ("pose", "body", "target", "off by", "x, y, z (mm)", "reason")
     caption = f"{count(len(rows), 'object point')} kept out of the poses by a rule, confirmed by nobody"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "residuals.parquet")
 
 
+def _shift(r: object) -> list[float]:
+    return [getattr(r, column) for column in SHIFT]
+
+
 def _off(r: object) -> str:
-    shift = [getattr(r, c) for c in _SHIFT]
+    shift = _shift(r)
     return "no pose to compare with" if any(s != s for s in shift) else ", ".join(f"{s:+.3f}" for s in shift)
 
 
-def _readings(tables: Tables) -> Listing | None:
-    """Readings of a loaded platform that were kept out, as gross errors or by a person."""
-    readings = filled(tables, "reading_residuals")
-    if readings is None or not readings["rejected"].any():
-        return None
-    out = readings[readings["rejected"] & ~_by_person(readings)]
-    if not len(out):
-        return None
+def _readings(tables: Tables) -> Listing:
+    """Readings of a loaded platform that were kept out as gross errors."""
     rows = tuple(
-        (str(r.run), str(r.step), r.channel, _far(r.residual, r.unit), cell(r.reason)) for r in out.itertuples()
+        (str(r.run), str(r.step), r.channel, _far(r.residual, r.unit), cell(r.reason))
+        for r in _by_rule(tables, "reading_residuals").itertuples()
     )
     heads = ("run", "step", "channel", "off by", "reason")
     caption = f"{count(len(rows), 'reading')} kept out of the displacement by a rule, confirmed by nobody"
@@ -183,47 +147,36 @@ def _far(residual: float, unit: str) -> str:
     return quantity(residual, unit) if residual == residual else "–"
 
 
-def _no_part(tables: Tables) -> Listing | None:
+def _no_part(tables: Tables) -> Listing:
     """Points that are no gross errors and take no part in a pose all the same, counted by body and reason."""
-    residuals = filled(tables, "residuals")
-    if residuals is None:
-        return None
-    idle = residuals[~residuals["rejected"] & residuals["reason"].notna() & ~_by_person(residuals)]
-    if not len(idle):
-        return None
-    number = idle.groupby(["body", "reason"], sort=False).size()
-    rows = tuple((body, why, f"{n:,}") for (body, why), n in number.items())
-    return Listing(("body", "why", "points"), rows, caption="Points that take no part in a pose for another reason")
+    rows: list[tuple[str, ...]] = []
+    if (residuals := filled(tables, "residuals")) is not None:
+        idle = residuals[~residuals["rejected"] & residuals["reason"].notna() & ~_by_person(residuals)]
+        rows = [(body, why, f"{n:,}") for (body, why), n in idle.groupby(["body", "reason"], sort=False).size().items()]
+    return Listing(
+        ("body", "why", "points"), tuple(rows), caption="Points that take no part in a pose for another reason"
+    )
 
 
-def _scans(tables: Tables) -> Listing | None:
+def _scans(tables: Tables) -> Listing:
     """Dense scans that gave no pose, with what the registration says of them."""
-    scans = filled(tables, "scans")
-    if scans is None or (scans["status"] == "ok").all():
-        return None
-    out = scans[scans["status"] != "ok"]
-    rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in out.itertuples())
+    out = [r for r in each(tables, "scans") if r.status != "ok"]
+    rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in out)
     caption = f"{count(len(rows), 'dense scan')} that gave no pose"
     return Listing(("pose", "body", "status", "why"), rows, (), caption, len(rows) > _OPEN, "scans.parquet")
 
 
-def _of_models(tables: Tables) -> Listing | None:
+def _of_models(tables: Tables) -> Listing:
     """What diagnosis and calibration took out beyond that, one by one."""
-    rows: list[tuple[str, ...]] = []
-    for stage in ("diagnosis", "calibration"):
-        left_out = filled(tables, f"{stage}_left_out")
-        if left_out is None:
-            continue
-        rows += [
-            (stage, r.subject, _where(r), cell(r.reason), quantity(r.value, r.unit), quantity(r.limit, r.unit))
-            for r in left_out.itertuples()
-        ]
-    if not rows:
-        return None
+    rows = tuple(
+        (stage, r.subject, _where(r), cell(r.reason), quantity(r.value, r.unit), quantity(r.limit, r.unit))
+        for stage in ("diagnosis", "calibration")
+        for r in each(tables, f"{stage}_left_out")
+    )
     heads = ("stage", "subject", "where", "reason", "value", "limit")
     caption = f"{count(len(rows), 'further gross error')} that diagnosis and calibration left out, confirmed by nobody"
     held_by = "diagnosis_left_out.parquet, calibration_left_out.parquet"
-    return Listing(heads, tuple(rows), (), caption, len(rows) > _OPEN, held_by)
+    return Listing(heads, rows, (), caption, len(rows) > _OPEN, held_by)
 
 
 def _where(r: Any) -> str:
@@ -231,12 +184,9 @@ def _where(r: Any) -> str:
     return f"pose {r.pose}" if hasattr(r, "pose") else f"run {r.run}, step {r.step}"
 
 
-def _attachments(tables: Tables) -> Listing | None:
-    shifts = filled(tables, "deformation")
-    if shifts is None or "rejected" not in shifts or not shifts["rejected"].any():
-        return None
-    out = shifts[shifts["rejected"]]
-    rows = tuple((str(r.pose), f"leg {r.leg}", quantity(r.delta_bz_um, "um"), cell(r.reason)) for r in out.itertuples())
+def _attachments(tables: Tables) -> Listing:
+    out = [r for r in each(tables, "deformation") if getattr(r, "rejected", False)]
+    rows = tuple((str(r.pose), f"leg {r.leg}", quantity(r.delta_bz_um, "um"), cell(r.reason)) for r in out)
     heads = ("pose", "attachment", "shift along z", "reason")
     caption = f"{count(len(rows), 'shift')} of attachments kept out of the deformation models"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "deformation.parquet")

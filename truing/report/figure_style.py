@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
-    from numpy.typing import ArrayLike, NDArray
+import plotly.graph_objects as go
+import plotly.io as pio
+from numpy.typing import ArrayLike, NDArray
+from plotly.subplots import make_subplots
 
 # Okabe-Ito, told apart by colour-blind readers too.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7A7A7A"
@@ -20,6 +20,7 @@ _OUTSTANDING = 30.0
 # More points than this are drawn by WebGL.
 MANY_POINTS = 4000
 _LABELS = 24
+BAR = 1.96  # standard deviations that a bar of 95 % reaches to either side
 _TEMPLATE = "plotly_white"
 
 
@@ -29,8 +30,6 @@ def common_look() -> Iterator[None]:
 
     That takes as long as the rest of a figure.
     """
-    import plotly.io as pio
-
     before, pio.templates.default = pio.templates.default, _TEMPLATE
     try:
         yield
@@ -40,8 +39,6 @@ def common_look() -> Iterator[None]:
 
 def style(figure: go.Figure, title: str, subtitle: str, height: int) -> go.Figure:
     """Give a figure its title, a line that says how to read it, and the project's layout."""
-    import plotly.io as pio
-
     if pio.templates.default != _TEMPLATE:  # made outside of `common_look`
         figure.update_layout(template=_TEMPLATE)
     figure.update_layout(
@@ -101,3 +98,18 @@ def size_axis(values: ArrayLike) -> dict[str, Any]:
 def sequence_title(title: str, logarithmic: bool) -> str:
     """An axis title that says when its axis is logarithmic."""
     return f"{title}, log scale" if logarithmic else title
+
+
+def panel_grid(
+    titles: Sequence[str], most: int, gaps: tuple[float, Callable[[int], float]], size: int = 13, **shared: Any
+) -> tuple[go.Figure, list[dict[str, int]], int]:
+    """Panels with titles, at most ``most`` side by side: the figure, the place of each panel, the number of rows.
+
+    ``gaps``: between columns, and by the number of rows between these, in parts of the figure.
+    """
+    columns = min(most, len(titles))
+    rows = -(-len(titles) // columns)
+    spacing = {"horizontal_spacing": gaps[0], "vertical_spacing": gaps[1](rows)}
+    grid = make_subplots(rows=rows, cols=columns, subplot_titles=list(titles), **spacing, **shared)
+    grid.update_annotations(font={"size": size})
+    return grid, [{"row": k // columns + 1, "col": k % columns + 1} for k in range(len(titles))], rows

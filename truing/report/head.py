@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 
 from truing.report.calibration.calibrations import chosen_calibration, figures_by_calibration
-from truing.report.calibration.requirement_section import chosen_requirements, tally
-from truing.report.diagnosis.changes import change_words, has_changed
+from truing.report.calibration.requirements import chosen_requirements, tally
+from truing.report.diagnosis.pulls import change_words, has_changed
 from truing.report.diagnosis.words import diagnosis_verdicts, lower
-from truing.report.load_steps import in_channel_order, is_bench, load_steps, signal_names
 from truing.report.numbers import count, handy, plain, printed, quantity
-from truing.report.page import Head
+from truing.report.page import Head, Verdict
 from truing.report.quality_section import accepted_verdicts
 from truing.report.reasons import why_absent, why_no_quality, why_no_requirement
 from truing.report.sensor.positioning import not_stated
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, filled, in_channel_order, is_bench, load_steps, signal_names
 from truing.schemas.quality_checks import WITHHOLDING
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
@@ -23,8 +22,6 @@ _OF_AXES = {"A": "accuracy A", "B": "reversal B"}  # as ISO 230-2 has them
 _OF_POSITIONING = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
 _FEW_AXES = 3
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
-
-Verdict = tuple[str, str]
 
 
 def build_head(campaign: str, tables: Tables) -> Head:

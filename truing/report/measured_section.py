@@ -1,26 +1,53 @@
-"""What was measured: bodies, targets, poses by role, time and temperature; or loads."""
+"""What was measured: bodies, targets, poses, time and temperature; or runs, loads, channels and surroundings."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
-from truing.report.measured_loads import measured_loads
-from truing.report.numbers import count, duration, plain, quantity
+from truing.belonging.counted_times import merely_counts
+from truing.report import poses_section as pose_figures
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
+from truing.report.numbers import count, duration, in_one_unit, plain, quantity
 from truing.report.page import Listing, Section
-from truing.report.poses import figures as pose_figures
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import (
+    LOAD_UNITS,
+    LOADS,
+    SIGMA,
+    STEP,
+    XYZ,
+    Tables,
+    axes_of,
+    cell,
+    filled,
+    goes_back,
+    in_channel_order,
+    load_steps,
+    signal_names,
+)
 
-if TYPE_CHECKING:
-    import pandas as pd
+_OPEN = 12
+_SURROUNDINGS = {
+    "air_temperature_c": ("temperature of the air", "°C"),
+    "air_pressure_hpa": ("pressure of the air", "hPa"),
+    "relative_humidity_pct": ("relative humidity", "%"),
+    "material_temperature_c": ("temperature of the material", "°C"),
+}
+_RAW = ("phase_deg", "radius", "signal_x", "signal_y")  # what an interferometer's readings were made of
+_NO_SURROUNDINGS = {*STEP, "time_s", *LOADS.values(), "reading", "sigma", *_RAW}
+_COLOURS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
-_XYZ = ["x_mm", "y_mm", "z_mm"]
-_SIGMA = ["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]
+_WHAT = {"air": "refractive index of the air", "material": "temperature of the material"}
 
 
 def measured(tables: Tables) -> Section | None:
-    """Bodies and targets with what was seen of them, or the loads and displacements of a bench."""
+    """Bodies and targets with what was seen of them, or the loads of a bench; None of an axis."""
+    if filled(tables, "axis_errors") is not None:
+        return None
     points = filled(tables, "observations")
     if points is None and filled(tables, "scans") is not None:
         return _measured_scans(tables)
@@ -66,7 +93,7 @@ def _bodies(points: pd.DataFrame, survey: pd.DataFrame | None, known: pd.Series)
                 "–" if mine is None else str(int(mine["leg"].notna().sum())),
                 f"{part['pose'].nunique():,}",
                 f"{len(part):,}",
-                ", ".join(quantity(s, "mm") for s in part[_SIGMA].median()),
+                ", ".join(quantity(s, "mm") for s in part[SIGMA].median()),
             )
         )
     heads = ("body", "targets", "surveyed", "at attachments", "poses", "points", "median sigma x, y, z")
@@ -94,7 +121,7 @@ def _targets(points: pd.DataFrame, survey: pd.DataFrame | None, residuals: pd.Da
     keys = ["body", "target"]
     table = points.groupby(keys, sort=False).size().rename("seen").reset_index()
     if survey is not None:
-        table = survey[[*keys, *_XYZ, "leg"]].merge(table, on=keys, how="outer", sort=False)
+        table = survey[[*keys, *XYZ, "leg"]].merge(table, on=keys, how="outer", sort=False)
     if residuals is not None:
         table = table.merge(residuals.groupby(keys)["rejected"].sum().reset_index(), on=keys, how="left")
     rows = tuple(_target_row(r) for r in table.itertuples())
@@ -103,7 +130,7 @@ def _targets(points: pd.DataFrame, survey: pd.DataFrame | None, residuals: pd.Da
 
 
 def _target_row(r: Any) -> tuple[str, ...]:
-    place = [getattr(r, c, None) for c in _XYZ]
+    place = [getattr(r, c, None) for c in XYZ]
     known = all(p is not None and p == p for p in place)
     leg = getattr(r, "leg", None)
     left_out = getattr(r, "rejected", None)
@@ -168,3 +195,264 @@ def _time_words(times: Any) -> str:
     if np.all(np.diff(np.sort(times)) == 1.0):
         return ", without times other than their order"
     return f" over {duration(float(np.ptp(times)))}"
+
+
+def measured_loads(tables: Tables) -> Section:
+    """Runs, steps, loads, channels and surroundings of a bench."""
+    steps = load_steps(tables)
+    if not len(steps):
+        if (approaches := filled(tables, "positions")) is not None:
+            runs = count(approaches["run"].nunique(), "run")
+            places = count(approaches["target_mm"].nunique(), "target")
+            said = f"{count(len(approaches), 'approach')} of an axis to {places}, in {runs}: see Positioning."
+            return Section("measured", "Measured", said)
+        why = "The campaign holds neither object points nor load steps."
+        return Section("measured", "Measured", why, state="empty")
+    read, axes = _read(tables), axes_of(steps)
+    figures: list[tuple[object, str]] = []
+    if axes:
+        figures.append((_loads_in_time(steps), "Each run by itself; gaps are pauses between runs."))
+    if axes and len(read):
+        words = "Where a cell is empty, the campaign says nothing of that entry of the compliance."
+        figures.append((_readings_by_load(steps, read), words))
+    listings = (
+        _loads(steps, axes),
+        _channels(tables, read),
+        corrections(tables),
+        _surroundings(tables),
+        _runs(steps, read, tables),
+    )
+    shown = tuple(listing for listing in listings if listing.rows)
+    return Section("measured", "Measured", _lead(steps, read, tables), tuple(figures), shown)
+
+
+def _read(tables: Tables) -> pd.DataFrame:
+    """Run, step and channel of every reading of the interferometer."""
+    readings = filled(tables, "readings")
+    columns = ["run", "step", "channel"]
+    return pd.DataFrame(columns=columns) if readings is None else readings[columns]
+
+
+def _lead(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
+    runs = steps["run"].nunique()
+    said = f"{count(len(steps), 'load step')} in {count(runs, 'run')}"
+    times = steps["time_s"].dropna()
+    if _is_counted(steps):
+        said += ", without times other than their order"
+    elif len(times) > 1 and np.ptp(times) > 0.0:
+        said += f" over {duration(float(np.ptp(times)))}"
+    said += f", {_at_once(steps)}. "
+    signals = signal_names(tables)
+    beside = f"{count(len(signals), 'signal')} ({signals[0]} to {signals[-1]})" if signals else ""
+    if not len(read):
+        return f"{said}Read were {beside or 'no channels'}; how the platform moved was not measured."
+    per_run = read.groupby("run")["channel"].nunique()
+    channels = in_channel_order(read["channel"].unique())
+    how = "one in each run" if (per_run == 1).all() else "all in every run" if (per_run == len(channels)).all() else ""
+    said += f"Read were {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
+    roles = steps.groupby("run")["role"].first().value_counts()
+    return said + (f" Held out: {count(int(roles['verification']), 'run')}." if "verification" in roles else "")
+
+
+def _is_counted(steps: pd.DataFrame) -> bool:
+    """Whether times merely count the steps of every run."""
+    run = steps.groupby("run", sort=False).ngroup()
+    whole = steps.assign(of_run=run).sort_values(["of_run", "time_s"], kind="stable")
+    return merely_counts(*(whole[name].to_numpy() for name in ("time_s", "step", "of_run")))
+
+
+def _at_once(steps: pd.DataFrame) -> str:
+    several = int((steps[axes_of(steps)] != 0.0).sum(axis=1).max()) if axes_of(steps) else 0
+    return (
+        "without a load"
+        if not several
+        else "one load at a time"
+        if several == 1
+        else f"up to {several} loads at a time"
+    )
+
+
+def _loads_in_time(steps: pd.DataFrame) -> go.Figure:
+    """Loads over time, forces above torques, a line per run and axis."""
+    kinds = [kind for kind in "fm" if any(axis[0] == kind for axis in axes_of(steps))]
+    figure = make_subplots(len(kinds), 1, shared_xaxes=True, vertical_spacing=0.08)
+    known = steps["time_s"].notna().all() and np.ptp(steps["time_s"]) > 0.0 and not _is_counted(steps)
+    when = (steps["time_s"] - steps["time_s"].min()) / 3600.0 if known else steps.index.to_series()
+    hint = steps.assign(when=when).sort_values("when", kind="stable")
+    for row, kind in enumerate(kinds, 1):
+        for axis in (a for a in axes_of(steps) if a[0] == kind):
+            own = hint[hint[axis].ne(0.0).groupby(hint["run"]).transform("any")]
+            x, y, words = _broken(own, axis)
+            line = {"color": _COLOURS[axis[1]], "width": 1}
+            trace = go.Scatter(
+                x=x,
+                y=y,
+                mode="lines+markers",
+                line=line,
+                marker={"size": 4},
+                name=axis,
+                text=words,
+                hovertemplate="%{text}: %{y} " + LOAD_UNITS[axis] + "<extra></extra>",
+            )
+            figure.add_trace(trace, row, 1)
+        figure.update_yaxes(title_text=f"{'force (N)' if kind == 'f' else 'torque (N·m)'}", row=row, col=1)
+    style(figure, "What was applied", "Loads in the order taken, along each axis", 150 + 190 * len(kinds))
+    figure.update_xaxes(title_text="time since the first step (h)" if known else "load step", row=len(kinds), col=1)
+    figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
+    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 104})
+    return figure
+
+
+def _broken(own: pd.DataFrame, axis: str) -> tuple[list[float], list[float], list[str]]:
+    """Points of a line that ends with each run, and their words."""
+    x: list[float] = []
+    y: list[float] = []
+    words: list[str] = []
+    for run, part in own.groupby("run", sort=False):
+        x += [*part["when"].astype(float), np.nan]
+        y += [*part[axis].astype(float), np.nan]
+        words += [*(f"run {label(run)}, step {step}" for step in part["step"]), ""]
+    return x, y, words
+
+
+def _readings_by_load(steps: pd.DataFrame, read: pd.DataFrame) -> go.Figure:
+    """How many readings of each channel there are under each load."""
+    whole = read.merge(steps, on=["run", "step"], how="left")
+    channels, axes = in_channel_order(whole["channel"].unique()), axes_of(steps)
+    number = np.array([[int(whole.loc[whole["channel"] == c, a].ne(0.0).sum()) for a in axes] for c in channels])
+    figure = go.Figure(
+        go.Heatmap(
+            z=np.where(number > 0, number, np.nan),
+            x=axes,
+            y=channels,
+            zmin=0,
+            colorscale=((0.0, "#FFFFFF"), (1.0, "#9CC4E0")),
+            showscale=False,
+            text=np.where(number > 0, number.astype(str), ""),
+            texttemplate="%{text}",
+            xgap=2,
+            ygap=2,
+            hovertemplate="%{y} under %{x}: %{text} readings<extra></extra>",
+        )
+    )
+    style(figure, "What was read under which load", "Readings of each channel under load", 150 + 30 * len(channels))
+    figure.update_xaxes(title_text="load", showgrid=False)
+    figure.update_yaxes(autorange="reversed", showgrid=False)
+    return figure
+
+
+def _loads(steps: pd.DataFrame, axes: list[str]) -> Listing:
+    rows = tuple(_load_row(steps, axis) for axis in axes)
+    heads = ("load", "runs", "steps", "levels", "from", "to", "direction")
+    return Listing(heads, rows, caption="Loads, axis by axis")
+
+
+def _load_row(steps: pd.DataFrame, axis: str) -> tuple[str, ...]:
+    own = steps[steps[axis] != 0.0]
+    unit = LOAD_UNITS[axis]
+    back = int((goes_back(steps, axis) & steps[axis].ne(0.0)).sum())
+    both = own[axis].min() < 0.0 < own[axis].max()
+    ways = ["up and down" if back else "up only", "both signs" if both else "one sign"]
+    levels = own[axis].nunique()
+    low, high = (f"{value:,.6g} {unit}" for value in (steps[axis].min(), steps[axis].max()))
+    return (axis, str(own["run"].nunique()), f"{len(own):,}", str(levels), low, high, ", ".join(ways))
+
+
+def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
+    """Range and noise of a single reading of each channel."""
+    rows = []
+    readings, signal_noise = filled(tables, "readings"), _signal_noise(tables)
+    estimated = _by_ellipse(tables)
+    if readings is not None:
+        for channel in in_channel_order(read["channel"].unique()):
+            own = readings[readings["channel"] == channel]
+            unit = str(own["unit"].iloc[0])
+            span = (quantity(own["reading"].min(), unit), quantity(own["reading"].max(), unit))
+            noise = _noise(own["sigma"], unit, estimated=channel in estimated)
+            rows.append((channel, str(own["run"].nunique()), f"{len(own):,}", *span, noise))
+    signals = filled(tables, "signals")
+    for name in signal_names(tables):
+        own = signals[["run", f"{name}_mv"]].dropna() if signals is not None else None
+        if own is not None and len(own):
+            low, high = (plain(value) for value in (own[f"{name}_mv"].min(), own[f"{name}_mv"].max()))
+            rows.append((name, str(own["run"].nunique()), f"{len(own):,}", f"{low} mV", f"{high} mV", signal_noise))
+    heads = ("channel", "runs", "readings", "from", "to", "noise of a reading")
+    return Listing(heads, tuple(rows), caption="Channels and signals")
+
+
+def _noise(sigma: pd.Series, unit: str, *, estimated: bool) -> str:
+    """One sigma of a channel's readings; ``estimated``: nobody declared it, the ellipse of the raw signals told it."""
+    known = sigma.dropna()
+    if not len(known):
+        return "not declared"
+    low, high = in_one_unit([float(known.min()), float(known.max())], unit)
+    said = low if low == high else f"{low} to {high}"
+    said += " (of a sample, by its ellipse)" if estimated else ""
+    lacking = len(sigma) - len(known)
+    return f"{said}; of {lacking:,} not declared" if lacking else said
+
+
+def _by_ellipse(tables: Tables) -> set[str]:
+    """The channels whose sigma is that which raw signals leave about their ellipse."""
+    raw = filled(tables, "quadrature")
+    if raw is None or "sigma_source" not in raw:
+        return set()
+    return set(raw.loc[raw["sigma_source"].eq("ellipse"), "channel"])
+
+
+def _signal_noise(tables: Tables) -> str:
+    """One sigma of the signals, which [noise] alone tells; a page that is made from tables alone does not know it."""
+    declared = filled(tables, "declared_noise")
+    if declared is None:
+        return "[noise] signal_mv"
+    size = declared["signal_mv"].iloc[0]
+    return "not declared" if size != size else f"{plain(float(size))} mV"
+
+
+def _surroundings(tables: Tables) -> Listing:
+    """From where to where the surroundings, and further columns that somebody recorded, went."""
+    table = filled(tables, "readings")
+    table = filled(tables, "signals") if table is None else table
+    rows = []
+    columns = [] if table is None else [str(c) for c in table.columns if str(c) not in _NO_SURROUNDINGS]
+    for column in columns:
+        words, unit = _SURROUNDINGS.get(column, (column, ""))
+        known = table[column].dropna() if table is not None and table[column].dtype.kind in "fi" else ()
+        if len(known) and not column.endswith("_mv"):
+            rows.append((words, f"{min(known):.6g} {unit}", f"{max(known):.6g} {unit}", f"{len(known):,}"))
+    heads = ("surroundings", "from", "to", "number")
+    return Listing(heads, tuple(rows), caption="Surroundings, and what else was recorded")
+
+
+def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:
+    """Every run: what it loads, what was read, how long it took."""
+    channels = read.groupby("run")["channel"].unique() if len(read) else {}
+    timed = steps.assign(time_s=np.nan) if _is_counted(steps) else steps
+    rows = tuple(_run_row(run, own, channels) for run, own in timed.groupby("run", sort=False))
+    heads = ("run", "role", "loads", "channels", "steps", "begins at", "takes")
+    held_by = "observations.parquet" if "readings" in tables else "signals.parquet"
+    return Listing(heads, rows, caption=f"All {count(len(rows), 'run')}", folded=len(rows) > _OPEN, held_by=held_by)
+
+
+def _run_row(run: object, own: pd.DataFrame, channels: Any) -> tuple[str, ...]:
+    times = own["time_s"].dropna()
+    begins, takes = ("–", "–") if not len(times) else (f"{times.min():,.0f} s", duration(float(np.ptp(times))))
+    read = ", ".join(in_channel_order(channels[run])) if run in channels else "signals"
+    return (str(run), cell(own["role"].iloc[0]), ", ".join(axes_of(own)) or "none", read, str(len(own)), begins, takes)
+
+
+def corrections(tables: Tables, *, of_axis: bool = False) -> Listing:
+    """Channel by channel, or of a positioned axis: how large each correction was, and how well it is known."""
+    table = filled(tables, "reading_corrections")
+    told = [] if table is None else [row for row in table.itertuples() if (row.subject == "axis") == of_axis]
+    rows = tuple(
+        (
+            row.subject,
+            _WHAT[row.correction],
+            quantity(row.largest, row.unit) if cell(row.largest) else "corrected as it came",
+            quantity(row.sigma, row.unit) if cell(row.sigma) else "not declared",
+        )
+        for row in told
+    )
+    heads = ("reading", "corrected for", "at most by", "known to (one sigma)")
+    return Listing(heads, rows, caption="Corrections of readings", held_by="reading_corrections.parquet")

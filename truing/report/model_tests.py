@@ -9,8 +9,8 @@ from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 
 _UNLIKELY, _MARGIN = 1e-3, 1.1  # of errors that are called smaller than noise allows: by chance, and in size
-PASS, FAIL, IDLE = "pass", "fail", "not evaluated"
-_MARKS = {PASS: "pass", FAIL: "fail", IDLE: "none"}
+_PASS, _FAIL, _IDLE = "pass", "fail", "not evaluated"
+_MARKS = {_PASS: "pass", _FAIL: "fail", _IDLE: "none"}
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class ModelTest:
     @property
     def state(self) -> str:
         """``pass``, ``fail`` or ``not evaluated``."""
-        return IDLE if self.holds is None else PASS if self.holds else FAIL
+        return _IDLE if self.holds is None else _PASS if self.holds else _FAIL
 
 
 def by_p(asked: str, p: float | None, least: float, says: tuple[str, str], why_not: str) -> ModelTest:
@@ -53,7 +53,7 @@ def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> Mode
 def state_of(tests: Sequence[ModelTest]) -> str:
     """What they come to together: failed where one is, passed where at least one is evaluated and none failed."""
     states = [test.state for test in tests]
-    return FAIL if FAIL in states else PASS if PASS in states else IDLE
+    return _FAIL if _FAIL in states else _PASS if _PASS in states else _IDLE
 
 
 def listing_of(tests: Sequence[ModelTest], caption: str) -> Listing:

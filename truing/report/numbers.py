@@ -32,11 +32,11 @@ def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
 
 
 def _rounded(value: float, sigma: float) -> str:
-    places = last_place(sigma)
+    places = _last_place(sigma)
     return f"{round(value, places) + 0.0:.{max(0, places)}f}"  # no minus before a zero
 
 
-def last_place(sigma: float) -> int:
+def _last_place(sigma: float) -> int:
     """The decimal place that a number with this uncertainty is rounded to (at most 12); negative left of the point."""
     exponent = int(f"{sigma:.1e}".partition("e")[2])  # of the rounded number: 0.996 is 1.0
     return min(12, 1 - exponent)

@@ -12,6 +12,10 @@ if TYPE_CHECKING:
 # Rows of a listing that a page holds, so that a thousand poses of many bodies stay below some megabytes.
 MOST_ROWS = 2000
 
+# Figures with their captions; a sentence behind the mark of colour that it stands beside.
+Drawn = list[tuple[object, str]]
+Verdict = tuple[str, str]
+
 
 @dataclass(frozen=True)
 class Listing:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
 from truing.report.numbers import count as counted
 from truing.report.numbers import rough
 from truing.report.page import Head, Listing, Section
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import plotly.graph_objects as go
 
 _STATION_HEADS = (
     "station",
@@ -91,8 +88,6 @@ def plan_sections(
 def _network(
     stations: pd.DataFrame, targets: pd.DataFrame, R: NDArray[np.float64], half: tuple[float, float]
 ) -> go.Figure:
-    import plotly.graph_objects as go
-
     centre = stations[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=float)
     at = targets[["x_mm", "y_mm", "z_mm"]].to_numpy(dtype=float)
     size = _SYMBOL * float(np.ptp(np.concatenate([centre, at]), axis=0).max())
@@ -149,8 +144,6 @@ def _pyramids(centre: NDArray[np.float64], tips: NDArray[np.float64]) -> NDArray
 
 
 def _targets(targets: pd.DataFrame, at: NDArray[np.float64]) -> go.Scatter3d:
-    import plotly.graph_objects as go
-
     words = [f"{r.body}/{r.target}: σ {rough(r.sigma_mm)} mm, {counted(r.rays, 'ray')}" for r in targets.itertuples()]
     return go.Scatter3d(
         x=at[:, 0],
@@ -186,8 +179,6 @@ def _station_rows(stations: pd.DataFrame) -> list[list[str]]:
 
 
 def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Section:
-    import plotly.graph_objects as go
-
     figure = go.Figure()
     for column, name, colour in (("worst_mm", "worst target", ORANGE), ("mean_mm", "mean of all", BLUE)):
         look = {"mode": "lines+markers", "line": {"color": colour}}

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+
+import pandas as pd
+import plotly.graph_objects as go
 
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
 from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
 from truing.report.numbers import count, printed, rough
 from truing.report.page import Head, Listing, Section
 from truing.report.wordings.catalogue import cause_words
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import plotly.graph_objects as go
 
 SIZE_HEADS = ("cause", "concerns", "theory", "found from", "19 of 20 times from", "also taken for")
 _NEVER = "not at any plausible size"
@@ -117,8 +115,6 @@ def _caption(rates: pd.DataFrame) -> str:
 
 def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     """How often an effect was found and named against its size, and what theory expects."""
-    import plotly.graph_objects as go
-
     first = rates.iloc[0]
     factor, unit = handy_unit(first["parameter"], first["unit"], float(rates["size"].median()))
     places = factor * rates["size"]
@@ -137,8 +133,6 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
 
 
 def _rates(places: pd.Series, rates: pd.DataFrame, what: str, colour: str) -> go.Scatter:
-    import plotly.graph_objects as go
-
     value, lower, upper = (100 * rates[f"{what}{bound}"] for bound in ("", "_lower", "_upper"))
     return go.Scatter(
         x=places,

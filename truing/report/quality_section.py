@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from truing.report.numbers import count as counted
 from truing.report.numbers import printed, quantity
@@ -10,16 +12,13 @@ from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_quality
 from truing.report.tables import Tables, cell
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _ORDER = {"fail": 0, "warn": 1, "pass": 2, "not evaluated": 3}
 _HEADS = ("verdict", "check", "subject", "value", "limit", "what it says")
 # More rows that call for a look than this are folded away.
 _OPEN = 12
 
 
-def quality(tables: Tables) -> Section | None:
+def qa(tables: Tables) -> Section | None:
     """Every check with its verdict, the failed ones first; what a person accepted stands by itself."""
     if "qa" not in tables:
         return None

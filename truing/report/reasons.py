@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from truing.report.load_steps import is_bench
-from truing.report.tables import Tables, filled, reason
+from truing.report.tables import Tables, filled, is_bench, reason
 from truing.schemas.columns import COLUMNS
 
 

@@ -1,72 +1,108 @@
-"""The sections of a run's page in the order in which they are read; one that was not evaluated says so, and why."""
+"""The sections of a run's page in the order in which they are read: each enters here, and nowhere else.
+
+A new one is a module with a function of the section's name, and a line below. What draws is imported when it draws.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from truing.report.axis_page import axis
-from truing.report.calibration.requirement_section import requirements
-from truing.report.calibration.section import calibration
-from truing.report.deformation.section import deformation
-from truing.report.diagnosis.section import diagnosis
-from truing.report.during_section import during
-from truing.report.exclusion_section import excluded
-from truing.report.figure_style import common_look
-from truing.report.knowledge.section import knowledge
-from truing.report.load_steps import is_bench
-from truing.report.measured_section import measured
 from truing.report.page import Listing, Section
-from truing.report.photographs.section import photographs
-from truing.report.poses.section import poses
-from truing.report.quality_section import quality
-from truing.report.reasons import why_absent
-from truing.report.sensor.calibration import sensor_calibration
-from truing.report.sensor.deformation import load_deformation
-from truing.report.sensor.displacement import displacement
-from truing.report.sensor.positioning import positioning
-from truing.report.tables import Tables
-from truing.report.uncertainty.section import uncertainty
 
-_OF_BENCHES = ("displacement", "positioning")
+if TYPE_CHECKING:
+    from truing.report.tables import Tables
 
 
-@common_look()
+@dataclass(frozen=True)
+class PageSection:
+    """A section: its id, and the modules whose function of that name draws it; the first that returns one has it.
+
+    ``title``: of what says why there is none; without a title it is left out then, as where section ``instead`` is
+    there. ``bench``: whether campaigns on a bench alone have it, or all others alone. ``reads``: tables of its own.
+    """
+
+    name: str
+    modules: tuple[str, ...]
+    title: str = ""
+    instead: str = ""
+    bench: bool | None = None
+    reads: tuple[str, ...] = ()
+
+
+SECTIONS = (
+    PageSection("diagnosis", ("truing.report.diagnosis.section",), "Diagnosis"),
+    PageSection("axis", ("truing.report.axis_page",)),
+    PageSection("measured", ("truing.report.measured_section",)),
+    PageSection("qa", ("truing.report.quality_section",), "Quality"),
+    PageSection("photographs", ("truing.report.photographs.section",)),
+    PageSection("displacement", ("truing.report.sensor.displacement",), "Displacement", "positioning", bench=True),
+    PageSection("positioning", ("truing.report.sensor.positioning",), bench=True),
+    PageSection("poses", ("truing.report.poses_section",), "Poses", bench=False),
+    PageSection(
+        "deformation", ("truing.report.deformation_section", "truing.report.sensor.deformation"), "Deformation"
+    ),
+    PageSection(
+        "calibration", ("truing.report.calibration.section", "truing.report.sensor.calibration"), "Calibration"
+    ),
+    PageSection("knowledge", ("truing.report.knowledge_section",)),
+    PageSection("requirements", ("truing.report.calibration.requirements",), "Requirements"),
+    PageSection("uncertainty", ("truing.report.uncertainty_section",)),
+    PageSection("during", ("truing.report.during_section",)),
+    PageSection("excluded", ("truing.report.exclusion_section",)),
+)
+# Tables that the page is made from, most by several sections, in the order in which it tells their origin.
+_TABLES = """
+observations survey configurations readings signals displacement run_terms scans exclusions exclusion_effects
+diagnosis_left_out calibration_left_out relabelled resurveys likely_names repeats lack_of_fit pose_repeatability qa
+poses residuals reading_residuals deformation target_deformation deformation_models deformation_errors compliance
+axis_curves quadrature reading_corrections positions positioning calibration implicit_calibration correlations accuracy
+model_choice observability absorption requirements sensor_matrix sensor_merit sensor_choice error_classes diagnosis
+detectable pulls pull_sums prediction reading_errors axis_errors next_poses next_loads changes uncertainty
+uncertainty_budget object_points cameras camera_correlations image_orientations image_residuals scale_bar_lengths
+bundle_statistics
+"""
+
+
+def tables_read() -> tuple[str, ...]:
+    """The artifacts that the page is made from, in the order in which it tells their origin."""
+    return tuple(dict.fromkeys([*_TABLES.split(), *(name for section in SECTIONS for name in section.reads)]))
+
+
 def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) -> list[Section]:
     """Every section, in one order for every kind of campaign; a bench has displacements where others have poses.
 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): where each body's targets sit.
     ``provenance``: the metadata of each artifact.
     """
-    of_axis = axis(tables)
-    bench = is_bench(tables) or any(name in tables for name in _OF_BENCHES)
-    drawn = [
-        diagnosis(tables) or _absent("diagnosis", "Diagnosis", tables),
-        of_axis,
-        None if of_axis else measured(tables),
-        quality(tables) or _absent("qa", "Quality", tables),
-        photographs(tables),
-        *(_placed(tables) if bench else [poses(tables) or _absent("poses", "Poses", tables)]),
-        deformation(tables) or load_deformation(tables) or _absent("deformation", "Deformation", tables),
-        calibration(tables) or sensor_calibration(tables) or _absent("calibration", "Calibration", tables),
-        knowledge(tables),
-        requirements(tables) or _absent("requirements", "Requirements", tables),
-        uncertainty(tables),
-        during(tables),
-        excluded(tables),
-        _provenance(provenance),
-    ]
-    return [section for section in drawn if section is not None]
+    from truing.report.figure_style import common_look
+    from truing.report.tables import is_bench
+
+    bench = is_bench(tables) or "displacement" in tables or "positioning" in tables
+    wanted = [section for section in SECTIONS if section.bench in (None, bench)]
+    with common_look():
+        drawn = {section.name: _drawn(section, tables) for section in wanted}
+    shown = [drawn[section.name] or _absent(section, drawn, tables) for section in wanted]
+    return [*(section for section in shown if section is not None), _provenance(provenance)]
 
 
-def _placed(tables: Tables) -> list[Section | None]:
-    """How a platform, or an axis, moved on a bench."""
-    moved, along = displacement(tables), positioning(tables)
-    return [moved or (None if along else _absent("displacement", "Displacement", tables)), along]
+def _drawn(section: PageSection, tables: Tables) -> Section | None:
+    for module in section.modules:
+        draw: Callable[[Tables], Section | None] = getattr(importlib.import_module(module), section.name)
+        if (found := draw(tables)) is not None:
+            return found
+    return None
 
 
-def _absent(name: str, title: str, tables: Tables) -> Section:
-    """A section whose tables no stage left."""
-    return Section(name, title, why_absent(name, tables), state="not evaluated")
+def _absent(section: PageSection, drawn: Mapping[str, Section | None], tables: Tables) -> Section | None:
+    """A section whose tables no stage left, saying so; None where nothing is to be said of that."""
+    from truing.report.reasons import why_absent
+
+    if not section.title or drawn.get(section.instead) is not None:
+        return None
+    return Section(section.name, section.title, why_absent(section.name, tables), state="not evaluated")
 
 
 def _provenance(provenance: Mapping[str, Mapping[str, str]]) -> Section:

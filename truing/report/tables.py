@@ -1,21 +1,37 @@
-"""What the sections read: tables by artifact name, and how single cells are put."""
+"""What the sections read: tables by artifact name, load steps of a bench, and how cells, loads and channels are put."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
-if TYPE_CHECKING:
-    import pandas as pd
+import pandas as pd
+
+from truing.schemas.columns import COLUMNS
 
 WHY_NOT = "why_not"  # attribute of a table: why its stage evaluated nothing; empty where it did
-Tables = Mapping[str, "pd.DataFrame"]
+Tables = Mapping[str, pd.DataFrame]
+
+LOADS = {"fx": "fx_n", "fy": "fy_n", "fz": "fz_n", "mx": "mx_nm", "my": "my_nm", "mz": "mz_nm"}
+LOAD_UNITS = {axis: "N" if axis.startswith("f") else "N·m" for axis in LOADS}
+CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
+STEP = ["run", "step"]
+XYZ, SHIFT = ["x_mm", "y_mm", "z_mm"], ["dx_mm", "dy_mm", "dz_mm"]
+SIGMA = ["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]
+SEVERAL = "several"
+
+_ARCSECOND = 4.84813681109536e-06  # rad
 
 
 def filled(tables: Tables, name: str) -> pd.DataFrame | None:
     """The table, or None where the run has none or an empty one."""
     table = tables.get(name)
     return table if table is not None and len(table) else None
+
+
+def each(tables: Tables, name: str) -> Iterator[Any]:
+    """The rows of a table as named tuples; nothing where the run has none."""
+    return iter(()) if (table := filled(tables, name)) is None else table.itertuples()
 
 
 def reason(tables: Tables, name: str) -> str:
@@ -27,3 +43,69 @@ def reason(tables: Tables, name: str) -> str:
 def cell(value: object) -> str:
     """A cell's text; nothing for what is missing."""
     return "" if value is None or value != value else str(value)
+
+
+def is_bench(tables: Tables) -> bool:
+    """Whether the campaign applied loads."""
+    return any(name in tables for name in ("readings", "signals", "reading_errors"))
+
+
+def load_steps(tables: Tables) -> pd.DataFrame:
+    """Run, step, time_s, loads by axis (fx .. mz) and role, a row per load step of the readings and the signals."""
+    known = [table for name in ("readings", "signals") if (table := filled(tables, name)) is not None]
+    columns = [*STEP, "time_s", *LOADS.values()]
+    if not known:
+        return pd.DataFrame(columns=[*STEP, "time_s", *LOADS, "role"])
+    parts = [table[[*columns, *(["role"] if "role" in table else [])]] for table in known]
+    whole = pd.concat(parts, ignore_index=True).drop_duplicates(STEP)
+    whole = whole.rename(columns={column: axis for axis, column in LOADS.items()})
+    if "role" not in whole:
+        whole = whole.assign(role=None)
+    return whole.fillna(dict.fromkeys(LOADS, 0.0)).reset_index(drop=True)
+
+
+def axes_of(steps: pd.DataFrame) -> list[str]:
+    """The axes along which anything was applied."""
+    return [axis for axis in LOADS if steps[axis].ne(0.0).any()]
+
+
+def loaded_by_run(steps: pd.DataFrame) -> pd.Series:
+    """What each row's run loads: an axis, ``several`` or ``none``."""
+    loaded = steps[list(LOADS)].ne(0.0).groupby(steps["run"]).transform("any")
+    number = loaded.sum(axis=1)
+    return loaded.idxmax(axis=1).mask(number > 1, SEVERAL).mask(number == 0, "none")
+
+
+def in_channel_order(names: Iterable[object]) -> list[str]:
+    """Displacements, rotations, then signals by number."""
+    known = list(dict.fromkeys(map(str, names)))
+    return [*(c for c in CHANNELS if c in known), *sorted(set(known) - set(CHANNELS), key=lambda n: (len(n), n))]
+
+
+def goes_back(steps: pd.DataFrame, axis: str) -> pd.Series:
+    """Whether a step's load along an axis is smaller than that of the step before in its run."""
+    size = steps[axis].abs()
+    return size < size.groupby(steps["run"], sort=False).shift().fillna(0.0)
+
+
+def signal_names(tables: Tables) -> list[str]:
+    """``v1``, ``v2``: the signal channels."""
+    signals = filled(tables, "signals")
+    columns = [] if signals is None else [str(c) for c in signals.columns]
+    return in_channel_order(c.removesuffix("_mv") for c in columns if COLUMNS["signal"].matches(c))
+
+
+def moved_unit(channel: str) -> str:
+    """The unit that a channel is read in."""
+    return "µm" if channel.startswith("d") else "arcsec"
+
+
+def kilo(load: str) -> str:
+    """A thousand of a load's unit."""
+    return f"k{LOAD_UNITS[load]}"
+
+
+def per_kilo(channel: str, load: str) -> tuple[float, str]:
+    """What turns an entry of the compliance from SI into something with few digits, and its unit."""
+    factor = 1e9 if channel.startswith("d") else 1e3 / _ARCSECOND
+    return factor, f"{moved_unit(channel)}/{kilo(load) if load.startswith('f') else '(kN·m)'}"

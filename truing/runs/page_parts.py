@@ -51,7 +51,7 @@ def page_parts(
     places = target_places(frames)
     if places is not None:
         frames["shape"] = places
-    motions = body_motions(frames)
+    motions = _body_motions(frames)
     if motions is not None:
         frames["motions"] = motions
     if legs is not None:
@@ -61,7 +61,7 @@ def page_parts(
     return build_head(campaign, frames), build_sections(frames, provenance)
 
 
-def body_motions(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
+def _body_motions(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     """Columns pose, body, parent, px_mm .. pz_mm, and r00 .. r22 of x_parent = R x + p; None without poses."""
     poses = frames.get("poses")
     if poses is None or not len(poses):

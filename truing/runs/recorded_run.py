@@ -9,16 +9,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
 from truing.runs.page_parts import page_parts, provenance_of
+from truing.schemas.artifact import whole_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.memory import raise_shortage
 from truing.schemas.settings_text import parsed_toml, read_settings_text, regular_size
-from truing.schemas.whole_table import whole_table
 
 if TYPE_CHECKING:
-    import pandas as pd
     import plotly.graph_objects as go
-    import pyarrow as pa
 
     from truing.report.page import Head, Section
     from truing.simulation.axis.extended_model import ExtendedAxis
@@ -122,9 +124,6 @@ def load(folder: str | Path) -> Run:
 
 def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
     """The artifact that a file says it is, with its provenance; nothing for a file of another making."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     known = {name for name, artifact in ARTIFACTS.items() if artifact.file == path.name}
     if not known:
         return

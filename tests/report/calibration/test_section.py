@@ -12,10 +12,10 @@ import pytest
 from tests.report.calibration_tables import MODELS, calibration_tables
 from tests.report.campaign_tables import campaign_tables
 from tests.report.test_page import ATTACKS, PLOTLY, Reader
-from truing.report.calibration.requirement_section import requirements
+from truing.report.calibration.requirements import requirements
 from truing.report.calibration.section import calibration
 from truing.report.head import build_head
-from truing.report.knowledge.section import knowledge
+from truing.report.knowledge_section import knowledge
 from truing.report.model_tests import below_noise
 from truing.report.page import Section
 from truing.report.rendering.render import render_page

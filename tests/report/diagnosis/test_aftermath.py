@@ -12,8 +12,7 @@ import pytest
 from tests.report import diagnosis_tables as made
 from tests.report.diagnosis_parts import part_of, text_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
-from truing.report.diagnosis.changes import changes
-from truing.report.diagnosis.pulls import pulls
+from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.head import build_head
 from truing.report.page import Head
 from truing.report.rendering.render import render_page

@@ -14,8 +14,8 @@ from tests.report.diagnosis_tables import row, rows, size
 from tests.report.test_page import Reader, render
 from tests.tolerance import assert_close
 from truing.report.diagnosis.judged import judged
-from truing.report.diagnosis.reading_figures import against_load, where_missed
-from truing.report.diagnosis.reading_misses import reading_misses
+from truing.report.diagnosis.misses import reading_misses
+from truing.report.diagnosis.reading_gain import against_load, where_missed
 from truing.report.diagnosis.section import diagnosis
 from truing.report.diagnosis.unwritten_loads import load_warning, unwritten_loads
 from truing.report.head import build_head

@@ -6,7 +6,7 @@ import pandas as pd
 
 from tests.tolerance import assert_close
 from truing.report.head import build_head
-from truing.report.measured_loads import measured_loads
+from truing.report.measured_section import measured_loads
 from truing.report.sensor.positioning import positioning
 
 

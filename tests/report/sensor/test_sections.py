@@ -11,8 +11,8 @@ from tests.blind.generator.sensor.layout import DataFaults, Programme
 from tests.stages.benches import bench, layout
 from truing.report.exclusion_section import excluded
 from truing.report.sections import build_sections
-from truing.report.sensor.calibration import sensor_calibration
-from truing.report.sensor.deformation import load_deformation
+from truing.report.sensor.calibration import calibration
+from truing.report.sensor.deformation import deformation
 from truing.report.sensor.displacement import displacement
 from truing.report.tables import WHY_NOT
 
@@ -51,7 +51,7 @@ def test_displacement_tells_what_was_never_measured(tables):
 
 
 def test_deformation_names_the_entries_that_differ_and_draws_both(tables):
-    section = load_deformation(tables)
+    section = deformation(tables)
     assert "ry under fz" in section.lead
     assert "Of 36 entries 6 were never measured" in section.lead
     own, others, entries = (figure for figure, _ in section.figures)
@@ -68,7 +68,7 @@ def test_deformation_names_the_entries_that_differ_and_draws_both(tables):
 
 
 def test_calibration_tells_the_choice_and_the_matrix(tables):
-    section = sensor_calibration(tables)
+    section = calibration(tables)
     assert section.lead.startswith("Chosen: weighted, forward, zero common, linear.")
     assert "as the paper prints it" in section.lead
     tests, matrix = section.listings[:2]
@@ -93,7 +93,7 @@ def test_theory_alone_says_why_there_is_no_matrix(tables):
     matrices = tables["sensor_matrix"].query("matrix in ['G', \"G'\"]").copy()
     matrices.attrs[WHY_NOT] = "V V^T is singular, the channels are not independent"
     empty = {name: tables[name].iloc[:0] for name in ("sensor_choice", "error_classes")}
-    section = sensor_calibration({**tables, **empty, "sensor_matrix": matrices})
+    section = calibration({**tables, **empty, "sensor_matrix": matrices})
     assert section.state == "not evaluated"
     assert {row[0] for row in section.listings[0].rows} == {"not evaluated"}
     assert "V V^T is singular" in section.lead
@@ -101,7 +101,7 @@ def test_theory_alone_says_why_there_is_no_matrix(tables):
 
 @pytest.mark.parametrize(
     ("section", "name"),
-    [(displacement, "displacement"), (load_deformation, "compliance"), (sensor_calibration, "sensor_matrix")],
+    [(displacement, "displacement"), (deformation, "compliance"), (calibration, "sensor_matrix")],
 )
 def test_what_was_not_evaluated_says_so(tables, section, name):
     nothing = tables[name].iloc[:0].copy()

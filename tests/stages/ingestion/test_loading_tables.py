@@ -11,7 +11,7 @@ import pytest
 
 from tests.tolerance import assert_between, assert_close
 from truing.formats.source import CampaignFiles, raw_files
-from truing.pipeline.settings_view import SettingsView
+from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults

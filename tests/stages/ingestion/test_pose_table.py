@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
 from truing.report.measured_section import measured
-from truing.report.poses.section import poses as poses_section
+from truing.report.poses_section import poses as poses_section
 from truing.schemas.faults import CampaignFaults
 
 RNG = np.random.default_rng(3)

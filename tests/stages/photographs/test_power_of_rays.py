@@ -12,10 +12,9 @@ import pytest
 from tests.stages.line import settings_of
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
-from truing.pipeline.power_command import PowerWish, power_campaign
-from truing.pipeline.power_of_rays import plan_of_rays, wants_rays
+from truing.pipeline.executor import Workforce
+from truing.pipeline.power_command import PowerWish, plan_of_rays, power_campaign, wants_rays
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.workforce import Workforce
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.cause import Effect

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import pandas as pd
 
 from truing.report.tables import Tables, filled
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Key = tuple[str, str]  # model, deformation
 ERRORS_IN_VARIABLES, IMPLICIT, NOMINAL = "errors-in-variables", "implicit", "nominal"

@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
+import pandas as pd
 
 from truing.report.calibration import figures as calibration_figures
 from truing.report.calibration.calibrations import (
     ERRORS_IN_VARIABLES,
     IMPLICIT,
+    NOMINAL,
     TO_POINTS,
+    Key,
+    called,
     chosen_calibration,
     figures_by_calibration,
+    keys_of,
     rows_of,
     shown_calibration,
 )
-from truing.report.calibration.geometry_figure import geometry_picture, has_geometry
-from truing.report.calibration.listing import all_calibrations, strong_correlations
-from truing.report.calibration.parameter_listings import all_deviations, deviations
-from truing.report.calibration.words import cost_of_models, lead, method_words, tests_of_chosen
-from truing.report.model_tests import listing_of, state_of
-from truing.report.numbers import plain
-from truing.report.page import Listing, Section
+from truing.report.calibration.figures import geometry_picture, has_geometry
+from truing.report.calibration.listings import GOOD, all_calibrations, all_deviations, deviations, strong_correlations
+from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of, state_of
+from truing.report.numbers import count, plain, quantity
+from truing.report.page import Drawn, Listing, Section
 from truing.report.reasons import why_no_calibration
 from truing.report.tables import Tables, filled
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Drawn = list[tuple[object, str]]
 _BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives"
+
+_LEAST_LEGS = 6
+_HELD_OUT = "position_mean_verification"
+_UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
+_DEPARTS = "reading_rms_from_rigid_legs"
 
 
 def calibration(tables: Tables) -> Section | None:
@@ -39,7 +43,7 @@ def calibration(tables: Tables) -> Section | None:
     if fitted is None:
         return Section("calibration", "Calibration", why_no_calibration(tables), state="not evaluated")
     shown = [*_errors(tables), *_geometry(tables, fitted), *_correlations(tables, fitted)]
-    tests = tests_of_chosen(tables)
+    tests = _tests_of_chosen(tables)
     listings = [listing_of(tests, "Tests of the chosen calibration"), *_listings(tables, fitted)]
     return Section("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(listings), state_of(tests))
 
@@ -48,7 +52,7 @@ def _errors(tables: Tables) -> Drawn:
     accuracy = filled(tables, "accuracy")
     if accuracy is None:
         return []
-    return [(calibration_figures.errors(accuracy, chosen_calibration(tables)), cost_of_models(tables))]
+    return [(calibration_figures.errors(accuracy, chosen_calibration(tables)), _cost_of_models(tables))]
 
 
 def _geometry(tables: Tables, fitted: pd.DataFrame) -> Drawn:
@@ -96,7 +100,7 @@ def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
         caption = "The extended model of the diagnosis, fitted to every point and all that was found"
         listings.append(all_calibrations(extended, fitted, caption))
     if as_reported is not None:
-        caption = f"The same {_AS_REPORTED}. {method_words(tables)}".strip()
+        caption = f"The same {_AS_REPORTED}. {_method_words(tables)}".strip()
         listings.append(all_calibrations(as_reported, filled(tables, "implicit_calibration"), caption, folded=True))
     listings += [deviations(fitted, key), *all_deviations(fitted, _BY_DEFAULT, "calibration.parquet")]
     reported = filled(tables, "implicit_calibration")
@@ -106,3 +110,207 @@ def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
     if table is not None:
         listings.append(strong_correlations(rows_of(table, key)))
     return [listing for listing in listings if listing.rows]
+
+
+def lead(tables: Tables, fitted: pd.DataFrame) -> str:
+    """Which calibration is chosen, how far it misses against noise, what it gains, and who else predicts as well."""
+    figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
+    ended = _failures(fitted)
+    if figures is None or chosen is None:
+        return f"{count(len(keys_of(fitted)), 'calibration')}, none of them chosen for this campaign. {ended}".strip()
+    facts = figures.loc[chosen]
+    words = [
+        _choice(chosen, facts),
+        _doubts(facts),
+        _gain(tables, chosen, facts),
+        _rivals(figures, chosen),
+        _extended(tables),
+        ended,
+        _free(fitted),
+    ]
+    return " ".join(word for word in words if word)
+
+
+def _choice(chosen: Key, facts: pd.Series) -> str:
+    role, poses = ("verification", "held-out") if _known(facts, _HELD_OUT) else ("calibration", "calibration")
+    said = f"Chosen for this campaign: {called(chosen)}."
+    if _known(facts, f"position_mean_{role}"):
+        said += f" On the {poses} poses it misses by {_missed_by(facts, role)} on average."
+    because = []
+    if _known(facts, "heldout_ratio"):
+        because.append(f"its held-out error is {plain(facts['heldout_ratio'])} times what noise leaves")
+    if _known(facts, "rms_pull"):
+        because.append(f"its rms pull {plain(facts['rms_pull'])} (about 1 where tolerances explain the geometry)")
+    reasons = " and ".join(because)
+    said += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
+    left = int(facts.get("poses_downweighted", 0.0) or 0)
+    who = f"{count(left, 'pose')} that {'disagrees' if left == 1 else 'disagree'} with all others"
+    return f"{said} {who} {'was' if left == 1 else 'were'} left out." if left else said
+
+
+def _doubts(facts: pd.Series) -> str:
+    """What speaks against the chosen one itself: misfit beyond the noise, and a geometry beyond its tolerances."""
+    said = []
+    if _known(facts, "misfit_p_value") and facts["misfit_p_value"] < _UNLIKELY:
+        times = plain(np.sqrt(facts["chi_square"] / facts["freedom"]))
+        missing = "there is more noise, or a cause is missing"
+        said.append(f"Yet its misfit is {times} times what the declared noise leaves: {missing}.")
+    if _known(facts, "pull_p_value") and facts["pull_p_value"] < _UNLIKELY:
+        said.append(
+            "Yet parts are further from nominal than their tolerances allow: these are too small, and with them the "
+            "uncertainties told here, or a cause is missing."
+        )
+    return " ".join(said)
+
+
+def _tests_of_chosen(tables: Tables) -> list[ModelTest]:
+    """What can speak against the chosen calibration: its misfit, its geometry, and what it was not fitted to."""
+    figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
+    facts = None if figures is None or chosen is None else figures.loc[chosen]
+    none = "No calibration was chosen." if facts is None else ""
+
+    def p(figure: str) -> float | None:
+        return float(facts[figure]) if facts is not None and _known(facts, figure) else None
+
+    misfit = "its misfit is what the declared noise leaves"
+    return [
+        _too_small(misfit, facts)
+        or by_p(
+            misfit,
+            p("misfit_p_value"),
+            _UNLIKELY,
+            ("Noise explains it.", "There is more noise than declared, or a cause is missing."),
+            none or "Nothing is left free that could tell.",
+        ),
+        by_p(
+            "parts are where tolerances let them be (pulls)",
+            p("pull_p_value"),
+            _UNLIKELY,
+            ("Tolerances explain the geometry.", "Tolerances are too small, or a cause is missing."),
+            none or "No tolerance was declared.",
+        ),
+        by_p(
+            "held-out poses are missed by what noise leaves",
+            p("p_value"),
+            _UNLIKELY,
+            ("It predicts what it has not seen.", "It fails at what it was not fitted to."),
+            none or "No pose was held out (role verification).",
+        ),
+    ]
+
+
+def _too_small(asked: str, facts: pd.Series | None) -> ModelTest | None:
+    """A misfit so far below the declared noise that chance hardly leaves it; None where it is not."""
+    if facts is None or not (_known(facts, "chi_square") and _known(facts, "freedom")):
+        return None
+    return below_noise(
+        asked, float(facts["chi_square"]), float(facts["freedom"]), "noise is declared too large, or over-fitted"
+    )
+
+
+def _missed_by(facts: pd.Series, role: str) -> str:
+    position, orientation = facts.get(f"position_mean_{role}"), facts.get(f"orientation_mean_{role}")
+    return f"{quantity(position, 'um')} and {quantity(orientation, 'arcsec')}"
+
+
+def _known(facts: pd.Series, figure: str) -> bool:
+    return bool(np.isfinite(facts.get(figure, np.nan)))
+
+
+def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
+    """What calibrating brings over the numbers of the drawing, and over what the telescope report did."""
+    said = []
+    nominal, reported = (figures_by_calibration(tables, estimator) for estimator in (NOMINAL, IMPLICIT))
+    if not _known(facts, _HELD_OUT):
+        return ""
+    if nominal is not None and _HELD_OUT in nominal and nominal[_HELD_OUT].notna().any():
+        before = nominal.dropna(subset=_HELD_OUT).iloc[0]
+        times = plain(before[_HELD_OUT] / facts[_HELD_OUT])
+        said.append(f"The nominal numbers miss by {_missed_by(before, 'verification')} there, {times} times as far.")
+    if reported is not None and chosen in reported.index and _known(reported.loc[chosen], _HELD_OUT):
+        size = _missed_by(reported.loc[chosen], "verification")
+        said.append(f"The same model by the implicit objectives of the telescope report: {size}.")
+    return " ".join(said)
+
+
+def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
+    """Which calibrations the data cannot tell from the chosen one, and how far off the others are."""
+    others = figures.drop(index=[chosen])
+    equal = others["indistinguishable"] == 1.0 if "indistinguishable" in others else others.index != others.index
+    said = []
+    if equal.any():
+        named = " and ".join(called((str(m), str(d))) for m, d in others.index[equal])
+        said.append(f"The data cannot tell {named} from it; the simpler one is taken.")
+    rest = others[~equal]
+    if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
+        pulls = f", with rms pulls of {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
+        who = "The other calibration is" if len(rest) == 1 else f"The {len(rest)} other calibrations are"
+        said.append(f"{who} less probable or worse: {_from_to(rest['heldout_ratio'])} times the noise{pulls}.")
+    return " ".join(said)
+
+
+def _extended(tables: Tables) -> str:
+    """How far the model that the diagnosis extended misses at the same poses."""
+    figures = figures_by_calibration(tables, TO_POINTS)
+    if figures is None or not _known(figures.iloc[0], _HELD_OUT):
+        return ""
+    return f"The extended model of the diagnosis misses by {_missed_by(figures.iloc[0], 'verification')} there."
+
+
+def _from_to(values: pd.Series) -> str:
+    low, high = plain(float(values.min())), plain(float(values.max()))
+    return low if low == high else f"{low} to {high}"
+
+
+def _failures(fitted: pd.DataFrame) -> str:
+    if "status" not in fitted:
+        return ""
+    bad = fitted[~fitted["status"].isin(GOOD)]
+    return f"{count(len(keys_of(bad)), 'calibration')} did not come to an end." if len(bad) else ""
+
+
+def _free(fitted: pd.DataFrame) -> str:
+    """Why no errors of poses are told, where there are too few legs."""
+    if fitted["leg"].nunique() >= _LEAST_LEGS:
+        return ""
+    return "Fewer than six legs leave the platform free: no error of a pose can be told from readings."
+
+
+def _cost_of_models(tables: Tables) -> str:
+    """How far the other models of the structure miss with the deformation of the chosen one, and depart from it."""
+    figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
+    if figures is None or chosen is None or _HELD_OUT not in figures:
+        return "Position: distance between measured and predicted origin of the platform; orientation: angle."
+    same = figures.xs(chosen[1], level="deformation").dropna(subset=_HELD_OUT)
+    sizes = ", ".join(f"{model} {quantity(size, 'um')}" for model, size in same[_HELD_OUT].items())
+    said = f"Held-out position error with the same deformation: {sizes}.{_departures(tables)}"
+    apart = same[(same["chosen"] != 1.0) & (same.get("indistinguishable", 0.0) != 1.0)]
+    if not len(apart):
+        return said
+    reported = ", other than the telescope report concludes" if "6-pus" in same.index else ""
+    return f"{said} Over this range the models are not alike{reported}."
+
+
+def _departures(tables: Tables) -> str:
+    """What the other models ask of the actuators, against rigid legs at the same poses."""
+    nominal = figures_by_calibration(tables, NOMINAL)
+    if nominal is None or _DEPARTS not in nominal or not nominal[_DEPARTS].notna().any():
+        return ""
+    own = nominal[_DEPARTS].dropna()
+    sizes = ", ".join(f"{model} {quantity(size, 'um')}" for (model, _), size in own.items())
+    return f" At the same poses they ask for readings that depart from those of rigid legs, rms: {sizes}."
+
+
+def _method_words(tables: Tables) -> str:
+    """What taking poses and readings as uncertain, and tolerances as knowledge, changes in the chosen calibration."""
+    ours, theirs = figures_by_calibration(tables), figures_by_calibration(tables, IMPLICIT)
+    chosen = chosen_calibration(tables)
+    if ours is None or theirs is None or chosen is None or chosen not in theirs.index:
+        return ""
+    a, b = theirs.loc[chosen], ours.loc[chosen]
+    parts = [
+        f"{words} {plain(a[figure])} against {plain(b[figure])}"
+        for figure, words in (("heldout_ratio", "held out / noise"), ("rms_pull", "rms pull"))
+        if _known(a, figure) and _known(b, figure)
+    ]
+    return f"For the chosen model: {', '.join(parts)}" if parts else ""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+import plotly.graph_objects as go
 
 from truing.report.diagnosis.judged import EQUAL_ODDS, FOUND, REJECTED, RIVAL, Judged
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
@@ -13,9 +13,6 @@ from truing.report.numbers import count, p_value, plain, rough, sign
 from truing.report.page import Listing, Section
 from truing.report.parameter_names import UNBROKEN
 from truing.report.wordings.catalogue import cause_words
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
 
 _VERDICTS = {
     FOUND: ("found", BLUE),
@@ -44,9 +41,9 @@ def evidence(rows: list[Judged]) -> Section:
 def _figures(causes: list[Judged]) -> list[tuple[object, str]]:
     known = [row for row in causes if row.evidence is not None]
     if known:
-        return [(odds_figure(known), f"To the left the data speak against it. {_shown(causes)}")]
+        return [(_odds_figure(known), f"To the left the data speak against it. {_shown(causes)}")]
     known = [row for row in causes if row.probability is not None]
-    return [(probability_figure(known), _shown(causes))] if known else []
+    return [(_probability_figure(known), _shown(causes))] if known else []
 
 
 def _lead(rows: list[Judged]) -> str:
@@ -102,7 +99,7 @@ def _best(rows: list[Judged]) -> list[Judged]:
     return sorted(order[:_SHOWN], key=lambda row: -(row.evidence or 0.0))
 
 
-def odds_figure(rows: list[Judged]) -> go.Figure:
+def _odds_figure(rows: list[Judged]) -> go.Figure:
     """Odds of the model with each candidate over the model without it."""
     shown = _best(rows)
     figure = _bars(shown, [_position(row.evidence or 0.0) for row in shown], [_odds(row) for row in shown])
@@ -150,7 +147,7 @@ def _odds(row: Judged) -> str:
     return f"{power} to 1" if decades > 0.0 else f"{power} to 1 against"
 
 
-def probability_figure(rows: list[Judged]) -> go.Figure:
+def _probability_figure(rows: list[Judged]) -> go.Figure:
     """Probability of each candidate, where its evidence was not kept."""
     shown = sorted(rows, key=lambda row: -(row.probability or 0.0))[:_SHOWN]
     figure = _bars(shown, [row.probability or 0.0 for row in shown], [plain(row.probability) for row in shown])
@@ -161,8 +158,6 @@ def probability_figure(rows: list[Judged]) -> go.Figure:
 
 
 def _bars(rows: list[Judged], values: list[float], words: list[str]) -> go.Figure:
-    import plotly.graph_objects as go
-
     figure = go.Figure()
     for verdict, (name, colour) in _VERDICTS.items():
         own = [k for k, row in enumerate(rows) if row.verdict == verdict]

@@ -3,28 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
-from truing.report.diagnosis import gain_figures
-from truing.report.diagnosis.compared import POINTS, Compared, compared
 from truing.report.diagnosis.judged import Judged, found_of, share_removed
-from truing.report.diagnosis.overall import AT_THE_FLOOR, Overall, as_it_is, overall
+from truing.report.diagnosis.misses import (
+    AT_THE_FLOOR,
+    POINTS,
+    Compared,
+    Overall,
+    as_it_is,
+    compared,
+    overall,
+    reading_misses,
+    rms_with_interval,
+    root_mean_square,
+)
 from truing.report.diagnosis.reading_gain import by_channel, drawn_readings
-from truing.report.diagnosis.reading_misses import reading_misses
-from truing.report.diagnosis.resampled import rms_with_interval
+from truing.report.figure_style import (
+    BLUE,
+    GREY,
+    MANY_POINTS,
+    ORANGE,
+    label,
+    pose_axis,
+    sequence_title,
+    size_axis,
+    style,
+)
 from truing.report.numbers import plain, rough, sign
-from truing.report.page import Listing, Section
+from truing.report.page import Drawn, Listing, Section
 from truing.report.tables import Tables, filled
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Drawn = list[tuple[object, str]]
 _NOT_FITTED = "which nothing was fitted to"
 _ERROR = "position_error_um"
+
+_ROLES = {"calibration": (POINTS.fitted, BLUE), "verification": (POINTS.held_out, ORANGE)}
+_SYMBOLS = {"calibration": "circle", "verification": "diamond"}
+_ROW, _AROUND = 55, 200
+_SERIES = (("before", "without the causes", ORANGE), ("after", "with them", BLUE))
+_AS_IT_IS = (("before", "simulation as it is", BLUE),)
+_LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
 
 
 @dataclass(frozen=True)
@@ -113,8 +135,8 @@ def _cause_by_cause(found: list[Judged], of: Compared) -> Drawn:
     if of is not POINTS:
         # Each is told over the channels that it moves: one does not go on where another ends.
         start = "with what was found before"
-        return [(gain_figures.misses([row], of, *([start] if k else [])), words) for k, row in enumerate(rows)]
-    return [(gain_figures.misses([row for row in rows if row.unit == unit], of), words) for unit in units]
+        return [(misses([row], of, *([start] if k else [])), words) for k, row in enumerate(rows)]
+    return [(misses([row for row in rows if row.unit == unit], of), words) for unit in units]
 
 
 def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
@@ -128,7 +150,7 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
         return []
     words = "Diamonds: held out, nothing was fitted to them."
     words = f"Each line joins a pose before and after. {words}" if modelled else words
-    return [(gain_figures.pose_by_pose(table, missed[0].floor if missed else None, modelled), words)]
+    return [(_pose_by_pose(table, missed[0].floor if missed else None, modelled), words)]
 
 
 def _by_role(tables: Tables) -> Listing:
@@ -166,9 +188,7 @@ def _compared(tables: Tables) -> pd.DataFrame | None:
     parts = [(f"plain, {deformation_words(d)}", plain_ones[plain_ones["deformation"] == d]) for d in DEFORMATIONS]
     parts.append(("extended model", extended))
     told = [part.assign(called=name) for name, part in parts if len(part)]
-    import pandas
-
-    return pandas.concat(told, ignore_index=True) if told else None
+    return pd.concat(told, ignore_index=True) if told else None
 
 
 def _plain(tables: Tables) -> Drawn:
@@ -176,7 +196,7 @@ def _plain(tables: Tables) -> Drawn:
     if errors is None:
         return []
     words = "The same measurement by calibrations that know no cause but a deforming platform, geometry fitted to each."
-    return [(gain_figures.beside_calibrations(errors), words)]
+    return [(_beside_calibrations(errors), words)]
 
 
 def _calibrations(tables: Tables) -> Listing:
@@ -189,9 +209,9 @@ def _calibrations(tables: Tables) -> Listing:
         (
             name,
             words,
-            plain(_rms(own[_ERROR])),
+            plain(root_mean_square(own[_ERROR])),
             plain(own[_ERROR].max()),
-            plain(_rms(own["position_noise_um"])) if "position_noise_um" in own else "–",
+            plain(root_mean_square(own["position_noise_um"])) if "position_noise_um" in own else "–",
             "µm",
         )
         for name in dict.fromkeys(errors["called"])
@@ -201,6 +221,122 @@ def _calibrations(tables: Tables) -> Listing:
     return Listing(heads, rows, caption="Position of the platform, plain calibrations beside it", folded=True)
 
 
-def _rms(values: pd.Series) -> float:
-    known = values.dropna().to_numpy(dtype=float)
-    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+def misses(found: list[Judged], of: Compared = POINTS, start: str = "simulation as it is") -> go.Figure:
+    """Measured minus predicted, rms, before and after each accepted cause of one unit, against what noise leaves."""
+    stages = [f"{start} ", *(f"+ {label(row.name)} " for row in found)]
+    figure = go.Figure()
+    fitted, held_out = [row.rms for row in found], [row.held_out for row in found]
+    for name, colour, sizes in ((of.fitted, BLUE, fitted), (of.held_out, ORANGE, held_out)):
+        heights = [sizes[0][0], *(after for _, after in sizes)]
+        if all(height is None for height in heights):
+            continue
+        marker, words = {"color": colour}, [plain(height) for height in heights]
+        figure.add_trace(go.Bar(y=stages, x=heights, name=name, orientation="h", text=words, marker=marker))
+    unit = sign(found[0].unit)
+    subtitle = _floor_line(figure, found[-1].floor, unit, vertical=True)
+    style(figure, "How far predictions miss, cause by cause", subtitle, _AROUND + _ROW * len(stages))
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category")
+    figure.update_xaxes(title_text=f"rms of measured − predicted ({unit})", rangemode="tozero")
+    figure.update_layout(legend=_LEGEND, margin={"t": 100})
+    return figure
+
+
+def _floor_line(figure: go.Figure, floor: float | None, unit: str, vertical: bool = False) -> str:
+    """Draw what noise leaves, and return the line that says so."""
+    if floor is None:
+        return "What noise alone leaves is not known"
+    draw = figure.add_vline if vertical else figure.add_hline
+    draw(**{"x" if vertical else "y": floor}, line={"color": GREY, "dash": "dot", "width": 2})
+    return f"Dotted: what noise alone leaves, {plain(floor)} {unit}"
+
+
+def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> go.Figure:
+    """Rms of measured minus predicted at every pose, without and, where something was found, with it."""
+    places, axis = pose_axis(table["pose"])
+    roles = table["role"].replace("reference", "calibration").to_numpy()
+    unit = sign(str(table["unit"].iloc[0]))
+    figure = go.Figure()
+    if modelled:
+        figure.add_trace(_joins(places, table))
+    shown = roles[0]  # the other role has the same colours and symbols of its own
+    scatter = go.Scattergl if len(table) > MANY_POINTS else go.Scatter
+    for when, words, colour in _SERIES if modelled else _AS_IT_IS:
+        for role, (name, _) in _ROLES.items():
+            own = roles == role
+            if own.any():
+                texts = [
+                    f"pose {label(pose)}: rms {plain(rms)}, largest {plain(most)} {unit}"
+                    for pose, rms, most in zip(
+                        table["pose"][own], table[f"rms_{when}"][own], table[f"largest_{when}"][own], strict=True
+                    )
+                ]
+                figure.add_trace(
+                    scatter(
+                        x=places[own],
+                        y=table[f"rms_{when}"][own],
+                        mode="markers",
+                        marker={"color": colour, "symbol": _SYMBOLS[role], "size": 9 if role == "verification" else 6},
+                        name=words if role == shown else f"{words}, {name}",
+                        legendgroup=when,
+                        showlegend=bool(role == shown),
+                        text=texts,
+                        hovertemplate="%{text}<extra></extra>",
+                    )
+                )
+    sizes = np.concatenate([table["rms_before"], table["rms_after"]])
+    scale = size_axis(sizes)
+    subtitle = _floor_line(figure, floor, unit)
+    style(figure, "How far predictions miss, pose by pose", subtitle, 420)
+    figure.update_xaxes(zeroline=False, **axis)
+    figure.update_yaxes(title_text=sequence_title(f"rms of measured − predicted ({unit})", "type" in scale), **scale)
+    figure.update_layout(legend=_LEGEND, margin={"t": 110})
+    return figure
+
+
+def _joins(places: np.ndarray, table: pd.DataFrame) -> go.Scatter:
+    """A line from before to after at every pose."""
+    x = np.repeat(places.astype(float), 3)
+    y = np.stack([table["rms_before"], table["rms_after"], np.full(len(table), np.nan)], axis=1).ravel()
+    line = {"color": GREY, "width": 1}
+    return go.Scatter(x=x, y=y, mode="lines", line=line, opacity=0.4, hoverinfo="skip", showlegend=False)
+
+
+def _beside_calibrations(errors: pd.DataFrame) -> go.Figure:
+    """Rms error of position of each calibration (column ``called``), fitted and held-out poses apart."""
+    roles = errors["role"].replace("reference", "calibration")
+    squares = errors["position_error_um"].astype(float) ** 2
+    sizes = np.sqrt(squares.groupby([errors["called"], roles]).mean())
+    names = list(dict.fromkeys(errors["called"]))
+    figure = go.Figure()
+    for role, (words, colour) in _ROLES.items():
+        own = [float(sizes.get((name, role), np.nan)) for name in names]
+        if not np.isfinite(own).any():
+            continue
+        figure.add_trace(
+            go.Bar(
+                y=[f"{label(name)} " for name in names],
+                x=own,
+                name=words,
+                orientation="h",
+                marker={"color": colour},
+                text=[plain(size) for size in own],
+            )
+        )
+    subtitle = _floor_line(figure, _noise(errors), "µm", vertical=True)
+    title = "Position: the extended model beside plain calibrations"
+    style(figure, title, subtitle, _AROUND + _ROW * len(names))
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category")
+    scale = size_axis(sizes.to_numpy())
+    figure.update_xaxes(title_text=sequence_title("rms error of position (µm)", "type" in scale), **scale)
+    figure.update_layout(legend=_LEGEND, margin={"t": 100})
+    return figure
+
+
+def _noise(errors: pd.DataFrame) -> float | None:
+    """What noise leaves in the held-out poses, else in all, of the last calibration told."""
+    if "position_noise_um" not in errors:
+        return None
+    own = errors[errors["called"] == errors["called"].iloc[-1]]
+    own = own[own["role"] == "verification"] if (own["role"] == "verification").any() else own
+    known = own["position_noise_um"].dropna().to_numpy(dtype=float)
+    return float(np.sqrt(np.mean(known**2))) if len(known) else None

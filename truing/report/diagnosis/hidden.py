@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
@@ -12,9 +13,6 @@ from truing.report.numbers import count, printed
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.catalogue import cause_words
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _TITLE = "What could have stayed hidden"
 _COMPONENT = r"(moment|force|offset|arm)_[xyz](?:_\w+)?"

@@ -1,22 +1,35 @@
-"""Whether a machine returns to what it was built to be: pulls before and after, against what tolerances allow."""
+"""Shifts in standard deviations: from what a machine was built to be, and since the earlier campaign it starts from."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
-from truing.report.diagnosis.compared import Compared, compared
-from truing.report.diagnosis.pull_figure import pull_figure
-from truing.report.numbers import count, p_value, plain, rough
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from truing.report.diagnosis.misses import Compared, compared
+from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
+from truing.report.numbers import count, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, Section
-from truing.report.parameter_names import name_of
-from truing.report.tables import Tables, filled
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truing.report.parameter_names import kind_of, name_of, shown_in
+from truing.report.tables import Tables, cell, filled
 
 _BEFORE, _AFTER = "plain", "extended"
 _COLUMNS = {"pull_before": "the causes left out", "pull_after": "the causes modelled"}
+
+# Larger ones are drawn at the edge, so that the others can be seen.
+_CLIPPED = 25.0
+_BAND = 1.96
+_LOOK = ((ORANGE, "circle-open", -0.16), (BLUE, "circle", 0.16))
+# A table of K has a kind per column; beyond this a kind has no room.
+_KINDS = 40
+
+_TITLE = "What has changed since the earlier model"
+_NAMED = 3
+_SERIES = {"z": "each by itself", "jump": "the fewest changes that explain all of them"}
 
 
 def pulls(tables: Tables) -> Section | None:
@@ -109,3 +122,152 @@ def _all(own: pd.DataFrame) -> Listing:
     order = own.assign(size=own["pull_before"].abs()).sort_values("size", ascending=False, kind="stable")
     rows = tuple((name_of(r.parameter, r.leg), plain(r.pull_before), plain(r.pull_after)) for r in order.itertuples())
     return Listing(("parameter", "pull before", "after"), rows, (), "Every pull", True, "pulls.parquet")
+
+
+def pull_figure(table: pd.DataFrame, columns: Mapping[str, str], title: str, axis: str) -> go.Figure:
+    """Columns of ``table`` (leg, parameter, and those of ``columns``: column to words), a mark per row and column."""
+    kinds = [kind_of(str(name), leg) for name, leg in zip(table["parameter"], table["leg"], strict=True)]
+    order = list(dict.fromkeys(kinds))[:_KINDS]
+    shown = table.assign(kind=kinds)
+    shown = shown[shown["kind"].isin(order)]
+    place = {kind: k for k, kind in enumerate(order)}
+    figure = go.Figure()
+    figure.add_hrect(y0=-_BAND, y1=_BAND, fillcolor=GREY, opacity=0.15, line={"width": 0})
+    looks = _LOOK if len(columns) > 1 else _LOOK[1:]
+    for (column, words), look in zip(columns.items(), looks, strict=True):
+        figure.add_trace(_marks(shown, place, column, words, look))
+    clipped = bool((shown[list(columns)].abs() > _CLIPPED).to_numpy().any())
+    edge = f". Beyond {_CLIPPED:g}: drawn at the edge" if clipped else ""
+    style(figure, title, f"A mark per leg; grey: where 95 % of them lie by chance{edge}", 420)
+    ticks = {"tickvals": list(place.values()), "ticktext": [label(kind) for kind in order]}
+    figure.update_xaxes(**ticks, showgrid=False, zeroline=False, range=[-0.6, len(order) - 0.4])
+    figure.update_yaxes(title_text=axis, zeroline=True, zerolinecolor=GREY)
+    legend = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
+    figure.update_layout(legend=legend, margin={"t": 104}, showlegend=len(columns) > 1)
+    return figure
+
+
+def _marks(
+    shown: pd.DataFrame, place: Mapping[str, int], column: str, words: str, look: tuple[str, str, float]
+) -> go.Scatter:
+    colour, symbol, aside = look
+    values = shown[column].to_numpy(dtype=float)
+    return go.Scatter(
+        x=[place[kind] + aside + spread for kind, spread in zip(shown["kind"], _spread(shown["leg"]), strict=True)],
+        y=np.clip(values, -_CLIPPED, _CLIPPED),
+        mode="markers",
+        marker={"color": colour, "symbol": symbol, "size": 8, "line": {"width": 1.5}},
+        name=words,
+        text=[
+            f"{label(name_of(str(name), leg))}: {plain(value)}"
+            for name, leg, value in zip(shown["parameter"], shown["leg"], values, strict=True)
+        ],
+        hovertemplate="%{text}<extra>" + words + "</extra>",
+    )
+
+
+def _spread(legs: pd.Series) -> Any:
+    """Places of legs beside each other within their kind."""
+    numbers = legs.to_numpy(dtype=float)
+    known = numbers[np.isfinite(numbers)]
+    if not len(known) or np.ptp(known) == 0.0:
+        return np.zeros(len(numbers))
+    return np.where(np.isfinite(numbers), 0.22 * ((numbers - known.min()) / np.ptp(known) - 0.5), 0.0)
+
+
+def changes(tables: Tables) -> Section | None:
+    """Numbers then and now, those that changed first; None where no earlier model is named."""
+    if "changes" not in tables:
+        return None
+    table = filled(tables, "changes")
+    said = change_words(tables)
+    if table is None or not said:
+        why = "The earlier model and this campaign have no number in common that both determine."
+        return Section("changes", _TITLE, why, state="not evaluated")
+    state = "changed" if has_changed(tables) else "pass"
+    return Section("changes", _TITLE, said, tuple(_figures(table)), (_listing(table),), state)
+
+
+def change_words(tables: Tables) -> str:
+    """Which numbers changed beyond chance, and by how much; empty where there is no earlier model to compare with."""
+    table = filled(tables, "changes")
+    if table is None or not (table["z"].notna().any() or table["changed"].any()):
+        return ""
+    if _is_another(table):
+        return (
+            "The earlier model is of another machine, or this one was rebuilt: nothing of what it knew was used, "
+            "and this campaign stands by itself."
+        )
+    judged = count(int((table["z"].notna() | table["changed"]).sum()), "number")
+    changed = _largest_first(table[table["changed"]])
+    if not len(changed):
+        return f"Since the earlier model none of {judged} changed beyond chance."
+    most = "; ".join(_change(r) for r in changed.head(_NAMED).itertuples())
+    more = f"; and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
+    return f"Since the earlier model {len(changed)} of {judged} changed: {most}{more}."
+
+
+def has_changed(tables: Tables) -> bool:
+    """Whether anything changed since the earlier model."""
+    table = filled(tables, "changes")
+    return table is not None and bool(table["changed"].any())
+
+
+def _is_another(table: pd.DataFrame) -> bool:
+    return bool(table["changed"].all() and table["change"].isna().all())
+
+
+def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
+    jump = (changed["change"] / changed["sigma_change"]).abs()
+    return changed.assign(jump=jump).sort_values("jump", ascending=False, kind="stable", na_position="last")
+
+
+def _change(r: Any) -> str:
+    """``l of leg 5 by 150 ± 2 µm (or a_z5, which this campaign cannot tell from it)``."""
+    factor, unit = shown_in(r.parameter, r.unit)
+    if r.change != r.change:
+        return _name(r)
+    if unit == "mm" and abs(r.change) < 1.0:
+        factor, unit = 1e3 * factor, "µm"
+    instead = f" (or {cell(r.instead)}, which this campaign cannot tell from it)" if cell(r.instead) else ""
+    return f"{_name(r)} by {with_uncertainty(factor * r.change, factor * r.sigma_change, unit)}{instead}"
+
+
+def _name(r: Any) -> str:
+    """The number, with the effect that it belongs to where it is not the machine's own."""
+    effect = cell(r.effect_of)
+    return f"{name_of(r.parameter, r.leg)} of {effect}" if effect else name_of(r.parameter, r.leg)
+
+
+def _figures(table: pd.DataFrame) -> list[tuple[object, str]]:
+    known = table[table["z"].notna() | table["change"].notna()]
+    if not len(known):
+        return []
+    jumps = known.assign(jump=known["change"] / known["sigma_change"])
+    title = "Changes since the earlier model, in standard deviations"
+    figure = pull_figure(jumps, _SERIES, title, "change / its standard deviation")
+    return [(figure, "Numbers that are told only together may change without leaving the band each by itself.")]
+
+
+def _listing(table: pd.DataFrame) -> Listing:
+    ordered = _largest_first(table).assign(size=table["z"].abs())
+    ordered = ordered.sort_values(["changed", "jump", "size"], ascending=False, kind="stable", na_position="last")
+    rows = tuple(_cells(r) for r in ordered.itertuples())
+    marks = tuple("fail" if changed else "none" for changed in ordered["changed"])
+    heads = ("number", "before", "now", "difference", "in sigma", "changed by", "or instead", "unit")
+    caption = "Every number, then and as this campaign alone has it"
+    return Listing(heads, rows, marks, caption, len(rows) > 12, "changes.parquet")
+
+
+def _cells(r: Any) -> tuple[str, ...]:
+    factor, unit = shown_in(r.parameter, r.unit)
+    return (
+        _name(r),
+        with_uncertainty(factor * r.before, factor * r.sigma_before),
+        with_uncertainty(factor * r.now, factor * r.sigma_now),
+        with_uncertainty(factor * (r.now - r.before), factor * r.sigma_difference),
+        f"{r.z:.1f}" if r.z == r.z else "–",
+        with_uncertainty(factor * r.change, factor * r.sigma_change) if r.changed and r.change == r.change else "",
+        cell(r.instead),
+        unit,
+    )

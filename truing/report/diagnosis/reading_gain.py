@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
 
-from truing.report.diagnosis import reading_figures
-from truing.report.diagnosis.compared import READINGS
-from truing.report.diagnosis.reading_misses import channels_of, root_mean_square
-from truing.report.diagnosis.resampled import rms_with_interval
-from truing.report.load_steps import axes_of
-from truing.report.numbers import plain, sign
-from truing.report.page import Listing
+from truing.report.diagnosis.misses import READINGS, channels_of, rms_with_interval, root_mean_square
+from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, style
+from truing.report.numbers import plain, rough, sign
+from truing.report.page import Drawn, Listing
+from truing.report.tables import LOAD_UNITS, SEVERAL, axes_of, goes_back, loaded_by_run
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Drawn = list[tuple[object, str]]
 _HEADS = (
     *("channel", "runs", "readings", "noise alone leaves"),
     *("rms before", "rms after", "largest before", "largest after", "unit"),
 )
+
+_SERIES = (("before", "without the causes", ORANGE, "circle-open"), ("after", "with them", BLUE, "circle"))
+_AS_IT_IS = (("before", "simulation as it is", BLUE, "circle"),)
+_LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
+# A panel for a channel under a load that is missed by so many times the noise; not more panels than that.
+_TELLING, _PANELS, _FEWEST_PANELS = 1.5, 6, 2
+_BAND = 1.96
+_RUNS_NAMED = 14
+_CHANNELS = 6  # of a figure that is read on a page of A4
+# White at the noise, dark at a hundred times it.
+_COLOURS = ((0.0, "#FFFFFF"), (0.15, "#FFF3DC"), (0.5, "#F2B84B"), (1.0, "#B8480F"))
+_DARKEST = 100.0
 
 
 def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
@@ -36,11 +46,11 @@ def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     if len(unknown) == misses["channel"].nunique():
         words = f"The noise is {left}"
     straight = "A straight line through zero is a wrong slope; what differs between up and down depends on the past."
-    found = [(reading_figures.where_missed(misses, modelled), f"{words}.")]
+    found = [(where_missed(misses, modelled), f"{words}.")]
     if axes_of(misses):
-        found.append((reading_figures.against_load(misses, modelled), straight))
+        found.append((against_load(misses, modelled), straight))
     walk = "Under each block stands its run and the axis that it loads; one zero per run and channel is taken away."
-    return [*found, *((figure, walk) for figure in reading_figures.in_order(misses, modelled))]
+    return [*found, *((figure, walk) for figure in in_order(misses, modelled))]
 
 
 def by_channel(misses: pd.DataFrame) -> Listing:
@@ -64,3 +74,208 @@ def _cells(own: pd.DataFrame, rng: np.random.Generator) -> tuple[str, ...]:
     most = [plain(own[when].abs().max()) for when in ("before", "after")]
     noise = plain(root_mean_square(own["noise_floor"]))
     return (str(len(counts)), f"{len(own):,}", noise, *sizes, *most, sign(str(own["unit"].iloc[0])))
+
+
+def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
+    """Rms of measured minus predicted over the noise, a cell per channel and load axis, before and after."""
+    series = _series(modelled)
+    figure = make_subplots(1, len(series), subplot_titles=[words for _, words, _, _ in series], shared_yaxes=True)
+    loaded = loaded_by_run(misses)
+    channels = channels_of(misses)
+    axes = [load for load in (*axes_of(misses), SEVERAL, "none") if (loaded == load).any()]
+    parts = {(c, a): misses[(misses["channel"] == c) & (loaded == a)] for c in channels for a in axes}
+    for column, (when, _, _, _) in enumerate(series, 1):
+        ratio = np.array([[_over_noise(parts[c, a], when) for a in axes] for c in channels])
+        figure.add_trace(
+            go.Heatmap(
+                z=np.log10(np.clip(ratio, 1.0, _DARKEST)),
+                x=axes,
+                y=channels,
+                zmin=0.0,
+                zmax=np.log10(_DARKEST),
+                colorscale=_COLOURS,
+                showscale=False,
+                text=[[rough(value) if np.isfinite(value) else "" for value in line] for line in ratio],
+                texttemplate="%{text}",
+                xgap=2,
+                ygap=2,
+                hovertemplate="%{y} under %{x}: %{text} times the noise<extra></extra>",
+            ),
+            1,
+            column,
+        )
+    words = "Rms of measured − predicted in units of the noise: 1 is noise; empty: not measured"
+    style(figure, "Where predictions miss: channel by channel, load by load", words, 150 + 30 * len(channels))
+    figure.update_xaxes(title_text="load", showgrid=False)
+    figure.update_yaxes(autorange="reversed", showgrid=False)
+    figure.update_layout(margin={"t": 96})
+    return figure
+
+
+def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
+    """Measured minus predicted against the load, a panel for each channel and load that is missed the most."""
+    panels = _panels(misses)
+    rows = -(-len(panels) // 2)
+    titles = [f"{label(c)} under {a} ({sign(_unit(misses, c))})" for c, a in panels]
+    figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.34 / rows, horizontal_spacing=0.12)
+    shapes: list[dict[str, Any]] = []
+    for place, (channel, axis) in enumerate(panels):
+        own = _under(misses, channel, axis)
+        for when, words, colour, _ in _series(modelled):
+            for back, symbol in ((False, "triangle-up"), (True, "triangle-down")):
+                part = own[goes_back(own, axis) == back]
+                figure.add_trace(
+                    go.Scatter(
+                        x=part[axis],
+                        y=part[when],
+                        mode="markers",
+                        marker={"color": colour, "symbol": f"{symbol}-open" if when == "before" else symbol, "size": 7},
+                        name=words,
+                        legendgroup=when,
+                        showlegend=place == 0 and not back,
+                        hovertemplate="%{x} " + LOAD_UNITS[axis] + ": %{y:.3g}<extra>" + words + "</extra>",
+                    ),
+                    place // 2 + 1,
+                    place % 2 + 1,
+                )
+        shapes += _band(own, place + 1)
+        figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=place // 2 + 1, col=place % 2 + 1)
+    words = "Measured − predicted where it is largest beside the noise (grey: 95 % of it); pointing up: loading"
+    style(figure, "How far predictions miss, against the load", words, 160 + 270 * rows)
+    figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
+    figure.update_layout(legend={**_LEGEND, "y": 1.0 + 0.18 / rows}, margin={"t": 136}, shapes=shapes)
+    return figure
+
+
+def in_order(misses: pd.DataFrame, modelled: bool) -> list[go.Figure]:
+    """Measured minus predicted in the order taken: as many figures as fit a page of paper each, a panel per channel."""
+    channels = channels_of(misses)
+    kinds = [[c for c in channels if c.startswith("v") is signal] for signal in (False, True)]
+    parts = [kind[k : k + _CHANNELS] for kind in kinds for k in range(0, len(kind), _CHANNELS)]
+    told = [f": {label(part[0])} to {label(part[-1])}" if len(parts) > 1 else "" for part in parts]
+    return [_in_order(misses, modelled, part, words) for part, words in zip(parts, told, strict=True)]
+
+
+def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], which: str) -> go.Figure:
+    """A panel per channel, its runs apart."""
+    figure = make_subplots(len(channels), 1, vertical_spacing=0.3 / max(len(channels), 2))
+    shapes: list[dict[str, Any]] = []
+    scatter = go.Scattergl if len(misses) > MANY_POINTS else go.Scatter
+    for row, channel in enumerate(channels, 1):
+        own = misses[misses["channel"] == channel].reset_index(drop=True)
+        unit = sign(_unit(misses, channel))
+        for when, words, colour, symbol in _series(modelled):
+            figure.add_trace(
+                scatter(
+                    x=np.arange(len(own)),
+                    y=own[when],
+                    mode="markers",
+                    marker={"color": colour, "symbol": symbol, "size": 5},
+                    name=words,
+                    legendgroup=when,
+                    showlegend=row == 1,
+                    text=_texts(own, unit, when),
+                    hovertemplate="%{text}<extra></extra>",
+                ),
+                row,
+                1,
+            )
+        shapes += [*_band(own, row), *_between_runs(own, row)]
+        figure.update_yaxes(title_text=f"{label(channel)} ({unit})", zerolinecolor=GREY, row=row, col=1)
+        figure.update_xaxes(**_run_axis(own), row=row, col=1)
+    words = "Measured − predicted, runs one after the other; grey: where 95 % of the noise lies"
+    style(figure, f"How far predictions miss, in the order taken{which}", words, 140 + 130 * len(channels))
+    figure.update_layout(legend=_LEGEND, margin={"t": 110}, shapes=shapes)
+    return figure
+
+
+def _series(modelled: bool) -> tuple[tuple[str, str, str, str], ...]:
+    return _SERIES if modelled else _AS_IT_IS
+
+
+def _under(misses: pd.DataFrame, channel: str, axis: str) -> pd.DataFrame:
+    """Readings of a channel in the runs that load an axis, steps at rest included."""
+    own = misses[misses["channel"] == channel]
+    loaded = own[axis].ne(0.0).groupby(own["run"]).transform("any")
+    return own[loaded]
+
+
+def _over_noise(own: pd.DataFrame, when: str) -> float:
+    noise = root_mean_square(own["noise"])
+    return root_mean_square(own[when]) / noise if noise > 0.0 else float("nan")
+
+
+def _unit(misses: pd.DataFrame, channel: str) -> str:
+    return str(misses.loc[misses["channel"] == channel, "unit"].iloc[0])
+
+
+def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
+    """Channel and load axis of what is missed most beside the noise."""
+    sizes = {(c, a): _telling(_under(misses, c, a), a) for c in channels_of(misses) for a in axes_of(misses)}
+    known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
+    telling = [key for key in known if sizes[key] > _TELLING]
+    return (telling if len(telling) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
+
+
+def _band(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
+    """Where 95 % of the noise lies, as a shape of a panel (from 1)."""
+    noise = _BAND * root_mean_square(own["noise"])
+    if not noise > 0.0:
+        return []
+    number = "" if panel == 1 else str(panel)
+    place = {"xref": f"x{number} domain", "yref": f"y{number}", "x0": 0.0, "x1": 1.0, "y0": -noise, "y1": noise}
+    return [{"type": "rect", **place, "fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}]
+
+
+def _between_runs(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
+    """Lines between runs, as shapes of a panel: one call for all of them, as plotly is slow for each."""
+    line, number = {"color": GREY, "width": 0.5, "dash": "dot"}, "" if panel == 1 else str(panel)
+    place = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
+    return [{**place, "x0": x, "x1": x} for x in (_first_of_runs(own)[1:] - 0.5).tolist()]
+
+
+def _first_of_runs(own: pd.DataFrame) -> NDArray[np.int64]:
+    """Rows in which a run begins."""
+    return np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
+
+
+def _telling(own: pd.DataFrame, axis: str) -> float:
+    """How far a channel is missed beside the noise; of loads at once what goes with this one."""
+    size = _over_noise(own, "before")
+    if not (loaded_by_run(own) == SEVERAL).any():
+        return size
+    load = own[axis].to_numpy(dtype=float)
+    shapes = np.stack([load, np.abs(load)])
+    shapes = shapes[shapes.std(axis=1) > 0.0]
+    missed = own["before"].to_numpy(dtype=float)
+    if not len(shapes) or missed.std() == 0.0:
+        return 0.0
+    return size * float(np.abs(np.corrcoef(np.vstack([missed, shapes]))[0, 1:]).max())
+
+
+def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
+    return [
+        f"run {label(run)}, step {step}: {plain(missed)} {unit}"
+        for run, step, missed in zip(own["run"], own["step"], own[when], strict=True)
+    ]
+
+
+def _run_axis(own: pd.DataFrame) -> dict[str, Any]:
+    """The names of the runs where there is room for them."""
+    first = _first_of_runs(own)
+    middles = 0.5 * (first + np.append(first[1:], len(own)) - 1.0)
+    shown = range(0, len(first), max(1, -(-len(first) // _RUNS_NAMED)))
+    names = [_run_words(own[own["run"] == own["run"].iloc[first[k]]]) for k in shown]
+    return {
+        "tickvals": [middles[k] for k in shown],
+        "ticktext": names,
+        "showgrid": False,
+        "zeroline": False,
+        "range": [-1, len(own)],
+    }
+
+
+def _run_words(run: pd.DataFrame) -> str:
+    """``3: fz``: a run, and the axis that it loads where it is one."""
+    loaded = axes_of(run)
+    return f"{label(run['run'].iloc[0])}: {loaded[0]}" if len(loaded) == 1 else label(run["run"].iloc[0])

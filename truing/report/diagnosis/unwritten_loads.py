@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+
+import pandas as pd
 
 from truing.report.diagnosis.judged import FOUND, Judged
-from truing.report.load_steps import load_steps
 from truing.report.numbers import rough
 from truing.report.page import Section
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, filled, load_steps
 from truing.report.wordings.bench_wordings import load_words
-from truing.report.wordings.parts import sure_of
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truing.report.wordings.claim import sure_of
 
 _TITLE = "What acted beside the loads that were written down"
 _MM = 1e-3

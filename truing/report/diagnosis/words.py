@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import pandas as pd
 
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, found_of, judged
-from truing.report.diagnosis.overall import AT_THE_FLOOR, Overall, as_it_is
+from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, as_it_is
 from truing.report.diagnosis.unwritten_loads import load_warning
-from truing.report.load_steps import is_bench
 from truing.report.numbers import count, printed, rough, sign
+from truing.report.page import Verdict
 from truing.report.parameter_names import UNBROKEN
 from truing.report.reasons import why_no_diagnosis
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, filled, is_bench
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.claim import AdviceKind
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Verdict = tuple[str, str]
 # Findings that the first line tells, and causes whose smallest detectable size it tells.
 _TOLD, _SIZES = 3, 3
 _COUNTED = {2: "Two", 3: "Three"}
@@ -109,13 +105,13 @@ def _agreement(rows: list[Judged], tables: Tables) -> str:
     said = (
         f"The simulation agrees with the data to within its noise: none of {count(len(rows), 'candidate')} was found."
     )
-    sizes = hidden_sizes(filled(tables, "detectable"))
+    sizes = _hidden_sizes(filled(tables, "detectable"))
     if not sizes:
         return said
     return printed(f"{said} From these sizes on one would have been (80 %): {', '.join(sizes)}.")
 
 
-def hidden_sizes(table: pd.DataFrame | None) -> list[str]:
+def _hidden_sizes(table: pd.DataFrame | None) -> list[str]:
     """The smallest detectable size of the causes that are asked for first: ``actuator gain 0.021 %``.
 
     Where it differs from subject to subject, the largest, so that the sentence holds for each.

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from truing.report.numbers import count, handy, plain, printed, quantity, with_uncertainty
 from truing.report.numbers import count as counted
 from truing.report.page import Listing, Section
-from truing.report.photographs.network_figure import network_picture
-from truing.report.photographs.residual_figure import residual_picture
-from truing.report.tables import Tables, cell, filled
+from truing.report.photographs.figures import network_picture, residual_picture
+from truing.report.tables import SIGMA, Tables, cell, filled
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _OPEN = 12
 _HELD = "image_residuals.parquet"
@@ -73,7 +70,7 @@ def _lead(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, t
     said += f"{count(points['pose'].nunique(), 'pose')}"
     redundancy = told.get(("redundancy", ""))
     said += f", with a redundancy of {redundancy:,.0f}." if redundancy else "."
-    sigma = points[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]].to_numpy()
+    sigma = points[SIGMA].to_numpy()
     said += (
         f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
     )

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import html
 import re
+import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+import plotly.graph_objects as go
+
 from truing.report.page import Head, Listing, Section, all_of
-from truing.report.rendering.embedded import embedded, figure_data, file_name, policy, text_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import jinja2
-    import plotly.graph_objects as go
+
+
+# Room that a title inside of a figure takes, px; the page writes titles itself, where they wrap.
+_TITLE_PX = 44
+# Of a name that is to become the name of a file.
+_LONGEST = 80
+_ESCAPED = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 
 @dataclass(frozen=True)
@@ -68,7 +81,7 @@ def render_page(head: Head, sections: Sequence[Section]) -> str:
         scripts=scripts,
         plotly=plotly,
         figure_template=embedded(_figure_template()) if any_figure else "",
-        policy=policy([*scripts, plotly]),
+        policy=_policy([*scripts, plotly]),
     )
 
 
@@ -79,7 +92,7 @@ def _drawn(section: Section, campaign: str) -> _Drawn:
 
 
 def _figure(figure: go.Figure, caption: str, name: str, campaign: str) -> _Figure:
-    data, steps = figure_data(figure, _figure_template())
+    data, steps = _figure_data(figure, _figure_template())
     title, subtitle = (text_of(text) for text in (figure.layout.title.text, figure.layout.title.subtitle.text))
     step_of = text_of(figure.layout.sliders[0].currentvalue.prefix) if steps else ""
     height = int(data["layout"]["height"])
@@ -105,8 +118,6 @@ def _tables(section: Section, campaign: str) -> Iterator[_Table]:
 @cache
 def _figure_template() -> dict[str, Any]:
     """The look that all figures share, as plotly has it."""
-    import plotly.graph_objects as go
-
     template: dict[str, Any] = go.Figure(layout={"template": "plotly_white"}).to_plotly_json()["layout"]["template"]
     return template
 
@@ -136,3 +147,60 @@ def _template() -> jinja2.Template:
 def _unbroken(sentence: str) -> str:
     """A sentence whose numbers stay in one line with their units."""
     return re.sub(r"(?<=\d) (?=%|[µm]m\b|µrad|mrad|arcsec|ppm|± )|(?<=±) (?=\d)", "\u00a0", sentence)
+
+
+def embedded(value: object) -> str:
+    """A value as JSON for a script element: the characters that end an element or begin a comment are escaped."""
+    from plotly.io.json import to_json_plotly
+
+    return to_json_plotly(value, engine="json").translate(_ESCAPED)
+
+
+def _figure_data(figure: go.Figure, template: object) -> tuple[dict[str, Any], list[str]]:
+    """A figure's traces, layout and steps, and the labels of the steps.
+
+    The layout goes without ``template``, which the page holds once, without titles, which do not wrap in a figure, and
+    without plotly's own slider, which no keyboard reaches: its steps are chosen by a control of the page. A 3-D view
+    comes as its scene, of which the page's script draws what a reader chooses.
+    """
+    whole = figure.to_plotly_json()
+    layout = dict(whole["layout"])
+    if layout.get("template") == template:
+        del layout["template"]
+    if layout.pop("title", None):
+        layout["margin"] = {**layout["margin"], "t": layout["margin"]["t"] - _TITLE_PX}
+        layout["height"] -= _TITLE_PX
+    sliders = layout.pop("sliders", ())
+    steps = [{"label": text_of(step["label"]), "args": step["args"]} for slider in sliders for step in slider["steps"]]
+    labels = [step["label"] for step in steps]
+    scene = layout.pop("meta", {}).get("scene")
+    if scene:  # its script computes what the steps hold
+        return {"data": _without_points(whole["data"]), "layout": layout, "steps": labels, "scene": scene}, labels
+    return {"data": whole["data"], "layout": layout, **({"steps": steps} if steps else {})}, labels
+
+
+def _without_points(traces: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{name: value for name, value in trace.items() if name not in ("x", "y", "z", "text")} for trace in traces]
+
+
+def text_of(marked: str | None) -> str:
+    """The words of a text that plotly reads as markup."""
+    return html.unescape(re.sub(r"<[^<>]*>", " ", marked or "")).strip()
+
+
+def file_name(campaign: str, part: str) -> str:
+    """The name under which a part of the page is saved, without what file systems or shells mind."""
+    name = re.sub(r"[^\w.-]+", "-", unicodedata.normalize("NFC", campaign)).strip("-.")[:_LONGEST]
+    return f"{name or 'campaign'}-{part}.csv"
+
+
+def _policy(scripts: Iterable[str]) -> str:
+    """The page's content security policy: these scripts and no others run, and nothing is loaded or sent.
+
+    What plotly draws by WebGL it compiles itself, which is an ``eval`` to a browser.
+    """
+    hashes = (f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" for script in scripts)
+    return (
+        f"default-src 'none'; script-src {' '.join(hashes)} 'unsafe-eval'; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )

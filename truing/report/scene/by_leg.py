@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pandas as pd
 
 from truing.report.calibration.calibrations import called, rows_of, shown_calibration
 from truing.report.numbers import count, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.parameter_names import kind_of, shown_in
-from truing.report.sensor.axes import load_unit
-from truing.report.tables import Tables, filled
-
-if TYPE_CHECKING:
-    import pandas as pd
+from truing.report.tables import LOAD_UNITS, Tables, filled
 
 _HEADS = ("leg", "quantity", "value", "less nominal", "pull")
 _BENT = ("K", "kappa")
@@ -70,7 +65,7 @@ def by_leg_of_sensor(tables: Tables) -> Listing:
         own = matrices[(matrices["matrix"] == "G_B") & matrices["chosen"]]
         for r in own[own["column_name"].str.fullmatch(r"v\d+")].itertuples():
             sigma = float(np.nanmax([r.sigma, getattr(r, "sigma_by_case", np.nan)]))
-            value = with_uncertainty(r.value, sigma, f"{load_unit(r.row)}/mV")
+            value = with_uncertainty(r.value, sigma, f"{LOAD_UNITS[r.row]}/mV")
             rows.append((int(r.column_name[1:]), f"{r.row} per {r.column_name} in G_B", value, "–", "–"))
     if pulls is not None and "leg" in pulls:
         for r in pulls.dropna(subset=["leg", "pull_after"]).itertuples():

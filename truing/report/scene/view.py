@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
-
-if TYPE_CHECKING:
-    import plotly.graph_objects as go
 
 # Points times steps that a page holds; of more steps those that are farthest from nothing are kept.
 MOST_POINTS = 6000
@@ -91,8 +89,6 @@ def gains(chosen: float) -> list[float]:
 
 def picture(scene: Scene, title: str, subtitle: str) -> go.Figure:
     """The scene as a figure whose slider chooses the step; the page adds amplification and legs."""
-    import plotly.graph_objects as go
-
     figure = go.Figure(_traces(scene))
     for trace, own in zip(figure.data, drawn(scene, 0, scene.gain), strict=True):
         trace.update(own)
@@ -178,7 +174,6 @@ def _listed(values: NDArray[np.float64], places: int = 4) -> Any:
 
 def _traces(scene: Scene) -> list[go.Scatter3d]:
     """The traces without coordinates, in the order of ``drawn``."""
-    import plotly.graph_objects as go
 
     def dots(name: str, colour: str, size: float = 4.0, **more: Any) -> go.Scatter3d:
         marker = {"size": size, "color": colour}

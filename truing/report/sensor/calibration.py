@@ -1,29 +1,34 @@
-"""The section of a sensor's calibration: which one is chosen, G_B, what is left, and theory beside it."""
+"""The section of a sensor's calibration: which one is chosen, G_B, its errors by class, and theory beside it."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
 
+from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, style
 from truing.report.model_tests import ModelTest, below_noise, listing_of, state_of
 from truing.report.numbers import plain, with_uncertainty
-from truing.report.page import Listing, Section
-from truing.report.sensor.axes import LOADS, load_unit
-from truing.report.sensor.calibration_figures import error_classes, held_out_errors, merit_figure
-from truing.report.tables import WHY_NOT, Tables, cell, filled, reason
+from truing.report.page import Drawn, Listing, Section
+from truing.report.tables import LOAD_UNITS, LOADS, WHY_NOT, Tables, cell, filled, reason
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Drawn = list[tuple[object, str]]
 _TITLE = "Calibration of the sensor"
 _TYPES = {"type_1_error": "Type 1, with the synthetic error", "type_2_error": "Type 2, without"}
 _AT_NOISE = 1.1  # times the noise that an error may be and count as noise
 _AS_PRINTED = "least squares, direct, zero none, linear"
 
+_COLOURS = dict(zip(LOADS, (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9"), strict=True))
+_WIDE = 30.0
+# By matrix and model: how it is named, and drawn.
+_SHOWN = {
+    ("G", ""): ("G", GREY, "line-ew-open"),
+    ("G", "elastic joints"): ("G, joints that resist", GREEN, "square-open"),
+    ("G'", ""): ("G'", ORANGE, "diamond-open"),
+    ("G_B'", ""): ("G_B'", BLUE, "circle"),
+}
 
-def sensor_calibration(tables: Tables) -> Section | None:
+
+def calibration(tables: Tables) -> Section | None:
     """The choice among calibrations, the matrix, the errors by class, and the figures of merit."""
     if "sensor_matrix" not in tables:
         return None
@@ -85,8 +90,7 @@ def _largest(tables: Tables) -> dict[str, float]:
     steps = filled(tables, "signals")
     if steps is None:
         return {}
-    columns = zip(LOADS, ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"), strict=True)
-    found = {load: float(steps[column].abs().max()) for load, column in columns}
+    found = {load: float(steps[column].abs().max()) for load, column in LOADS.items()}
     return {load: size for load, size in found.items() if size > 0.0}
 
 
@@ -101,7 +105,7 @@ def _lead(tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, l
     worst = max(share, key=lambda load: share[load])
     said = [
         f"Chosen: {chosen}. Loads that it was not fitted to it misses by {plain(min(share.values()))} to "
-        f"{plain(share[worst])} % of the largest load, rms; {worst} worst, {plain(held[worst])} {load_unit(worst)}."
+        f"{plain(share[worst])} % of the largest load, rms; {worst} worst, {plain(held[worst])} {LOAD_UNITS[worst]}."
     ]
     printed = choice[(choice["model"] == _AS_PRINTED) & (choice["figure"] == "heldout_rms")]
     if len(printed) and chosen != printed["model"].iloc[0]:
@@ -126,7 +130,7 @@ def _verified(own: pd.DataFrame) -> list[str]:
     checked = own[own["figure"] == "verification_rms"]
     if not len(checked):
         return []
-    named = ", ".join(f"{r.subject} {plain(r.value)} {load_unit(r.subject)}" for r in checked.itertuples())
+    named = ", ".join(f"{r.subject} {plain(r.value)} {LOAD_UNITS[r.subject]}" for r in checked.itertuples())
     return [f"In the verification runs: {named}, rms."]
 
 
@@ -146,7 +150,7 @@ def _matrix(matrices: pd.DataFrame) -> Listing:
             one = table[load, column]
             sigma = np.nanmax([one.sigma, getattr(one, "sigma_by_case", np.nan)])
             cells.append(with_uncertainty(one.value, float(sigma)))
-        rows.append((f"{load} ({load_unit(load)})", *cells))
+        rows.append((f"{load} ({LOAD_UNITS[load]})", *cells))
     heads = ("load", *(f"per mV of {column}" for column in columns))
     csv = own.drop(columns=["chosen", "matrix"]).to_csv(index=False)
     caption = "G_B of the chosen calibration. ±: the larger of the fit's sigma and that by leaving load cases out"
@@ -176,7 +180,7 @@ def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
         marks.append("pass" if said == "chosen" else "none" if said else "")
     heads = (
         "model",
-        *(f"{load} ({load_unit(load)})" for load in largest),
+        *(f"{load} ({LOAD_UNITS[load]})" for load in largest),
         "error / expected",
         "log density",
         "numbers",
@@ -194,7 +198,7 @@ def _classes(classes: pd.DataFrame) -> Listing:
             marks.append("none")
             continue
         seen = abs(r.value) > r.limit
-        at = "" if r.applied != r.applied else f"{plain(r.applied)} {load_unit(r.load)}"
+        at = "" if r.applied != r.applied else f"{plain(r.applied)} {LOAD_UNITS[r.load]}"
         value = with_uncertainty(r.value, r.sigma)
         rows.append((r.load, r.error_class, r.indicated, value, plain(r.limit), at, "seen" if seen else "within noise"))
         marks.append("warn" if seen else "")
@@ -211,7 +215,7 @@ def _merit_drawn(merit: pd.DataFrame) -> Drawn:
         "G: the drawing. G': with assembly errors of one sigma and the largest displacement. G_B': the calibration. "
     )
     words += "Joints that resist carry a part of a load past the legs' cells."
-    return [(merit_figure(merit, float(lengths.min())), words)]
+    return [(_merit_figure(merit, float(lengths.min())), words)]
 
 
 def _merits(merit: pd.DataFrame) -> Listing:
@@ -248,3 +252,120 @@ def _types(merit: pd.DataFrame) -> list[Listing]:
     return [
         Listing(heads, tuple(rows), (), "Theory against calibration, as the paper's Table 5 has it (moments in N·m)")
     ]
+
+
+def held_out_errors(choice: pd.DataFrame, largest: dict[str, float]) -> go.Figure:
+    """Rms error of every component in loads that a model has not seen, by model, in per cent of the largest load."""
+    held = choice[choice["figure"] == "heldout_rms"]
+    chosen = set(choice.loc[(choice["figure"] == "chosen") & (choice["value"] == 1.0), "model"])
+    models = list(dict.fromkeys(held["model"]))
+    names = {model: f"{_name(model)}{'  ◀ chosen' if model in chosen else ''}" for model in models}
+    figure, every = go.Figure(), []
+    for load in [load for load in LOADS if load in largest]:
+        own = held[held["subject"] == load]
+        share = 100.0 * own["value"].to_numpy() / largest[load]
+        every += share.tolist()
+        figure.add_trace(
+            go.Scatter(
+                x=share,
+                y=[names[model] for model in own["model"]],
+                mode="markers",
+                name=load,
+                marker={"color": _COLOURS[load], "size": 9},
+                hovertemplate="%{y}: " + load + " %{x:.3g} %<extra></extra>",
+            )
+        )
+    wide = max(every) > _WIDE * min(every) if every else False
+    style(figure, "Errors of held-out loads", "Rms, in per cent of each axis's largest load", 170 + 34 * len(models))
+    figure.update_xaxes(title_text="% of the largest load", type="log" if wide else "linear", dtick=1 if wide else None)
+    if not wide:
+        figure.update_xaxes(rangemode="tozero")
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category")
+    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 110})
+    return figure
+
+
+def _name(model: str) -> str:
+    return model.replace(", linear", "").replace("zero none", "no zero").replace("zero common", "one zero")
+
+
+def error_classes(classes: pd.DataFrame) -> go.Figure:
+    """The largest error of every class and axis, with what noise alone would exceed once in twenty times."""
+    told = classes.dropna(subset=["value"])
+    worst = told.assign(size=told["value"].abs()).sort_values("size").groupby(["error_class", "load"]).tail(1)
+    order = list(dict.fromkeys(classes["error_class"]))
+    names = [name for name in order if (worst["error_class"] == name).any()]
+    loads = [load for load in LOADS if (worst["load"] == load).any()]
+    figure = go.Figure()
+    for load in loads:
+        own = worst[worst["load"] == load].set_index("error_class").reindex(names)
+        figure.add_trace(
+            go.Bar(
+                x=names,
+                y=own["size"],
+                name=load,
+                marker={"color": _COLOURS[load]},
+                offsetgroup=load,
+                error_y=_above_zero(own["size"], BAR * own["sigma"]),
+                hovertemplate=load + ", %{x}: %{y:.3g} %<extra></extra>",
+            )
+        )
+    figure.update_layout(barmode="group", bargap=0.25)
+    _limits(figure, worst, names, loads)
+    subtitle = "Black line: what noise alone would exceed once in twenty times; a bar below it was not seen. Bars: 95 %"
+    style(figure, "Errors by class, in per cent of the range (interpolation: of the load)", subtitle, 420)
+    figure.update_yaxes(title_text="%", rangemode="tozero")
+    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 110})
+    return figure
+
+
+def _above_zero(size: pd.Series, reach: pd.Series) -> dict[str, object]:
+    """Bars that end at zero, below which no size is."""
+    down = np.minimum(reach, size)
+    return {"type": "data", "array": reach, "arrayminus": down, "symmetric": False, "thickness": 1, "width": 2}
+
+
+def _limits(figure: go.Figure, worst: pd.DataFrame, names: list[str], loads: list[str]) -> None:
+    """A line across every bar at its limit."""
+    table = worst.set_index(["error_class", "load"])["limit"]
+    width = 0.75 / len(loads)
+    for i, name in enumerate(names):
+        for j, load in enumerate(loads):
+            if (name, load) in table.index:
+                middle = i + (j - 0.5 * (len(loads) - 1)) * width
+                limit = float(table[name, load])
+                figure.add_shape(
+                    type="line",
+                    x0=middle - 0.5 * width,
+                    x1=middle + 0.5 * width,
+                    y0=limit,
+                    y1=limit,
+                    line={"color": "black", "width": 2},
+                )
+
+
+def _merit_figure(merit: pd.DataFrame, length_m: float) -> go.Figure:
+    """Sensitivities and condition of G, G' and, where leg forces are known, G_B', moments over a length."""
+    at = merit[np.isclose(merit["length_m"].to_numpy(dtype=float), length_m)]
+    figure = go.Figure()
+    for (matrix, model), own in at[at["matrix"] != "G_B"].groupby(["matrix", "model"], sort=False):
+        name, colour, symbol = _SHOWN.get((matrix, model), _SHOWN[matrix, ""])
+        each = own[own["figure"] == "sensitivity"].set_index("subject").reindex(list(LOADS))
+        condition = own[own["figure"] == "condition"].iloc[0]
+        sigmas = np.array([*each["sigma"], condition["sigma"]], dtype=float)
+        figure.add_trace(
+            go.Scatter(
+                x=[*(f"S {load}" for load in LOADS), "condition"],
+                y=[*each["value"], condition["value"]],
+                mode="markers",
+                name=name,
+                marker={"color": colour, "size": 10, "symbol": symbol},
+                error_y={"type": "data", "array": BAR * np.nan_to_num(sigmas), "width": 3},
+                hovertemplate="%{x}: %{y:.4g}<extra>" + name + "</extra>",
+            )
+        )
+    subtitle = f"Moments over {plain(length_m)} m, at which they weigh as much as forces. Bars: 95 %"
+    style(figure, "Sensitivities and condition number", subtitle, 380)
+    figure.update_yaxes(rangemode="tozero")
+    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 110})
+    return figure

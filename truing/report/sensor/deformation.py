@@ -1,29 +1,34 @@
-"""The section of a loaded platform's deformation: compliance, measured beside simulated."""
+"""The section of a loaded platform's deformation: curves of load and displacement, compliance, beside the simulated."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
-from truing.report.deformation.figures import compliance_map
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from truing.report.deformation_section import compliance_map
+from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
 from truing.report.model_tests import ModelTest, by_p, listing_of, state_of
-from truing.report.numbers import p_equals, p_value, printed, quantity, with_uncertainty
-from truing.report.page import Listing, Section
+from truing.report.numbers import p_equals, p_value, plain, printed, quantity, with_uncertainty
+from truing.report.page import Drawn, Listing, Section
 from truing.report.scene.by_leg import by_leg_of_sensor
-from truing.report.scene.of_loads import load_scene
+from truing.report.scene.scenes import load_scene
 from truing.report.scene.view import picture
-from truing.report.sensor.axes import CHANNELS, LOADS, per_kilo
-from truing.report.sensor.compliance_figure import comparison_map
-from truing.report.sensor.curve_figures import differences, own_axes
-from truing.report.tables import Tables, cell, filled, reason
+from truing.report.tables import CHANNELS, LOADS, Tables, cell, filled, kilo, moved_unit, per_kilo, reason
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-Drawn = list[tuple[object, str]]
 _UNCLEAR = 0.01
 
+_CLIPPED = 6.0
 
-def load_deformation(tables: Tables) -> Section | None:
+_BRANCHES = {"loading": ("triangle-up", BLUE), "unloading": ("triangle-down-open", RED), "unloaded": ("circle", GREY)}
+_BAND = "rgba(230,159,0,0.25)"
+_MANY = 400  # so many cases of a panel need no bars of their own
+
+
+def deformation(tables: Tables) -> Section | None:
     """Curves of load and displacement, the compliance entry by entry, and the models' errors."""
     if "compliance" not in tables:
         return None
@@ -81,7 +86,7 @@ def _curves(tables: Tables) -> Drawn:
     drawn: Drawn = []
     if own.any():
         drawn.append(
-            (own_axes(curves), "Up and back told apart: what lies between them is hysteresis, clearance or creep.")
+            (_own_axes(curves), "Up and back told apart: what lies between them is hysteresis, clearance or creep.")
         )
     if "simulated" in curves and curves["simulated"].notna().any():
         drawn.append(
@@ -95,7 +100,7 @@ def _maps(compliance: pd.DataFrame) -> Drawn:
         return []
     if (compliance["model"] == "simulated").any():
         words = "Upper number: measured, lower: simulated. Colour: difference over what noise and tolerances let it be."
-        return [(comparison_map(compliance), words)]
+        return [(_comparison_map(compliance), words)]
     return [(compliance_map(compliance), "Row: displacement. Column: load.")]
 
 
@@ -178,3 +183,182 @@ def _errors(errors: pd.DataFrame) -> Listing:
     heads = ("model", "component", "figure", "value")
     caption = "Error figures of every model; cv: whole runs left out; verification: runs that nothing was fitted to"
     return Listing(heads, rows, (), caption, True, "deformation_errors.parquet")
+
+
+def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
+    """Measured over simulated in every cell; colour says by how many sigmas they differ."""
+    measured = {(r.response, r.load): r for r in compliance[compliance["model"] == "matrix"].itertuples()}
+    drawing = {(r.response, r.load): r for r in compliance[compliance["model"] == "simulated"].itertuples()}
+    pull, text, said = np.full((6, 6), np.nan), np.full((6, 6), "", object), np.full((6, 6), "", object)
+    for i, response in enumerate(CHANNELS):
+        for j, load in enumerate(LOADS):
+            one, two = measured.get((response, load)), drawing[response, load]
+            factor, unit = per_kilo(response, load)
+            if one is None:
+                text[i, j] = f"not<br>measured<br>{_short(factor * two.coefficient)}"
+                continue
+            pull[i, j] = one.pull
+            text[i, j] = f"{_short(factor * one.coefficient)}<br>{_short(factor * two.coefficient)}"
+            said[i, j] = (
+                f"measured {with_uncertainty(factor * one.coefficient, factor * one.sigma, unit)}<br>"
+                f"simulated {with_uncertainty(factor * two.coefficient, factor * two.sigma, unit)}<br>"
+                f"{one.pull:+.1f} sigma: {one.verdict}"
+            )
+    figure = go.Figure()
+    figure.add_trace(
+        go.Heatmap(
+            z=np.clip(pull, -_CLIPPED, _CLIPPED),
+            x=list(LOADS),
+            y=[f"{channel} " for channel in CHANNELS],
+            text=text,
+            texttemplate="%{text}",
+            textfont={"size": 12},
+            customdata=said,
+            hovertemplate="%{y}under %{x}<br>%{customdata}<extra></extra>",
+            colorscale="RdBu_r",
+            zmin=-_CLIPPED,
+            zmax=_CLIPPED,
+            xgap=1,
+            ygap=1,
+            colorbar={"title": {"text": "sigmas apart"}, "thickness": 16},
+        )
+    )
+    subtitle = "µm (dx dy dz) or arcsec (rx ry rz) per kN or kN·m. White: agrees; the darker, the further apart"
+    style(figure, "Compliance, measured (above) and simulated (below)", subtitle, 560)
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category", showgrid=False)
+    figure.update_xaxes(side="top", type="category", showgrid=False)
+    figure.update_layout(margin={"t": 110, "b": 20})
+    return figure
+
+
+def _short(value: float) -> str:
+    """Three digits, and nothing for what is nothing beside the rest."""
+    return "0" if abs(value) < 5e-4 else plain(value)
+
+
+def _own_axes(curves: pd.DataFrame) -> go.Figure:
+    """Each load against the displacement along or about its own axis (force-sensor paper, figures 12-17)."""
+    pairs = [(load, channel) for load, channel in zip(LOADS, CHANNELS, strict=True) if len(_of(curves, load, channel))]
+    titles = [f"{channel} under {load}" for load, channel in pairs]
+    grid, places, rows = panel_grid(titles, 3, (0.09, lambda rows: min(0.2, 0.9 / rows)))
+    shown: set[str] = set()
+    for (load, channel), place in zip(pairs, places, strict=True):
+        part = _of(curves, load, channel)
+        if _simulated(part):
+            for trace in _simulation(part, part["simulated"], shown):
+                grid.add_trace(trace, **place)
+        for trace in _measurement(part, part["measured"], shown):
+            grid.add_trace(trace, **place)
+        grid.update_xaxes(title_text=f"{load} ({kilo(load)})", title_standoff=4, **place)
+        grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_standoff=4, **place)
+    subtitle = "Bars: 95 % of the noise. Line and band: simulation, and 95 % of what its tolerances leave open"
+    if not any(_simulated(_of(curves, *pair)) for pair in pairs):
+        subtitle = "Bars: 95 % of the noise. The campaign holds no simulation"
+    style(grid, "Displacement along each load's own axis", subtitle, 170 + 260 * rows)
+    return _legend(grid)
+
+
+def differences(curves: pd.DataFrame) -> go.Figure:
+    """Measured minus simulated, all components under all loads, a panel each."""
+    loads = [load for load in LOADS if (curves["load"] == load).any()]
+    channels = [channel for channel in CHANNELS if (curves["channel"] == channel).any()]
+    grid = make_subplots(
+        rows=len(channels),
+        cols=len(loads),
+        shared_xaxes="columns",
+        shared_yaxes="rows",
+        horizontal_spacing=0.012,
+        vertical_spacing=0.014,
+        column_titles=[f"under {load}" for load in loads],
+    )
+    grid.update_annotations(font={"size": 12})
+    shown: set[str] = set()
+    for i, channel in enumerate(channels):
+        for j, load in enumerate(loads):
+            part, place = _of(curves, load, channel), {"row": i + 1, "col": j + 1}
+            if not len(part):
+                grid.add_annotation(text="not measured", showarrow=False, font={"color": GREY, "size": 10}, **place)
+                continue
+            for trace in _simulation(part, 0.0 * part["simulated"], shown):
+                grid.add_trace(trace, **place)
+            for trace in _measurement(part, part["measured"] - part["simulated"], shown, size=4):
+                grid.add_trace(trace, **place)
+        grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_font={"size": 11}, row=i + 1, col=1)
+    for j, load in enumerate(loads):
+        grid.update_xaxes(title_text=kilo(load), title_font={"size": 11}, row=len(channels), col=j + 1)
+    grid.update_xaxes(tickfont={"size": 10}, nticks=3)
+    grid.update_yaxes(tickfont={"size": 10}, nticks=5)
+    subtitle = "Outside of the band: beyond what tolerances explain. A slope: a wrong compliance, or a wrong load"
+    style(grid, "Measured minus simulated, every component under every load", subtitle, 150 + 130 * len(channels))
+    return _legend(grid)
+
+
+def _of(curves: pd.DataFrame, load: str, channel: str) -> pd.DataFrame:
+    part = curves[(curves["load"] == load) & (curves["channel"] == channel)]
+    return part.sort_values("applied", kind="stable")
+
+
+def _simulated(part: pd.DataFrame) -> bool:
+    return "simulated" in part and bool(part["simulated"].notna().any())
+
+
+def _measurement(part: pd.DataFrame, values: pd.Series, shown: set[str], size: int = 6) -> list[go.Scatter]:
+    """The points of each branch, told apart."""
+    traces = []
+    for branch, (symbol, colour) in _BRANCHES.items():
+        own = (part["branch"] == branch).to_numpy()
+        if not own.any():
+            continue
+        bars: dict[str, Any] = {"type": "data", "array": BAR * part["sigma"][own], "thickness": 1, "width": 0}
+        traces.append(
+            go.Scatter(
+                x=1e-3 * part["applied"][own],
+                y=values[own],
+                mode="markers",
+                name=f"measured, {branch}",
+                legendgroup=branch,
+                showlegend=branch not in shown,
+                marker={"symbol": symbol, "color": colour, "size": size},
+                error_y=bars if len(part) <= _MANY else None,
+                text=[f"case {case}" for case in part["case"][own]],
+                hovertemplate="%{text}: %{x:.4g} → %{y:.4g}<extra></extra>",
+            )
+        )
+        shown.add(branch)
+    return traces
+
+
+def _simulation(part: pd.DataFrame, values: pd.Series, shown: set[str]) -> list[go.Scatter]:
+    """The simulated line and the band of its tolerances."""
+    x, reach = 1e-3 * part["applied"].to_numpy(), BAR * part["simulated_sigma"].to_numpy()
+    y = values.to_numpy()
+    around = go.Scatter(
+        x=np.concatenate([x, x[::-1]]),
+        y=np.concatenate([y - reach, (y + reach)[::-1]]),
+        fill="toself",
+        fillcolor=_BAND,
+        line={"width": 0},
+        hoverinfo="skip",
+        name="simulation",
+        legendgroup="simulation",
+        showlegend=False,
+    )
+    line = go.Scatter(
+        x=x,
+        y=y,
+        mode="lines",
+        line={"color": ORANGE, "width": 2},
+        name="simulated",
+        legendgroup="simulation",
+        showlegend="simulation" not in shown,
+        hoverinfo="skip",
+    )
+    shown.add("simulation")
+    return [around, line]
+
+
+def _legend(figure: go.Figure) -> go.Figure:
+    figure.update_layout(
+        legend={"orientation": "h", "y": -0.06, "yanchor": "top", "x": 0.0}, margin={"t": 110, "b": 90}
+    )
+    return figure

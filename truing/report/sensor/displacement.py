@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
 
+from truing.report.figure_style import BAR, BLUE, MANY_POINTS, ORANGE, RED, label, panel_grid, style
 from truing.report.numbers import count, p_value, with_uncertainty
 from truing.report.page import Listing, Section
-from truing.report.sensor.axes import CHANNELS, LOADS, moved_unit
-from truing.report.sensor.reading_figures import reading_residuals
-from truing.report.tables import Tables, filled, reason
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import plotly.graph_objects as go
+from truing.report.tables import CHANNELS, LOADS, Tables, filled, moved_unit, reason
 
 _COMPONENTS = dict(zip(CHANNELS, ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"), strict=True))
-_LOAD_COLUMNS = dict(zip(LOADS, ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"), strict=True))
 _UNLIKELY = 1e-3
+
+_REACH = 6.0  # sigmas beyond which a residual stands at the edge
 
 
 def displacement(tables: Tables) -> Section | None:
@@ -56,7 +52,7 @@ def _lead(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
 
 def _known(cases: pd.DataFrame) -> Listing | None:
     """How many load cases of every axis know every component."""
-    loads = cases[list(_LOAD_COLUMNS.values())].to_numpy()
+    loads = cases[list(LOADS.values())].to_numpy()
     rows, marks = [], []
     for a, load in enumerate(LOADS):
         own = (loads[:, a] != 0.0) & (np.delete(loads, a, axis=1) == 0.0).all(axis=1)
@@ -87,3 +83,50 @@ def _drifts(terms: pd.DataFrame) -> Listing | None:
     )
     caption = f"Runs that drift beyond chance, {len(real)} of {len(drifts)} that tell their drift"
     return Listing(("run", "channel", "drift", "unit", "p"), rows, (), caption, len(rows) > 20, "run_terms.parquet")
+
+
+def reading_residuals(residuals: pd.DataFrame) -> go.Figure:
+    """Residuals of every channel in the order of the readings, with the band of the noise."""
+    channels = [channel for channel in CHANNELS if (residuals["channel"] == channel).any()]
+    titles = [f"{channel} ({moved_unit(channel)})" for channel in channels]
+    grid, places, rows = panel_grid(titles, 3, (0.05, lambda rows: 0.16 if rows > 1 else 0.0))
+    for channel, place in zip(channels, places, strict=True):
+        part = residuals[residuals["channel"] == channel].reset_index(drop=True)
+        sigma = float(part["sigma"].median())
+        for trace in _points(part, sigma, len(residuals) > MANY_POINTS):
+            grid.add_trace(trace, **place)
+        for side in (-1.0, 1.0):
+            grid.add_hline(y=side * BAR * sigma, line={"color": ORANGE, "width": 1, "dash": "dot"}, **place)
+        edge = 1.1 * max(min(_REACH * sigma, float(part["residual"].abs().max())), 2.5 * sigma)
+        grid.update_yaxes(range=[-edge, edge], **place)
+    style(grid, "Readings less their runs' curves", "Dotted: 95 % of the noise. In the order taken", 150 + 200 * rows)
+    grid.update_traces(showlegend=False)
+    grid.update_xaxes(title_text="reading", row=rows)
+    grid.update_layout(margin={"t": 110})
+    return grid
+
+
+def _points(part: pd.DataFrame, sigma: float, many: bool) -> list[go.Scatter]:
+    kind = go.Scattergl if many else go.Scatter
+    out = part["rejected"].to_numpy()
+    text = np.array([f"run {label(r)} step {s}" for r, s in zip(part["run"], part["step"], strict=True)], object)
+    value = part["residual"].to_numpy(dtype=float)
+    kept = kind(
+        x=part.index[~out],
+        y=value[~out],
+        mode="markers",
+        marker={"color": BLUE, "size": 3 if many else 4},
+        text=text[~out],
+        hovertemplate="%{text}: %{y:.3g}<extra></extra>",
+    )
+    if not out.any():
+        return [kept]
+    gross = kind(
+        x=part.index[out],
+        y=np.clip(value[out], -_REACH * sigma, _REACH * sigma),
+        mode="markers",
+        marker={"color": RED, "size": 10, "symbol": "x-thin", "line": {"color": RED, "width": 2}},
+        text=[f"{one}: {size:.4g}" for one, size in zip(text[out], value[out], strict=True)],
+        hovertemplate="left out, %{text}<extra></extra>",
+    )
+    return [kept, gross]

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import pandas as pd
+import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, ORANGE, label, style
+from truing.report.measured_section import corrections
 from truing.report.numbers import with_uncertainty
 from truing.report.page import Listing, Section
-from truing.report.sensor.corrections import corrections
 from truing.report.tables import Tables, filled
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import plotly.graph_objects as go
 
 _MEANING = {
     "A": "accuracy, both directions",
@@ -62,8 +59,6 @@ def _few_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:
 
 def deviations(rows: pd.DataFrame) -> go.Figure:
     """Mean deviation at each target of one run, from either side, with twice its scatter, um over mm."""
-    import plotly.graph_objects as go
-
     wide = rows.pivot(index="subject", columns="figure", values="value")
     wide = wide.set_index(wide.index.str.removesuffix(" mm").astype(float)).sort_index()
     figure = go.Figure()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import re
 
-from truing.report.wordings.claim import Claim, Size, Wording
-from truing.report.wordings.parts import largest, listed, only, positive, sure_of, told
+from truing.report.wordings.claim import Claim, Size, Wording, largest, listed, only, positive, sure_of, told
 
 _ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
 _ALL_CHANNELS = "all linear channels"

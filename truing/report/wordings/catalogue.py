@@ -3,16 +3,117 @@
 from __future__ import annotations
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.wordings.axis_wordings import AXIS
 from truing.report.wordings.bench_wordings import BENCH
-from truing.report.wordings.body_wordings import BODIES
-from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording
-from truing.report.wordings.followed import FOLLOWED
-from truing.report.wordings.mechanism_wordings import MECHANISM
-from truing.report.wordings.parts import with_sizes
-from truing.report.wordings.ray_wordings import RAYS
+from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording, by, only, with_sizes
+from truing.report.wordings.followed import FOLLOWED, PARTS_OF_AXES
+from truing.report.wordings.mechanism_wordings import BODIES, MECHANISM
 
-WORDINGS: dict[str, Wording] = {**MECHANISM, **BODIES, **BENCH, **AXIS, **RAYS, **FOLLOWED}
+_STIR = "Measure the temperature of the air at three heights; stir it with a fan and repeat some poses."
+_FORMS = {
+    "temperature": ("follows the temperature", "follow the temperature"),
+    "scatter": ("differs from pose to pose, without order", "differ from pose to pose, without order"),
+    "drift": ("drifts evenly with time", "drift evenly with time"),
+    "settles": ("drifts with time, ever more slowly", "drift with time, ever more slowly"),
+}
+
+
+def _scale(claim: Claim) -> str:
+    size, large = only(claim, "scale")
+    verb = "travels" if claim.subject == "axis" else "reads"
+    if not size:
+        return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} too far or too little by one factor"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} too {'far' if large else 'little'}{by(size)}"
+
+
+def _lost(claim: Claim) -> str:
+    size, _ = only(claim, "backlash")
+    sides = " to either side" if size else ""
+    return f"motion is lost between motor and load{by(size)}{sides}"
+
+
+def _shift(claim: Claim) -> str:
+    size, _ = only(claim, "shift")
+    event, pose = claim.fact("event"), claim.fact("from_pose")
+    since = f" after the event {event}" if event else f" from row {pose} on" if pose not in (None, "") else ""
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} stands off by a constant{since}{by(size)}"
+
+
+def _look_at_event(claim: Claim) -> str:
+    event = claim.fact("event")
+    again = f"Repeat the event ({event})" if event else "Switch the axis off and on, and reference it again"
+    return f"{again}, with the same commands measured before and after."
+
+
+_AXIS = {
+    "scale-error": Wording(
+        "scale error",
+        _scale,
+        "Measure the same commands with another instrument of known length or angle, over the whole travel.",
+    ),
+    "lost-motion": Wording(
+        "lost motion",
+        _lost,
+        "Approach the same commands from both sides, by movements far longer than the gap, and read both encoders.",
+    ),
+    "zero-shift": Wording("zero shift", _shift, _look_at_event),
+}
+
+
+def _unstable(claim: Claim) -> str:
+    what = set(claim.fact("what") or ("c",))
+    parts = ["principal distance"] * ("c" in what) + ["principal point"] * bool(what - {"c"})
+    several = len(parts) > 1
+    jumps = f"{'are others' if several else 'is another one'} from pose {claim.fact('from_pose')} on"
+    one, many = _FORMS.get(str(claim.fact("form")), (jumps, jumps))
+    return with_sizes(f"the {' and the '.join(parts)} of {claim.subject} {many if several else one}", claim)
+
+
+def _hold_still(claim: Claim) -> str:
+    return (
+        f"Photograph a field of targets that holds still with {claim.subject}, rolled by 90 degrees in every second "
+        "image, before and after what it went through, and adjust its interior orientation each time."
+    )
+
+
+def _bent(claim: Claim) -> str:
+    if claim.subject:
+        pane = "looks through a pane of glass, which shifts rays the more the more they lean"
+        return with_sizes(f"{claim.subject} {pane}", claim)
+    if claim.fact("scale_height_m") is not None:
+        bent = "measured shapes are bent as by air whose refractive index changes evenly with height"
+        return with_sizes(f"{bent}, which rays do not show", claim)
+    return with_sizes("rays are bent: the refractive index of the air changes unevenly with height", claim)
+
+
+def _without_pane(claim: Claim) -> str:
+    if not claim.subject:
+        return _STIR
+    return f"Repeat some poses without what is before the lens of {claim.subject}, at two distances."
+
+
+def _warm_bars(claim: Claim) -> str:
+    if claim.fact("bar"):
+        own = f"scale bar {claim.fact('bar')} grows with temperature otherwise than stated"
+        return with_sizes(f"{own}, seen beside the other bars", claim)
+    all_bars = "the scale bars grow with temperature otherwise than stated"
+    return with_sizes(f"{all_bars}, so that all that is measured shrinks by as much", claim)
+
+
+def _calibrate_bars(claim: Claim) -> str:
+    if claim.fact("bar"):
+        which, it = f"bar {claim.fact('bar')}", "it"
+    else:
+        which, it = "the bars", "one"
+    return f"Calibrate {which} at two temperatures, or photograph {it} beside a bar of known expansion at both."
+
+
+RAYS = {
+    "camera-instability": Wording("camera instability", _unstable, _hold_still),
+    "refraction": Wording("refraction", _bent, _without_pane),
+    "scale-bar-temperature": Wording("scale bar temperature", _warm_bars, _calibrate_bars),
+}
+
+WORDINGS: dict[str, Wording] = {**MECHANISM, **BODIES, **BENCH, **_AXIS, **RAYS, **FOLLOWED}
 
 
 def cause_words(cause: str) -> str:

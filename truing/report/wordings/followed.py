@@ -6,9 +6,7 @@ import re
 from collections.abc import Iterable
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.wordings.axis_wordings import PARTS_OF_AXES
-from truing.report.wordings.claim import Claim, Wording
-from truing.report.wordings.parts import moves
+from truing.report.wordings.claim import Claim, Wording, moves
 from truing.schemas.covariates import own_name
 
 _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
@@ -30,6 +28,12 @@ _COLUMNS = {
     "travel since the turn": "how far the axis came since it turned",
 }
 _OF_TIME = {"time_s", "order", "time_in_run_s"}
+PARTS_OF_AXES = {
+    "axis": "the transmission of the axis, or an encoder that no reading here tells from it,",
+    "encoder load": "the encoder at the load",
+    "encoder motor": "the encoder at the motor",
+    "instrument": "the outside instrument",
+}
 # What is made of a load, by what stands before its name.
 _OF_LOAD = {
     "unloading ": "whether {} falls",
@@ -55,11 +59,11 @@ def columns_words(columns: tuple[str, ...]) -> str:
     return " and ".join([*told, *others])
 
 
-def column_words(column: str) -> str:
+def _column_words(column: str) -> str:
     """One column: ``the displacement of actuator 3``, ``the load fz``, ``the temperature``."""
     for start, words in _OF_LOAD.items():
         if column.startswith(start):
-            return words.format(column_words(column.removeprefix(start)))
+            return words.format(_column_words(column.removeprefix(start)))
     if drive := re.fullmatch(_DRIVE, column):
         return f"the displacement of actuator {drive[1]}"
     if load := re.fullmatch(_LOAD, column):
@@ -75,14 +79,14 @@ def product_words(names: Iterable[str]) -> str:
     return f"the square of {first}" if first == more[0] else f"the product of {first} and {more[0]}"
 
 
-def followed_words(claim: Claim) -> str:
+def _followed_words(claim: Claim) -> str:
     """What it follows, in which form; by the table's columns alone where that has no settings."""
     columns = claim.fact("columns")
     if not columns:
         return columns_words(claim.follows) or "none of the recorded columns"
     rows = "steps" if claim.fact("channel") else "rows" if claim.fact("element") else ""
     of_steps = {"order": f"the order of the {rows}"} if rows else {}
-    said = [of_steps.get(column) or column_words(column) for column in columns]
+    said = [of_steps.get(column) or _column_words(column) for column in columns]
     first, half = said[0], claim.fact("half_ranges")[0]
     size = f"{half:.4g} {_LOADS.get(columns[0], 's')}"
     forms = {
@@ -104,7 +108,7 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 def _clause(claim: Claim) -> str:
     follows = "follows" if _is_one(claim) else "follow"
-    return f"{_whose(claim)} {follows} {followed_words(claim)}{moves(claim)}"
+    return f"{_whose(claim)} {follows} {_followed_words(claim)}{moves(claim)}"
 
 
 def _is_one(claim: Claim) -> bool:
@@ -135,7 +139,7 @@ def _advice(claim: Claim) -> str:
         what, other = "commands", "command"
     if set(claim.fact("columns") or ()) <= _OF_TIME:
         return f"Repeat some {what} in another order: does it go with the time, or with the {other}?"
-    return f"Repeat some {what} with another value of {followed_words(claim)}, everything else unchanged."
+    return f"Repeat some {what} with another value of {_followed_words(claim)}, everything else unchanged."
 
 
 FOLLOWED = {"unexplained": Wording("unexplained", _clause, _advice)}

@@ -9,19 +9,26 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
+import pyarrow as pa
 
-from truing.runs.comparison.mechanisms import mechanism_numbers, mechanism_step
-from truing.runs.comparison.sensors import matrix_numbers, matrix_step, sensor_numbers, sensor_step
-from truing.runs.comparison.step import NAMES, Step, not_judged
+from truing.runs.comparison.steps import (
+    NAMES,
+    Step,
+    matrix_numbers,
+    matrix_step,
+    mechanism_numbers,
+    mechanism_step,
+    not_judged,
+    sensor_numbers,
+    sensor_step,
+)
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.axis.extended_model import ExtendedAxis
 from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.mechanisms.extended_model import ExtendedModel
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import pyarrow as pa
-
     from truing.runs.recorded_run import Run
 
 _NTH = "nth"
@@ -50,8 +57,6 @@ def mechanism_of(run: Run) -> str:
 
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
     """Compare runs of one machine in their order; raises ValueError where a file is not what a run leaves."""
-    import pandas as pd
-
     numbers = [_numbers(run) for run in runs]
     steps = tuple(
         tuple(_steps(before, now, *tables))
@@ -69,8 +74,6 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
 
 def compared_table(found: SideBySide) -> pa.Table:
     """Return the rows as the artifact ``compared`` has them."""
-    import pyarrow as pa
-
     schema = ARTIFACTS["compared"].arrow_schema()
     columns = {
         name: [None if _missing(value) else _plain(value, schema.field(name).type) for value in found.table[name]]
@@ -88,8 +91,6 @@ def _plain(value: Any, kind: pa.DataType) -> Any:
 
 
 def _numbers(run: Run) -> pd.DataFrame:
-    import pandas as pd
-
     model = run.model
     parts = []
     if isinstance(model, ExtendedModel):
@@ -163,8 +164,6 @@ def _first(numbers: pd.DataFrame) -> pd.DataFrame:
 
 def _joined(own: pd.DataFrame, before: pd.DataFrame, judged: list[pd.DataFrame]) -> pd.DataFrame:
     """Return the numbers of a run with what was judged of them against the run before."""
-    import pandas as pd
-
     on = [*NAMES, _NTH]
     table = _numbered(own).merge(_numbered(before)[[*on, "value"]], on=on, how="left", suffixes=("", "_before"))
     table["difference"] = table["value"] - table.pop("value_before")

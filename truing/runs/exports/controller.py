@@ -7,15 +7,13 @@ import io
 import json
 import tomllib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from truing.runs.recorded_run import Run
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.model_text import toml_key, toml_value
 
-if TYPE_CHECKING:
-    from truing.runs.recorded_run import Run
-
-Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
+_Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
 _LENGTHS, _XYZ = ("a_mm", "b_mm"), "xyz"
 _OF_MECHANISM = ("reference_temperature_c", "kind", "loop")
 _LOADS, _CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz"), ("dx", "dy", "dz", "rx", "ry", "rz")
@@ -66,7 +64,7 @@ def _text(document: dict[str, Any]) -> Iterator[str]:
         yield from (f"{toml_key(name)} = {toml_value(told)}" for name, told in effect["parameters"].items())
 
 
-def _leg_numbers(document: dict[str, Any]) -> Iterator[Number]:
+def _leg_numbers(document: dict[str, Any]) -> Iterator[_Number]:
     for number, leg in enumerate(document.get("legs", ()), start=1):
         found, sigma, name = leg["identified"], leg.get("sigma", {}), f"leg{number}"
         for point in _LENGTHS:
@@ -78,7 +76,7 @@ def _leg_numbers(document: dict[str, Any]) -> Iterator[Number]:
             yield name, length.removesuffix("_mm"), found[length], sigma.get(length), "mm"
 
 
-def _compliance(document: dict[str, Any]) -> Iterator[Number]:
+def _compliance(document: dict[str, Any]) -> Iterator[_Number]:
     told = document.get("compliance")
     if told is None:
         return
@@ -88,7 +86,7 @@ def _compliance(document: dict[str, Any]) -> Iterator[Number]:
             yield "compliance", f"{channel} {load}", value, sigma, unit
 
 
-def _effects(document: dict[str, Any]) -> Iterator[Number]:
+def _effects(document: dict[str, Any]) -> Iterator[_Number]:
     for effect in document.get("effects", ()):
         of = f"{effect['cause']} {effect['subject']}".strip()
         for name, told in effect["parameters"].items():
@@ -96,7 +94,7 @@ def _effects(document: dict[str, Any]) -> Iterator[Number]:
                 yield of, name, told["value"], told.get("sigma"), told["unit"]
 
 
-def _matrix(run: Run) -> list[Number]:
+def _matrix(run: Run) -> list[_Number]:
     if "sensor_matrix" not in run:
         return []
     table = run["sensor_matrix"]
@@ -105,14 +103,14 @@ def _matrix(run: Run) -> list[Number]:
     return list(zip(rows["matrix"], names, rows["value"], rows["sigma"], rows["unit"], strict=True))
 
 
-def _matrix_text(matrix: list[Number]) -> Iterator[str]:
+def _matrix_text(matrix: list[_Number]) -> Iterator[str]:
     if matrix:
         yield from ("", "[G_B]  # a load is the sum over the signals of number times signal")
     for _, name, value, sigma, unit in matrix:
         yield f"{json.dumps(name)} = {toml_value({'value': value, 'sigma': sigma, 'unit': unit})}"
 
 
-def _csv(numbers: list[Number]) -> bytes:
+def _csv(numbers: list[_Number]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("of", "name", "value", "sigma", "unit"))

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
 
 from truing.report.calibration.calibrations import chosen_calibration, rows_of
+from truing.runs.recorded_run import Run
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from truing.runs.recorded_run import Run
-
-FORMAT = 1  # changes where a reader of the last one would fail
+_FORMAT = 1  # changes where a reader of the last one would fail
 
 
 def summary(run: Run) -> Iterator[tuple[str, bytes]]:
     """Yield the summary; what a run did not evaluate is absent, and numbers that are none are null."""
     told = {
-        "format": FORMAT,
+        "format": _FORMAT,
         "campaign": run.campaign,
         "software_versions": sorted({run.origin(name)["software_version"] for name in run}),
         "verdicts": [{"mark": mark, "sentence": sentence} for mark, sentence in run.verdicts],

@@ -22,7 +22,7 @@ from tests.simulation.bench.six_upur.sensors import (
 )
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
-from truing.schemas.sensor_mechanism import SensorTolerance
+from truing.schemas.mechanism import SensorTolerance
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.assembly import SOURCES, influence_change, motion_of_sources
 from truing.simulation.bench.six_upur.elements import Element, moved_along

@@ -1,0 +1,118 @@
+"""Files that a call names: tables to read as they are, and places to write to, never a raw file or a file of a run."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from truing.pipeline.campaign_folder import FILE, CampaignFolder, open_campaign
+from truing.pipeline.problems import environment
+from truing.pipeline.run_folder import PRIVATE
+from truing.pipeline.whole_file import write_whole
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.memory import raise_shortage
+from truing.schemas.settings_text import regular_size
+
+ENDINGS = (".csv", ".parquet")
+
+_OPTION = "--out"
+
+
+def read_given(path: Path, what: str) -> pa.Table:
+    """Return the table in a .csv or .parquet file; raises CampaignFaults where there is none."""
+    if path.suffix not in ENDINGS:
+        raise CampaignFaults([Fault(str(path), f"{what}, .csv or .parquet")])
+    try:
+        regular_size(path)  # a pipe would be waited for without end
+        table = pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
+        table.validate(full=True)
+        names = table.column_names  # raises where one is no text
+    except FileNotFoundError:
+        raise CampaignFaults([Fault(str(path), "a file that exists")]) from None
+    except (pa.ArrowException, OSError, UnicodeError) as error:
+        raise_shortage(error)
+        if isinstance(error, OSError) and error.errno:  # the environment's
+            raise
+        raise CampaignFaults([Fault(str(path), f"a table that can be read ({error})")]) from None
+    twice = sorted(name for name, times in Counter(names).items() if times > 1)
+    if twice:
+        raise CampaignFaults(Fault(str(path), "one column of that name", column=name) for name in twice)
+    return table
+
+
+def table_bytes(table: pa.Table, ending: str, quoting: Literal["none", "needed"] = "none") -> bytes:
+    """Return a table as the bytes of a .csv or .parquet file.
+
+    quoting, of a .csv: ``needed`` where text may hold what separates; ``none`` raises pyarrow's ArrowInvalid then.
+    """
+    sink = pa.BufferOutputStream()
+    if ending == ".parquet":
+        pa.parquet.write_table(table, sink)
+    else:
+        pa.csv.write_csv(table, sink, pa.csv.WriteOptions(quoting_style=quoting))
+    return bytes(sink.getvalue())
+
+
+def leave_tables(file: Path, tables: Mapping[str, pa.Table], page: str) -> list[Path]:
+    """Write tables beside ``file``, each with its ending behind that name, and a page of the name; the files, in order.
+
+    Raises EnvironmentProblem.
+    """
+    with environment(f"{file.parent} cannot be made"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    written = {file.with_name(f"{file.stem}{ending}{file.suffix}"): table for ending, table in tables.items()}
+    for path, table in written.items():
+        write_whole(path, table_bytes(table, file.suffix, quoting="needed"))
+    write_whole(file.with_suffix(".html"), page.encode())
+    return [*written, file.with_suffix(".html")]
+
+
+def check_file(place: Path, *, reads: Sequence[Path | None] = (), campaign: CampaignFolder | None = None) -> None:
+    """Raise CampaignFaults where a file that a call shall write is one that nobody may overwrite."""
+    if why := next(_file_objections(place, reads, campaign), None):
+        raise CampaignFaults([Fault(_OPTION, why, value=str(place))])
+
+
+def _file_objections(place: Path, reads: Sequence[Path | None], campaign: CampaignFolder | None) -> Iterator[str]:
+    if place.is_dir():
+        yield "a file to write, not a folder"
+    if any(_is_same(place, read) for read in reads if read is not None):
+        yield "another file than those that this call reads"
+    if (campaign is not None and _is_raw(place, campaign)) or _is_raw_there(place):
+        yield "another file than the raw files of a campaign; remove it first if it holds nothing measured"
+    if (place.parent / PRIVATE).is_dir() and place.name in {artifact.file for artifact in ARTIFACTS.values()}:
+        yield "another file than those of a run"
+
+
+def check_folder(place: Path) -> None:
+    """Raise CampaignFaults where a folder that a call shall fill is a campaign's."""
+    if os.path.lexists(place / FILE):
+        raise CampaignFaults([Fault(_OPTION, "a folder that holds no campaign", value=str(place))])
+
+
+def _is_same(place: Path, other: Path) -> bool:
+    return os.path.realpath(place) == os.path.realpath(other)
+
+
+def _is_raw_there(place: Path) -> bool:
+    """Whether a file is one that the campaign beside it reads; any, where its campaign.toml cannot be read."""
+    if not place.exists() or not os.path.lexists(place.parent / FILE):
+        return False
+    try:
+        return _is_raw(place, open_campaign(place.parent))
+    except CampaignFaults:
+        return True
+
+
+def _is_raw(place: Path, campaign: CampaignFolder) -> bool:
+    from truing.formats.source import raw_files
+
+    return any(_is_same(place, raw) for raw in raw_files(campaign.folder, campaign.document))

@@ -1,0 +1,230 @@
+"""What `truing init` makes of raw files by their names: globs, what names tell, photographs, tables of networks."""
+
+from __future__ import annotations
+
+import fnmatch
+import glob
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from truing.formats.source import PICTURES
+
+if TYPE_CHECKING:
+    from truing.formats.guess import Guess
+
+
+_TOKEN = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
+_WORD = re.compile(r"[^\W_]+")
+_SCAN_WORDS = {
+    "pose",
+    "scan",
+    "scans",
+    "frame",
+    "reference",
+    "ref",
+    "surface",
+    "cloud",
+    "messung",
+    "stellung",
+    "referenz",
+}
+
+_NUMBERED = re.compile(r"(?P<pose>.+)[-_ ]\d+")
+_IN_FOLDERS = r"(?P<pose>[^/]+)/[^/]+$"
+_IN_NAMES = r"^(?P<pose>.+)[-_ ]\d+\."
+_BY_CONTRACT = "images"
+
+_NEEDED = (
+    "beside photographs: scale_bars.csv (bar,first,second,length_mm,sigma_mm), and image_targets.csv "
+    "(family,code,body,target) where codes are not the targets' own names",
+)
+
+_Group = TypeVar("_Group")
+
+_ADJUSTED = ("aicon", "colmap", "photomodeler")
+_INSTEAD = "not read: the rays beside it give these points with their whole covariance"
+
+
+def common_glob(names: Sequence[str]) -> str:
+    """The glob of names: what is the same in all of them at both ends, or token by token where they are built alike."""
+    first, *others = tokens = [_TOKEN.findall(name) for name in names]
+    if alike(tokens):
+        same = [all(own[i] == token for own in others) for i, token in enumerate(first)]
+        parts = (glob.escape(token) if kept else "*" for token, kept in zip(first, same, strict=True))
+        return re.sub(r"\*+", "*", "".join(parts))
+    before, after = _ends(tokens)
+    return glob.escape("".join(first[:before])) + "*" + glob.escape("".join(first[len(first) - after :]))
+
+
+def without_others(pattern: str, names: Sequence[str], others: Sequence[str]) -> str | list[str]:
+    """What finds files and not ``others`` of their folder: their glob, else as many digits as they have, else names."""
+    strange = [other for other in others if other not in names]
+    folder, slash, last = pattern.rpartition("/")
+    if not fnmatch.filter(strange, last):
+        return pattern
+    digits = list(dict.fromkeys(re.sub(r"\d", "[0-9]", glob.escape(name)) for name in names))
+    found = digits if not any(fnmatch.filter(strange, one) for one in digits) else [glob.escape(one) for one in names]
+    paths = [f"{folder}{slash}{one}" for one in found]
+    return paths if len(paths) > 1 else paths[0]
+
+
+def alike(tokens: Sequence[Sequence[str]]) -> bool:
+    """Whether names are built alike: as many tokens, numbers, words and marks in the same order."""
+    return len({tuple(_kind(token) for token in own) for own in tokens}) == 1
+
+
+def _kind(token: str) -> str:
+    return "number" if token.isdecimal() else "word" if token[0].isalpha() else token
+
+
+def _ends(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
+    """How many tokens are the same in all names from the beginning, and from the end."""
+    least = min(map(len, tokens))
+    before = next((i for i in range(least) if len({own[i] for own in tokens}) > 1), least)
+    least -= before
+    after = next((i for i in range(least) if len({own[-1 - i] for own in tokens}) > 1), least)
+    return before, after
+
+
+def told_apart(names: Sequence[str], column: str) -> dict[str, Any]:
+    """A ``from_name`` that gives every file its own value of a column: a number if one does, else all that varies."""
+    tokens = [_TOKEN.findall(name) for name in names]
+    if alike(tokens):
+        varying = [i for i, column_of in enumerate(zip(*tokens, strict=True)) if len(set(column_of)) > 1]
+        numbers = [i for i in varying if all(own[i].isdecimal() for own in tokens)]
+        own_number = [i for i in numbers if len({int(own[i]) for own in tokens}) == len(names)]
+        if own_number and numbers == varying:
+            parts = [r"\d+" if i in varying else re.escape(token) for i, token in enumerate(tokens[0])]
+            parts[own_number[-1]] = rf"(?P<{column}>\d+)"
+            return {"from_name": "".join(parts)}
+    before, after = _ends(tokens)
+    if before and any(len(own) == before + after for own in tokens):
+        before -= 1  # what one name lacks is no value: the token before it is in all of them
+    first = tokens[0]
+    head, tail = "".join(first[:before]), "".join(first[len(first) - after :])
+    return {"from_name": f"{re.escape(head)}(?P<{column}>.+){re.escape(tail)}"}
+
+
+def bodies_and_targets(names: Sequence[str]) -> dict[str, Any]:
+    """The ``from_name`` of files with one target each: the body is the word before it; nothing where none fits."""
+    found = _one_body(names) or _several_bodies(names)
+    if found is None:
+        return {}
+    told = [match.groupdict() for name in names if (match := re.search(found, name))]
+    single = len(told) == len(names) and len({tuple(one.items()) for one in told}) == len(names)
+    return {"from_name": found} if single else {}
+
+
+def _one_body(names: Sequence[str]) -> str | None:
+    """Names that begin with the same word: it is the body, and what varies behind it the target."""
+    words = [_WORD.findall(Path(name).name.partition(".")[0]) for name in names]
+    before, _ = _ends(words)
+    if not before or any(len(own) == before for own in words):
+        return None
+    follows = _follows([own[before:] for own in words])
+    left = [own[before:] for own in words]
+    if all(len(own) == 2 and own[1].isdecimal() and own[0].isalpha() for own in left):  # SMR_1 SMR_2 base_1 base_2
+        return rf"{re.escape(words[0][before - 1])}_(?P<body>[^\W\d_]+)_(?P<target>\d+)"
+    return rf"(?P<body>{re.escape(words[0][before - 1])})[\W_]+(?P<target>.+?){follows}"
+
+
+def _several_bodies(names: Sequence[str]) -> str | None:
+    """Names whose first word is the body, with several targets each."""
+    words = [_WORD.findall(Path(name).name.partition(".")[0]) for name in names]
+    if any(len(own) < 2 for own in words) or len({own[0] for own in words}) == len(names):
+        return None
+    bodies = "|".join(re.escape(body) for body in dict.fromkeys(own[0] for own in words))
+    return rf"(?P<body>{bodies})[\W_]+(?P<target>.+?){_follows([own[1:] for own in words])}"
+
+
+def _follows(words: Sequence[Sequence[str]]) -> str:
+    """What stands behind the target: the first word that is in all names, or their ending."""
+    common = next((word for word in words[0][1:] if all(word in own[1:] for own in words)), None)
+    return r"\." if common is None else rf"_{re.escape(common)}"
+
+
+def scanned_body(pattern: str) -> str:
+    """The body of dense scans: the word that their files' name leaves, without those for scans."""
+    stem = Path(pattern).stem
+    words = re.findall(r"[^\W\d_]+", stem.split("*")[-1] or stem)
+    return next((word for word in words if word.casefold() not in _SCAN_WORDS), "body")
+
+
+def is_picture(path: Path) -> bool:
+    """Whether a file is a photograph by its ending."""
+    return path.suffix.lower().removeprefix(".") in PICTURES
+
+
+def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str, Path, int, Guess]]:
+    """An entry per folder tree and ending: glob, one of the photographs, how many, and the keys for [files.images]."""
+    from truing.formats.guess import Guess
+
+    groups: dict[tuple[str, str], list[Path]] = {}
+    for path in pictures:
+        relative = path.relative_to(folder)
+        top = relative.parts[0] if len(relative.parts) > 1 else ""
+        groups.setdefault((top, path.suffix), []).append(relative)
+    tops = len({top for top, _ in groups})
+    found = []
+    for (top, suffix), paths in sorted(groups.items()):
+        pattern, mapping = _read_by(top, suffix, paths, alone=tops == 1)
+        guess = Guess(mapping={} if top == _BY_CONTRACT else mapping, table="images", notes=(*_NEEDED, *_told(mapping)))
+        found.append((pattern, folder / paths[0], len(paths), guess))
+    return found
+
+
+def _read_by(top: str, suffix: str, paths: Sequence[Path], *, alone: bool) -> tuple[str, dict[str, Any]]:
+    """The glob that finds these photographs, and what tells their poses; ``alone``: no other folder holds any."""
+    depth = max(len(path.parts) for path in paths)
+    head = f"{glob.escape(top)}/" if top else ""
+    if depth > (2 if top else 1):
+        return f"{head}**/*{suffix}", {"from_name": _IN_FOLDERS}
+    before = [match["pose"] if (match := _NUMBERED.fullmatch(path.stem)) else "" for path in paths]
+    if top and not alone and len(set(before)) == 1:  # cameras number on: IMG_0412 tells nothing, its folder does
+        return f"{head}*{suffix}", {"from_name": _IN_FOLDERS}
+    if all(before):
+        return f"{head}*{suffix}", {"from_name": _in_names(before)}
+    return f"{head}*{suffix}", {"constants": {"pose": 1}}
+
+
+def _in_names(before: Sequence[str]) -> str:
+    """What finds the pose in names that begin so: the number alone where they differ in a number at their end."""
+    parts = [re.fullmatch(r"(.*?)(\d+)", text) for text in before]
+    heads = {part[1] if part else None for part in parts}
+    (head,) = heads if len(heads) == 1 else (None,)
+    return _IN_NAMES if not head else rf"^{re.escape(head)}(?P<pose>\d+)[-_ ]\d+\."
+
+
+def _told(mapping: dict[str, Any]) -> tuple[str, ...]:
+    if "constants" in mapping:
+        return ("all photographs are of one pose, as far as their names tell",)
+    return ()
+
+
+def network_tables(guesses: Sequence[tuple[_Group, Guess]]) -> list[tuple[_Group, Guess]]:
+    """An entry for every table of a file; adjusted points are not read where their rays lie beside them."""
+    every = [
+        (group, replace(guess, table=table, others=()))
+        for group, guess in guesses
+        for table in (guess.table, *guess.others)
+    ]
+    has_rays = any(guess.table == "image_points" for _, guess in every)
+    return [
+        (
+            group,
+            replace(guess, table=None, notes=(_INSTEAD,), known=True)
+            if has_rays and _is_adjusted(group, guess)
+            else guess,
+        )
+        for group, guess in every
+    ]
+
+
+def _is_adjusted(group: Any, guess: Guess) -> bool:
+    """Whether a file is a program's list of adjusted points."""
+    if guess.table not in ("points", "targets"):
+        return False
+    return guess.mapping.get("format") in _ADJUSTED or group.example.name.lower().startswith("points3d.bin")

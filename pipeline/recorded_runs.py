@@ -1,0 +1,270 @@
+"""`truing export` and `truing compare`: the commands that read what runs have left."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from truing import __version__
+from truing.pipeline.artifacts import Stamp, write_table
+from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.given_files import check_folder
+from truing.pipeline.ledger import Ledger, RememberedDigests, read_ledger
+from truing.pipeline.problems import ExitCode, environment
+from truing.pipeline.run_folder import PRIVATE
+from truing.pipeline.voice import Voice
+from truing.pipeline.whole_file import write_whole
+from truing.report.comparison.compared_runs import Between, Compared, Comparison
+from truing.report.comparison.page import comparison_head, comparison_sections
+from truing.report.rendering.render import render_page
+from truing.runs.comparison.side_by_side import SideBySide, compared_table, kind_of, mechanism_of, side_by_side
+from truing.runs.exports.certificate import certificate, failed_checks, qualified, temperature
+from truing.runs.exports.controller import controller
+from truing.runs.exports.summary import summary
+from truing.runs.exports.tables import text_tables, workbook
+from truing.runs.recorded_run import Run, load
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.certificate import Certificate
+from truing.schemas.faults import CampaignFaults, Fault
+
+_PAGE = ARTIFACTS["report"].file
+_AGAIN = "`truing run` makes it again"
+
+FORMS = ("csv", "xlsx", "json", "controller")
+_CERTIFICATE = "dcc"  # by itself alone: it needs more than a run
+_EXPORTS = "exports"
+_FILE = "campaign.toml"
+
+_COMPARISON, PAGE = "comparison", "comparison.html"
+_MEASURED = ("observations", "readings")
+# What the page shows of each run beside its numbers.
+_SHOWN = ("qa", "diagnosis", "model_choice", "requirements", "error_classes")
+
+
+def opened_run(folder: Path) -> Run:
+    """Open a run; raises CampaignFaults where there is none, or where it is not what its stages have left together."""
+    try:
+        run = load(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")]) from None
+    except ValueError as broken:
+        raise CampaignFaults(_broken_run(folder, broken)) from None
+    ledger = read_ledger(folder / PRIVATE / "ledger.json")  # empty where somebody has copied the tables alone
+    if faults := [*_changed(folder, ledger), *_mixed(folder, ledger)]:
+        raise CampaignFaults(faults)
+    try:
+        run.model  # noqa: B018 (read once, here, so that its faults are the run's)
+    except (OSError, ValueError, RecursionError):
+        raise CampaignFaults([Fault(str(folder), "a model.toml that `truing run` has written")]) from None
+    return run
+
+
+def _broken_run(folder: Path, broken: Exception) -> list[Fault]:
+    """The faults of a run of which a file is not what its schema says, or cannot be read: a line each."""
+    return [Fault(str(folder), f"a run that is whole ({line})") for line in str(broken).split("\n")]
+
+
+def _changed(folder: Path, ledger: Ledger) -> Iterator[Fault]:
+    """A fault per file that is no longer what its stage has written."""
+    digests = RememberedDigests(None)
+    for entry in ledger.entries.values():
+        for name, digest in entry.artifacts.items():
+            file = ARTIFACTS[name].file if name in ARTIFACTS else _PAGE
+            try:
+                if file != _PAGE and digests.digest(folder / file) != digest:
+                    yield Fault(str(folder / file), f"the file as its stage has written it; {_AGAIN}")
+            except FileNotFoundError:
+                yield Fault(str(folder / file), f"this file, which its stage has written; {_AGAIN}")
+
+
+def _mixed(folder: Path, ledger: Ledger) -> Iterator[Fault]:
+    """A fault per stage that was made from other tables than lie there now: a run that did not come to its end."""
+    there = {name: digest for entry in ledger.entries.values() for name, digest in entry.artifacts.items()}
+    for stage, entry in ledger.entries.items():
+        inputs = {} if entry.made_from is None else entry.made_from.inputs
+        if any(there.get(name) != digest for name, digest in inputs.items()):
+            yield Fault(str(folder), f"a run of one piece; {stage} was made from other tables than these, {_AGAIN}")
+
+
+def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign: Path | None = None) -> ExitCode:
+    """Write the forms into a folder, one file after the other, each whole; raises CampaignFaults.
+
+    A certificate takes what no measurement tells from the campaign's folder, and is refused where a check failed.
+    """
+    known = (*FORMS, _CERTIFICATE)
+    unknown = [form for form in forms if form not in known]
+    if unknown:
+        raise CampaignFaults(Fault("--to", f"one of {', '.join(known)}", value=form) for form in unknown)
+    run, place = opened_run(folder), out or folder / _EXPORTS
+    check_folder(place)
+    with environment(f"the folder {place} cannot be made"):
+        place.mkdir(parents=True, exist_ok=True)
+    voice = Voice(quiet=False)
+    for form in forms or FORMS:
+        try:
+            written = [_write(place, name, content) for name, content in _files(form, run, campaign)]
+        except _NoCertificate as why:
+            voice.warn(str(why))
+            return ExitCode.FAILED_CHECK
+        voice.say(f"{form}: {_said(place, written)}")
+    return ExitCode.DONE
+
+
+def _files(form: str, run: Run, campaign: Path | None) -> Iterable[tuple[str, bytes]]:
+    def of_campaign(run: Run) -> Iterable[tuple[str, bytes]]:
+        return certificate_files(run, campaign)
+
+    makers = {
+        _CERTIFICATE: of_campaign,
+        "csv": text_tables,
+        "xlsx": workbook,
+        "json": summary,
+        "controller": controller,
+    }
+    try:
+        yield from makers[form](run)
+    except ValueError as broken:  # a file of the run is not what its schema says
+        raise CampaignFaults(_broken_run(run.folder, broken)) from None
+
+
+def _write(place: Path, name: str, content: bytes) -> str:
+    write_whole(place / name, content)
+    return name
+
+
+def _said(place: Path, written: list[str]) -> str:
+    if not written:
+        return "nothing, for the run has left no extended model"
+    return f"{place / written[0]}" if len(written) == 1 else f"{len(written)} files in {place}"
+
+
+class _NoCertificate(Exception):
+    """The run may not be certified, because checks of its quality failed."""
+
+
+def certificate_files(run: Run, campaign: Path | None) -> Iterable[tuple[str, bytes]]:
+    """The certificate; raises NoCertificate where a check failed, CampaignFaults with all that is missing at once."""
+    if campaign is None:
+        raise CampaignFaults([Fault("--campaign", "the campaign's folder, whose campaign.toml has [certificate]")])
+    settings = open_campaign(campaign).validated()
+    if settings.campaign.name != run.campaign:
+        raise CampaignFaults([Fault("--campaign", f"the campaign {run.campaign}", value=settings.campaign.name)])
+    if failed := failed_checks(run):
+        raise _NoCertificate(f"no certificate: failed checks of quality, accepted by nobody: {', '.join(failed)}")
+    if "uncertainty" not in run or not len(qualified(run).results):
+        wanted = "results with an uncertainty, which a certificate needs; `truing run` says why there are none"
+        raise CampaignFaults([Fault(str(run.folder), wanted)])
+    if faults := list(_faults(settings.certificate, temperature(run) is not None)):
+        raise CampaignFaults(faults)
+    return certificate(run, settings.certificate)
+
+
+def _faults(told: Certificate, temperature_known: bool) -> Iterator[Fault]:
+    missing = told.missing(temperature_known=temperature_known)
+    yield from (Fault(_FILE, "this key to be present, for a certificate", column=key) for key in missing)
+    if told.begin is not None and told.end is not None and told.end < told.begin:
+        yield Fault(_FILE, "a day not before certificate.begin", column="certificate.end", value=str(told.end))
+
+
+def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
+    """Leave the table and the page of a comparison, and say what has changed. Raises CampaignFaults."""
+    _distinct(folders)
+    place = folders[0].parent / _COMPARISON if out is None else out
+    check_folder(place)
+    runs = [_opened(folder) for folder in folders]
+    try:
+        _of_one_machine(runs)
+        _of_own_measurements(runs)
+        found = side_by_side(runs)
+        shown = _shown(runs, found)
+        head = comparison_head(shown)
+    except (ValueError, OSError) as broken:  # a file of a run is not what its schema says, or cannot be read
+        lines = str(broken).split("\n")
+        raise CampaignFaults(Fault("RUN", f"runs that are whole ({line})") for line in lines) from None
+    with environment(f"the folder {place} cannot be made"):
+        place.mkdir(parents=True, exist_ok=True)
+    artifact = ARTIFACTS["compared"]
+    _leave_table(place / artifact.file, found, runs)
+    write_whole(place / PAGE, render_page(head, comparison_sections(shown)).encode())
+    voice = Voice(quiet=False)
+    for _, sentence in head.verdicts:
+        voice.say(sentence)
+    voice.say(f"table and page: {place / artifact.file}, {place / PAGE}")
+    return ExitCode.DONE
+
+
+def _leave_table(path: Path, found: SideBySide, runs: Sequence[Run]) -> None:
+    digest = _digest([run.origin("qa")["digest"] for run in runs])
+    campaigns = ", ".join(dict.fromkeys(run.campaign for run in runs))
+    stamp = Stamp("compare", digest, campaigns, __version__, ("compared",))
+    write_table(path, ARTIFACTS["compared"], compared_table(found), stamp)
+
+
+def _distinct(folders: Sequence[Path]) -> None:
+    """Raise where there are fewer than two runs, or one is named twice."""
+    if len(folders) < 2:
+        raise CampaignFaults([Fault("RUN", "two runs or more", value=str(folders[0]))])
+    twice = [place for place, times in Counter(os.path.realpath(folder) for folder in folders).items() if times > 1]
+    if twice:
+        raise CampaignFaults(Fault(place, "each run once") for place in twice)
+
+
+def _opened(folder: Path) -> Run:
+    run = opened_run(folder)
+    if "qa" not in run:
+        raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")])
+    return run
+
+
+def _of_one_machine(runs: Sequence[Run]) -> None:
+    """Raise where the runs are of different mechanisms; one without a model may be of any that its tables fit."""
+    for told in (kind_of, mechanism_of):
+        known = [(run, what) for run in runs if (what := told(run))]
+        for run, what in known[1:]:
+            if what != known[0][1]:
+                expected = f"runs of one machine, as {known[0][0].folder} is: {known[0][1]}"
+                raise CampaignFaults([Fault(str(run.folder), expected, value=what)])
+
+
+def _of_own_measurements(runs: Sequence[Run]) -> None:
+    """Raise where two runs are of the same measurements: they agree whatever the machine did."""
+    first: dict[str, Run] = {}
+    for run in runs:
+        for name in _MEASURED:
+            if name in run:
+                other = first.setdefault(run.origin(name)["digest"], run)
+                if other is not run:
+                    expected = f"a run of other measurements than {other.folder}"
+                    raise CampaignFaults([Fault(str(run.folder), expected)])
+
+
+def _shown(runs: Sequence[Run], found: SideBySide) -> Comparison:
+    compared = tuple(
+        Compared(
+            label,
+            str(run.folder),
+            run.origin("qa")["software_version"],
+            {name: run[name] for name in _SHOWN if name in run},
+        )
+        for label, run in zip(_labels(runs), runs, strict=True)
+    )
+    between = tuple(
+        Between(tuple(step.why for step in steps if step.why), any(step.rebuilt for step in steps))
+        for steps in found.steps
+    )
+    return Comparison(compared, found.table, between)
+
+
+def _labels(runs: Sequence[Run]) -> list[str]:
+    """What the runs are called: by campaign, by folder, or by the whole path, whichever tells them apart."""
+    for names in ([run.campaign for run in runs], [run.folder.name for run in runs]):
+        if len(set(names)) == len(runs):
+            return names
+    return [str(run.folder) for run in runs]
+
+
+def _digest(parts: Sequence[str]) -> str:
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()

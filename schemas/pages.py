@@ -1,0 +1,242 @@
+"""The reference written from the definitions that are enforced: docs/artifacts.md, docs/reference/campaign-toml.md."""
+
+from __future__ import annotations
+
+import json
+import re
+import types
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import date
+from typing import Any, Literal
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from truing.schemas.artifact import Artifact
+from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import Campaign
+from truing.schemas.column import LARGEST, Column
+from truing.schemas.columns import COLUMNS
+from truing.schemas.mechanism import AxisMechanism, LeggedMechanism, SensorMechanism
+from truing.schemas.section import Finite, NotNegative, Positive, Vector, Whole
+
+_COVARIANCE = ("cov_0_0", "cov_5_5")
+_ARTIFACTS_HEAD = """# What does a run leave, column by column?
+
+Written by `python -m schemas` from the definitions in `schemas/`, which are enforced whenever an artifact is
+written or read. Tables are Parquet; the metadata of each file names its schema and version (`truing.schema`,
+`truing.schema_version`), the units (`truing.units`), the stage that made it, the digest of all it was made from,
+the software's version and the campaign. A name means the same in every table.
+"""
+
+_CAMPAIGN_HEAD = """# What may campaign.toml hold, key by key?
+
+Written by `python -m schemas` from the definitions that check it. Every key that is not here is a fault, and the
+message names the nearest one that is. A key without a default is optional unless it says `required`. `truing init --all
+FOLDER` writes a campaign.toml with all of this as comments, and `truing check CAMPAIGN` tells every fault at once.
+
+| key | takes | unit | default | meaning |
+| --- | --- | --- | --- | --- |
+| `format` | `1` |  | `1` | version of this file's format |
+"""
+_UNITS = {
+    "_mm": "mm",
+    "_um": "µm",
+    "_rad": "rad",
+    "_deg": "degrees",
+    "_arcsec": "arc seconds",
+    "_n": "N",
+    "_nm": "N m",
+    "_n_per_m": "N/m",
+    "_n_m_per_rad": "N m/rad",
+    "_mv": "mV",
+    "_mv_per_n": "mV/N",
+    "_gpa": "GPa",
+    "_hpa": "hPa",
+    "_pct": "%",
+    "_c": "°C",
+    "_per_k": "1/K",
+}
+_NAMED = {"limits": "check", "columns": "column"}
+_NANOMETRES = ("wavelength_nm",)
+_NUMBERS = {
+    Positive: "number above 0",
+    NotNegative: "number from 0",
+    Finite: "number",
+    Vector: "three numbers",
+    Whole: "whole number",
+}
+_WORDS = {str: "text", int: "whole number", float: "number", bool: "`true` or `false`", date: "date"}
+_SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le", "to")}
+
+
+def artifacts_page() -> str:
+    """The whole page as Markdown."""
+    return "\n".join([_ARTIFACTS_HEAD, *(_artifact(artifact) for artifact in ARTIFACTS.values())])
+
+
+def _artifact(artifact: Artifact) -> str:
+    of = "" if artifact.file.startswith(f"{artifact.name}.") else f" ({artifact.name})"
+    key = f" Key: {_names(artifact.key)}." if artifact.key else ""
+    lines = [f"## `{artifact.file}`{of}", "", f"{artifact.meaning[0].upper()}{artifact.meaning[1:]}.{key}", ""]
+    if artifact.is_table:
+        lines += list(_columns(artifact))
+    return "\n".join(lines)
+
+
+def _columns(artifact: Artifact) -> Iterator[str]:
+    yield "| column | kind | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |"
+    for name in artifact.columns:
+        if name == _COVARIANCE[0] or not re.match(r"cov_\d", name):
+            yield _column_row(COLUMNS[name])
+    yield from (_column_row(COLUMNS[name], "; where the campaign has it") for name in artifact.optional)
+    yield from (_column_row(COLUMNS[name], "; numbered") for name in artifact.families)
+    if artifact.covariates:
+        yield "| any other | real |  |  | carried along as a covariate |"
+    yield ""
+
+
+def _column_row(column: Column, remark: str = "") -> str:
+    """One line of a table; the entries of a covariance are one line together."""
+    first, last = _COVARIANCE
+    shown = f"`{first}` .. `{last}`" if column.name == first else f"`{column.family or column.name}`"
+    return f"| {shown} | {column.kind} | {column.unit} | {_allowed(column)} | {column.meaning}{remark} |"
+
+
+def _names(names: tuple[str, ...]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def _allowed(column: Column) -> str:
+    parts = []
+    if column.choices:
+        parts.append(" ".join(column.choices))
+    if column.minimum is not None:
+        parts.append(f"from {column.minimum:g}")
+    if column.maximum is not None:
+        parts.append(f"to {column.maximum:g}")
+    if column.nullable:
+        parts.append("may be empty")
+    return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of campaign.toml, or several that hold the same: where they are, the model that checks them."""
+
+    places: tuple[str, ...]
+    model: type[BaseModel]
+    remark: str = ""
+
+
+def campaign_page() -> str:
+    """The whole page as Markdown."""
+    return "\n".join([_CAMPAIGN_HEAD, *(line for table in _top() for line in _written(table))]).rstrip() + "\n"
+
+
+def _top() -> Iterator[Table]:
+    """Tables of the file in the order of the model; of [mechanism] one per family of types."""
+    for table in _within(Campaign, ""):
+        if table.places == ("[mechanism]",):
+            yield Table(table.places, LeggedMechanism, " of legs and actuators")
+            yield Table(table.places, SensorMechanism, " of a force sensor")
+            yield Table(table.places, AxisMechanism, " of one axis")
+        else:
+            yield table
+
+
+def _within(model: type[BaseModel], place: str, remark: str = "") -> Iterator[Table]:
+    """The tables that a model's keys hold, those of the same kind as one."""
+    found: dict[type[BaseModel], list[str]] = {}
+    for key, field in model.model_fields.items():
+        if inner := _model(field.annotation):
+            found.setdefault(inner, []).append(_bracketed(f"{place}{key}", field.annotation))
+    return (Table(tuple(places), inner, remark) for inner, places in found.items())
+
+
+def _bracketed(place: str, annotation: Any) -> str:
+    if typing.get_origin(annotation) is dict:
+        return f"[{place}.<{_NAMED.get(place.rsplit('.', 1)[-1], 'table')}>]"
+    return f"[[{place}]]" if typing.get_origin(annotation) is tuple else f"[{place}]"
+
+
+def _written(table: Table, depth: int = 2) -> Iterator[str]:
+    """A heading, its sentences, its keys, then the tables within it."""
+    yield f"{'#' * depth} {', '.join(f'`{place}`' for place in table.places)}{table.remark}\n"
+    yield f"{_sentences(table.model)}\n"
+    yield "| key | takes | unit | default | meaning |\n| --- | --- | --- | --- | --- |"
+    yield from (_row(key, field) for key, field in table.model.model_fields.items())
+    yield ""
+    place = f"{table.places[0].strip('[]')}."
+    for inner in _within(table.model, place, table.remark if table.model is SensorMechanism else ""):
+        yield from _written(inner, depth + 1)
+
+
+def _sentences(model: type[BaseModel]) -> str:
+    """The first paragraph of a docstring and what follows, without the name of the table before its colon."""
+    text = " ".join((model.__doc__ or "").split())
+    text = re.sub(r"^(One )?\[[^:]*: ", "", text).replace("``", "`")
+    return f"{text[0].upper()}{text[1:]}"
+
+
+def _row(key: str, field: FieldInfo) -> str:
+    takes = _takes(field.annotation, field.metadata)
+    return f"| `{key}` | {takes} | {_unit(key)} | {_default(field)} | {field.description or ''} |"
+
+
+def _unit(key: str) -> str:
+    if key in _NANOMETRES:
+        return "nm"
+    marks = [mark for mark in _UNITS if key.endswith(mark)]
+    return _UNITS[max(marks, key=len)] if marks else ""
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    if value is None or value in ((), {}) or isinstance(value, BaseModel):
+        return ""
+    return f"`{json.dumps(value, ensure_ascii=False)}`"
+
+
+def _takes(annotation: Any, metadata: list[Any]) -> str:
+    """What a key takes, in words."""
+    if known := next((words for kind, words in _NUMBERS.items() if annotation == kind), ""):
+        return known
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Annotated:
+        return _takes(arguments[0], list(arguments[1:]))
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_takes(one, []) for one in arguments if one is not type(None))
+    if origin is Literal:
+        return " ".join(f"`{json.dumps(choice)}`" for choice in arguments)
+    if origin is tuple:
+        return f"list of {_plural(_takes(arguments[0], []))}"
+    if origin is dict:
+        return f"table of {_plural(_takes(arguments[1], []))}"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return "table"
+    return f"{_WORDS[annotation]}{_bounds(metadata)}"
+
+
+def _plural(words: str) -> str:
+    return re.sub(r"\b(text|number|table|list)\b", r"\1s", words)
+
+
+def _bounds(metadata: list[Any]) -> str:
+    """Limits from a field's constraints, those against absurd sizes left out."""
+    flat = [rule for entry in metadata for rule in (entry.metadata if isinstance(entry, FieldInfo) else [entry])]
+    known = [(rule, *sign) for rule in flat for kind, sign in _SIGNS.items() if isinstance(rule, kind)]
+    found = [(word, getattr(rule, name)) for rule, name, word in known]
+    return "".join(f" {word} {limit:g}" for word, limit in found if abs(limit) != LARGEST)
+
+
+def _model(annotation: Any) -> type[BaseModel] | None:
+    """The table within an annotation, however it is wrapped."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for one in typing.get_args(annotation) if (found := _model(one))), None)

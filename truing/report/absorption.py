@@ -1,0 +1,239 @@
+"""The absorption map: which parameters swallow an effect that is left out, as predicted and as the fit did."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from truing.report.calibration.calibrations import Key
+from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, label, panel_grid, style
+from truing.report.numbers import count, plain, with_uncertainty
+from truing.report.parameter_names import kind_of, name_of, shown_in
+from truing.report.tables import Tables, filled
+
+_EFFECTS = {
+    "platform-deformation-linear": "the linear deformation of the platform",
+    "platform-deformation-matrix": "the deformation of the platform",
+}
+_ESTIMATORS = {"implicit": "implicit objectives", "errors-in-variables": "maximum likelihood"}
+_CLEAR = 4.0  # sigmas, beyond which not one of some hundred shifts comes by chance
+# How many parameters a sentence names.
+_NAMED = 3
+
+_Group = tuple[str, str, str]  # effect, deformation, estimator
+
+# One parameter may go a hundred tolerances; the others are to be seen beside it.
+_CLIPPED = 10.0
+_COLOURS = (BLUE, ORANGE, GREEN, RED)
+_SYMBOLS = ("circle", "x", "triangle-up", "diamond")
+
+
+def absorbed_by(tables: Tables, key: Key) -> pd.DataFrame | None:
+    """The absorption by a calibration's model of the structure, with the tolerance of each parameter that has one."""
+    table = filled(tables, "absorption")
+    if table is None:
+        return None
+    own = table[table["model"] == key[0]] if (table["model"] == key[0]).any() else table
+    fitted = filled(tables, "calibration")
+    if fitted is None or "tolerance" not in fitted:
+        return own.assign(tolerance=float("nan"))
+    names = ["model", "deformation", "leg", "parameter"]
+    return own.merge(fitted[[*names, "tolerance"]].drop_duplicates(names), on=names, how="left")
+
+
+def _group_words(group: _Group) -> str:
+    """What is left out of which fit: ``the deformation of the platform is ignored (implicit objectives)``."""
+    return f"{_effect_words(*group[:2])} ({_ESTIMATORS.get(group[2], group[2])})"
+
+
+def _effect_words(effect: str, deformation: str) -> str:
+    """What is left out: ``the deformation of the platform is ignored``."""
+    words = _EFFECTS.get(effect, effect)
+    return f"{words} is ignored" if deformation == "none" else f"{words} is taken as {deformation}"
+
+
+def groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
+    """Rows by effect, deformation model and estimator, those that bend parameters farthest first."""
+    parts = [(key, rows) for key, rows in absorbed.groupby(["effect", "deformation", "estimator"], sort=False)]
+    return sorted(parts, key=lambda part: -_largest(part[1]))
+
+
+def _leading_groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
+    """Of every estimator the group that bends parameters farthest."""
+    found: dict[str, tuple[_Group, pd.DataFrame]] = {}
+    for key, rows in groups(absorbed):
+        found.setdefault(key[2], (key, rows))
+    return list(found.values())
+
+
+def _largest(rows: pd.DataFrame) -> float:
+    return float(np.nanmax(np.append(_size(rows), 0.0)))
+
+
+def _size(rows: pd.DataFrame) -> Any:
+    """How far a parameter is predicted to go: in its tolerances, where none has one in standard deviations."""
+    scale = rows["tolerance"] if rows["tolerance"].notna().any() else rows["sigma"]
+    return np.abs(rows["predicted"] / scale).to_numpy(dtype=float)
+
+
+def swallowed(absorbed: pd.DataFrame | None) -> str:
+    """The parameters that take most of the effect that bends the model most; empty where none is known.
+
+    Only what stands out of its own uncertainty and comes up to a tolerance is named.
+    """
+    if absorbed is None or not len(absorbed):
+        return ""
+    clear = absorbed[absorbed["predicted"].abs() > _CLEAR * absorbed["sigma"]]
+    clear = clear[_size(clear) >= 1.0] if len(clear) else clear
+    if not len(clear):
+        return "No deformation that was measured would move a parameter by its tolerance if it were left out."
+    group, rows = groups(clear)[0]
+    top = rows.assign(size=_size(rows)).nlargest(_NAMED, "size", keep="first")
+    return f"If {_group_words(group)}, {'; '.join(_taken(r) for r in top.itertuples())}."
+
+
+def _taken(r: Any) -> str:
+    factor, unit = shown_in(r.parameter, r.unit)
+    said = f"{name_of(r.parameter, r.leg)} takes {plain(factor * r.predicted)} {unit}".strip()
+    if r.tolerance == r.tolerance:
+        said += f", {r.size:.0f} tolerances" if r.size >= 9.5 else f", {r.size:.1f} tolerances"
+    if r.observed == r.observed:
+        said += f" (the fit: {with_uncertainty(factor * r.observed, factor * r.sigma, unit)})"
+    return said
+
+
+def agreement(absorbed: pd.DataFrame) -> str:
+    """How closely the fit did what linear algebra had predicted."""
+    both = absorbed.dropna(subset=["predicted", "observed", "sigma"])
+    off = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
+    within = int((off <= 1.96).sum())
+    said = f"{within} of {count(len(both), 'parameter')} lie within their bars of the line"
+    return f"{said}; what is far off it is too large for linear algebra, or has another cause besides."
+
+
+def correlation(predicted: Any, observed: Any) -> float | None:
+    """Correlation of two lists, where there are enough of them and both vary."""
+    x, y = np.asarray(predicted, float), np.asarray(observed, float)
+    known = np.isfinite(x) & np.isfinite(y)
+    if known.sum() < 3 or np.ptp(x[known]) == 0.0 or np.ptp(y[known]) == 0.0:
+        return None
+    return float(np.corrcoef(x[known], y[known])[0, 1])
+
+
+def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
+    """Predicted change of every parameter per effect left out: number in its unit, colour in its tolerances."""
+    parts = _leading_groups(absorbed.assign(kind=_kinds(absorbed)))
+    titles = [f"If {_group_words(key)}" for key, _ in parts]
+    heights = [rows["kind"].nunique() for _, rows in parts]
+    room = 70.0 / (30.0 * sum(heights) + 70.0 * len(parts))
+    grid = make_subplots(
+        rows=len(parts), cols=1, subplot_titles=[label(t) for t in titles], row_heights=heights, vertical_spacing=room
+    )
+    for row, (_, rows) in enumerate(parts, 1):
+        grid.add_trace(_panel(rows), row=row, col=1)
+    subtitle = f"Number: in the parameter's unit. Colour: in tolerances of the parameter, clipped at {_CLIPPED:g}"
+    height = 140 + 30 * sum(heights) + 70 * len(parts)
+    style(grid, "Absorption: what parameters take of an effect that is left out", subtitle, height)
+    bar = {"title": {"text": "tolerances"}, "thickness": 16}
+    grid.update_layout(coloraxis={"colorscale": "RdBu_r", "cmin": -_CLIPPED, "cmax": _CLIPPED, "colorbar": bar})
+    grid.update_layout(margin={"t": 110})
+    grid.update_xaxes(type="category", showgrid=False)
+    grid.update_yaxes(type="category", autorange="reversed", automargin=True, showgrid=False)
+    grid.update_annotations(font={"size": 13})
+    return grid
+
+
+def _kinds(rows: pd.DataFrame) -> list[str]:
+    """Kind and unit of every row's parameter: ``a_x (mm)``."""
+    kinds = [
+        (kind_of(name, leg), shown_in(name, unit)[1])
+        for name, leg, unit in zip(rows["parameter"], rows["leg"], rows["unit"], strict=True)
+    ]
+    return [f"{kind} ({unit})" if unit else kind for kind, unit in kinds]
+
+
+def _columns(rows: pd.DataFrame) -> list[str]:
+    return [f"leg {int(leg)}" if leg == leg else "all legs" for leg in rows["leg"]]
+
+
+def _printed(rows: pd.DataFrame, column: str) -> Any:
+    factors = [shown_in(name, unit)[0] for name, unit in zip(rows["parameter"], rows["unit"], strict=True)]
+    return rows[column].to_numpy(dtype=float) * factors
+
+
+def _panel(rows: pd.DataFrame) -> go.Heatmap:
+    told = rows.assign(place=_columns(rows), told=_printed(rows, "predicted"))
+    told["size"] = told["predicted"] / told["tolerance"]
+    order = list(dict.fromkeys(told["kind"])), list(dict.fromkeys(told.sort_values("leg", kind="stable")["place"]))
+    wide = {
+        c: told.pivot(index="kind", columns="place", values=c).reindex(index=order[0], columns=order[1])
+        for c in ("size", "told")
+    }
+    return go.Heatmap(
+        z=np.round(wide["size"].to_numpy(), 3),
+        x=order[1],
+        y=[f"{label(kind)} " for kind in order[0]],
+        text=[[plain(v) if v == v else "" for v in row] for row in wide["told"].to_numpy()],
+        texttemplate="%{text}",
+        coloraxis="coloraxis",
+        xgap=1,
+        ygap=1,
+        hovertemplate="%{y} of %{x}: %{text}, %{z:.1f} tolerances<extra></extra>",
+    )
+
+
+def predicted_against_observed(absorbed: pd.DataFrame) -> go.Figure:
+    """What the fit did against what was predicted, a panel per kind of parameter, with the line of equality."""
+    told = absorbed.assign(kind=_kinds(absorbed))
+    told = told.assign(x=_printed(told, "predicted"), y=_printed(told, "observed"), bar=BAR * _printed(told, "sigma"))
+    kinds = list(dict.fromkeys(told["kind"]))
+    titles = [_panel_title(kind, told[told["kind"] == kind]) for kind in kinds]
+    grid, places, rows = panel_grid(titles, 3, (0.09, lambda rows: 0.3 / rows))
+    named: set[Any] = set()
+    for kind, place in zip(kinds, places, strict=True):
+        own = told[told["kind"] == kind]
+        grid.add_trace(_equality(own), **place)
+        for number, (key, part) in enumerate(groups(absorbed)):
+            points = own.loc[own.index.isin(part.index)]
+            if len(points):
+                grid.add_trace(_points(points, key, number, key not in named), **place)
+                named.add(key)
+    subtitle = "Bars: 95 %; line: the fit did what was predicted"
+    style(grid, "What the fit did against what linear algebra predicted", subtitle, 170 + 230 * rows)
+    grid.update_xaxes(title={"text": "predicted", "standoff": 4}, row=rows)
+    grid.update_yaxes(title={"text": "observed"}, col=1)
+    grid.update_layout(
+        legend={"orientation": "h", "y": -0.16 / rows - 0.02, "yanchor": "top", "x": 0.0}, margin={"t": 100}
+    )
+    return grid
+
+
+def _panel_title(kind: str, rows: pd.DataFrame) -> str:
+    r = correlation(rows["x"], rows["y"])
+    return label(kind) if r is None else f"{label(kind)}, r = {r:.3f}"
+
+
+def _equality(rows: pd.DataFrame) -> go.Scatter:
+    values = np.concatenate([rows["x"], rows["y"]]).astype(float)
+    reach = [float(np.nanmin(values)), float(np.nanmax(values))]
+    return go.Scatter(x=reach, y=reach, mode="lines", line={"color": GREY}, hoverinfo="skip", showlegend=False)
+
+
+def _points(rows: pd.DataFrame, key: _Group, number: int, named: bool) -> go.Scatter:
+    colour, symbol = _COLOURS[number % len(_COLOURS)], _SYMBOLS[number % len(_SYMBOLS)]
+    return go.Scatter(
+        x=rows["x"],
+        y=rows["y"],
+        mode="markers",
+        marker={"color": colour, "size": 7, "symbol": symbol},
+        error_y={"type": "data", "array": rows["bar"], "thickness": 1, "width": 0},
+        text=[label(name_of(name, leg)) for name, leg in zip(rows["parameter"], rows["leg"], strict=True)],
+        hovertemplate="%{text}: predicted %{x:.3g}, observed %{y:.3g}<extra></extra>",
+        name=label(_group_words(key)),
+        legendgroup=str(number),
+        showlegend=named,
+    )

@@ -1,0 +1,148 @@
+"""Tables of the calibrations side by side, of their parameters leg by leg, and of what cannot be told apart well."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from truing.report.calibration.calibrations import Key, called, deformation_words, in_order, keys_of, rows_of
+from truing.report.numbers import p_value, plain, with_uncertainty
+from truing.report.page import Listing
+from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, name_of, shown_in
+from truing.report.tables import cell
+
+GOOD = ("ok", "converged")
+_HEADS = (
+    "choice",
+    "model",
+    "deformation",
+    "fitted (µm)",
+    "(arcsec)",
+    "held out (µm)",
+    "(arcsec)",
+    "held out / noise",
+    "p",
+    "rms pull",
+    "χ² / freedom",
+)
+_ERRORS = "Errors: mean / maximum. p: of the held-out ones by chance. Equal: cannot be told from the chosen one"
+_SAID = {"chosen": "chosen", "indistinguishable": "equal"}
+_MARKS = {"": "", "chosen": "pass", "equal": "none"}
+_STRONG = 0.9
+_OPEN = 12
+
+_CELL = "Identified − nominal ± one sigma; in brackets the pull: that shift over what tolerance and sigma let it be."
+_BENT = ("K", "kappa")
+_STAR = "*: the data tell it no better than its tolerance."
+_MEASURED = "κ and K: as identified."
+
+
+def all_calibrations(figures: pd.DataFrame, fitted: pd.DataFrame | None, caption: str, folded: bool = False) -> Listing:
+    """A row per model and deformation: errors (mean / maximum) where it was fitted and held out, and how it fits."""
+    ended = _status(fitted)
+    rows = tuple(_row(key, dict(row), ended.get(key, "")) for key, row in figures.iterrows())
+    marks = tuple(_MARKS.get(row[0], "warn") for row in rows)
+    return Listing(_HEADS, rows, marks, f"{caption}. {_ERRORS}", folded, "model_choice.parquet")
+
+
+def _status(fitted: pd.DataFrame | None) -> dict[Any, str]:
+    if fitted is None or "status" not in fitted:
+        return {}
+    return {key: str(status) for key, status in fitted.groupby(["model", "deformation"])["status"].first().items()}
+
+
+def _row(key: Any, figures: dict[str, float], status: str) -> tuple[str, ...]:
+    chosen = next((word for name, word in _SAID.items() if figures.get(name) == 1.0), "")
+    ended = status if status and status not in GOOD else ""
+    pairs = [
+        f"{plain(figures.get(f'{what}_mean_{role}'))} / {plain(figures.get(f'{what}_max_{role}'))}".replace(
+            " ", UNBROKEN
+        )
+        for role in ("calibration", "verification")
+        for what in ("position", "orientation")
+    ]
+    return (
+        ended or chosen,
+        *key,
+        *pairs,
+        plain(figures.get("heldout_ratio")),
+        p_value(figures.get("p_value")).replace(" ", UNBROKEN),
+        plain(figures.get("rms_pull")),
+        f"{plain(figures.get('chi_square'))} / {plain(figures.get('freedom'))}",
+    )
+
+
+def strong_correlations(own: pd.DataFrame) -> Listing:
+    """Pairs of parameters that move together, the strongest first."""
+    strong = own[own["correlation"].abs() >= _STRONG]
+    strong = strong.sort_values("correlation", key=lambda r: -r.abs(), kind="stable")
+    rows = tuple(
+        (name_of(r.parameter, r.leg), name_of(r.other_parameter, r.other_leg), f"{r.correlation:+.3f}")
+        for r in strong.itertuples()
+    )
+    caption = f"Correlations of {_STRONG:g} and more: only the sum or the difference of the two is well known"
+    heads = ("parameter", "with", "correlation")
+    return Listing(heads, rows, caption=caption, folded=len(rows) > _OPEN, held_by="correlations.parquet")
+
+
+def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
+    """The parameters of one calibration, rows by kind and columns by leg."""
+    own = rows_of(fitted, key)
+    star = f" {_STAR}" if not _identifiable(own).all() else ""
+    measured = f" {_MEASURED}" if own["parameter"].str.startswith(_BENT).any() else ""
+    caption = f"Parameters of {called(key)}. {_CELL}{star} {MEANING}{measured}"
+    heads, rows = _by_leg(own)
+    return Listing(("parameter", *heads), rows, caption=caption, held_by="calibration.parquet")
+
+
+def all_deviations(fitted: pd.DataFrame, method: str, held_by: str) -> list[Listing]:
+    """A folded table per deformation model with all models of the structure below each other."""
+    return [_of_deformation(fitted, d, method, held_by) for d in in_order(fitted["deformation"])]
+
+
+def _of_deformation(fitted: pd.DataFrame, deformation: str, method: str, held_by: str) -> Listing:
+    own = fitted[fitted["deformation"] == deformation]
+    heads, _ = _by_leg(own)
+    rows = [
+        (model, *row)
+        for model, deformation in keys_of(own)
+        for row in _by_leg(rows_of(own, (model, deformation)), heads)[1]
+    ]
+    caption = f"All parameters with {deformation_words(deformation)}, {method}"
+    return Listing(("model", "parameter", *heads), tuple(rows), caption=caption, folded=True, held_by=held_by)
+
+
+def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Heads of the columns (legs, and what belongs to none), and a row of cells per kind of parameter."""
+    legs = sorted(own["leg"].dropna().unique())
+    heads = heads or (*(f"leg {int(leg)}" for leg in legs), *(["all legs"] if own["leg"].isna().any() else []))
+    cells: dict[str, dict[str, str]] = {}
+    for r in own.assign(known=_identifiable(own)).itertuples():
+        kind, unit = _kind(r), shown_in(r.parameter, r.unit)[1]
+        column = f"leg {int(r.leg)}" if r.leg == r.leg else "all legs"
+        cells.setdefault(f"{kind} ({unit})".replace(" ", UNBROKEN) if unit else kind, {})[column] = _cell(r)
+    return heads, tuple((kind, *(row.get(head, "") for head in heads)) for kind, row in cells.items())
+
+
+def _kind(r: Any) -> str:
+    """What a parameter is in every leg; of an effect with its name, as two of them may have parameters alike."""
+    kind, effect = kind_of(r.parameter, r.leg), cell(getattr(r, "effect_of", None))
+    return kind if not effect or r.parameter.startswith(_BENT) else f"{kind} of {effect}"
+
+
+def _cell(r: Any) -> str:
+    factor, _ = shown_in(r.parameter, r.unit)
+    if r.parameter.startswith(_BENT) or r.nominal != r.nominal:  # an effect has no drawing that it could depart from
+        return with_uncertainty(factor * r.identified, factor * r.sigma).replace(" ", UNBROKEN)
+    said = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)
+    pull = getattr(r, "pull", float("nan"))
+    said += f" ({round(pull, 1) + 0.0:.1f})" if pull == pull else ""
+    return (said if r.known else f"{said} *").replace(" ", UNBROKEN)
+
+
+def _identifiable(own: pd.DataFrame) -> pd.Series:
+    """Whether the data determine each parameter; taken so where the table does not say."""
+    if "identifiable" in own:
+        return own["identifiable"].astype(bool)
+    return own["parameter"].notna()

@@ -1,0 +1,148 @@
+"""The section of the requirements: whether the calibrated mechanism is as accurate as was asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from truing.report.calibration.calibrations import Key, called, chosen_calibration, rows_of, shown_calibration
+from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
+from truing.report.numbers import count, in_one_unit, plain, quantity
+from truing.report.page import Listing, Section
+from truing.report.reasons import why_no_requirement
+from truing.report.tables import Tables, cell, filled
+
+_TITLE = "Requirements"
+_MARKS = {"meets": "pass", "fails": "fail", "undecided": "warn"}
+_COMPONENTS = {"rx": "tilt about x", "ry": "tilt about y", "rz": "turn about z"}
+_HEADS = ("component", "required", "95 of 100 poses below", "interval (95 %)", "in parts of the limit")
+
+_DRAWN_AS = {"meets": (GREEN, "circle"), "undecided": (ORANGE, "diamond"), "fails": (RED, "x")}
+
+
+def requirements(tables: Tables) -> Section | None:
+    """Each component with its limit, its error, the interval of that error, and the verdict."""
+    if "requirements" not in tables:
+        return None
+    judged = filled(tables, "requirements")
+    if judged is None:
+        return Section("requirements", _TITLE, why_no_requirement(tables), state="not evaluated")
+    key = shown_calibration(tables, judged)
+    own = rows_of(judged, key)
+    figures = []
+    if own["error"].notna().any() and own["requirement"].notna().any():
+        words = "An interval that crosses the limit leaves it undecided: more or better poses would decide."
+        figures.append((_requirement_bars(own, key), words))
+    listings = [_judged(own, key)]
+    others = judged.drop(index=own.index)
+    if len(others):
+        listings.append(_others(others))
+    verdicts = set(own["verdict"])
+    state = "fail" if "fails" in verdicts else "pass" if verdicts == {"meets"} else "not evaluated"
+    state = "undecided" if state == "not evaluated" and "undecided" in verdicts else state
+    return Section("requirements", _TITLE, _lead(own, key), tuple(figures), tuple(listings), state)
+
+
+def _lead(own: pd.DataFrame, key: Key) -> str:
+    said = f"{tally(own)}, predicted by {called(key)}."
+    return " ".join([said, *(_open_or_failed(r) for r in own.itertuples() if r.verdict in ("fails", "undecided"))])
+
+
+def _open_or_failed(r: Any) -> str:
+    """One requirement that is not met, or undecided, with its numbers."""
+    what, asked, error, interval, _ = _sizes(r)
+    words = "not met" if r.verdict == "fails" else "undecided"
+    return f"{what}: 95 of 100 poses stay below {error} (95 % interval: {interval}), asked for {asked}: {words}."
+
+
+def tally(own: pd.DataFrame) -> str:
+    """``2 of 5 requirements met, 1 failed, 2 undecided``."""
+    judged = own[own["verdict"] != "not evaluated"]
+    counts = judged["verdict"].value_counts()
+    if not len(judged):
+        return f"None of {count(len(own), 'requirement')} could be evaluated"
+    said = f"{counts.get('meets', 0)} of {count(len(judged), 'requirement')} met"
+    words = {"fails": "not met", "undecided": "undecided"}
+    return ", ".join([said, *(f"{counts[v]} {word}" for v, word in words.items() if v in counts)])
+
+
+def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
+    """The requirements as judged with the chosen calibration; None where none was judged."""
+    judged = filled(tables, "requirements")
+    if judged is None:
+        return None
+    key = chosen_calibration(tables)
+    own = rows_of(judged, key) if key is not None else judged.iloc[:0]
+    own = own[own["verdict"] != "not evaluated"]
+    return own if len(own) else None
+
+
+def _judged(own: pd.DataFrame, key: Key) -> Listing:
+    idle = own["verdict"] == "not evaluated"
+    if idle.any() and "message" in own:
+        remarks: list[tuple[str, ...]] = [(cell(message),) for message in own["message"].where(idle, "")]
+        heads: tuple[str, ...] = ("verdict", *_HEADS, "why")
+    else:
+        remarks, heads = [()] * len(own), ("verdict", *_HEADS)
+    rows = tuple((r.verdict, *_sizes(r), *remark) for r, remark in zip(own.itertuples(), remarks, strict=True))
+    return Listing(heads, rows, _marks(own), f"With {called(key)}", held_by="requirements.parquet")
+
+
+def _others(others: pd.DataFrame) -> Listing:
+    rows = tuple((r.verdict, r.model, r.deformation, *_sizes(r)) for r in others.itertuples())
+    heads = ("verdict", "model", "deformation", *_HEADS)
+    return Listing(heads, rows, _marks(others), "With every other calibration", True, "requirements.parquet")
+
+
+def _marks(own: pd.DataFrame) -> tuple[str, ...]:
+    return tuple(_MARKS.get(verdict, "none") for verdict in own["verdict"])
+
+
+def _sizes(r: Any) -> tuple[str, ...]:
+    asked, error, lower, upper = in_one_unit([r.requirement, r.error, r.lower, r.upper], cell(r.unit))
+    interval = "–" if "–" in (lower, upper) else f"{lower} to {upper}"
+    return _COMPONENTS.get(r.component, r.component), asked, error, interval, plain(r.error / r.requirement)
+
+
+def _requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
+    """Each component's error in units of its limit, with its interval; right of the line is too much."""
+    shown = own[own["error"].notna() & (own["requirement"] > 0.0)]
+    ratio = {c: (shown[c] / shown["requirement"]).to_numpy(dtype=float) for c in ("error", "lower", "upper")}
+    figure = go.Figure()
+    for verdict, (colour, symbol) in _DRAWN_AS.items():
+        mine = (shown["verdict"] == verdict).to_numpy()
+        if not mine.any():
+            continue
+        rows, error = shown[mine], ratio["error"][mine]
+        bars = {"type": "data", "symmetric": False, "thickness": 3, "width": 6}
+        bars |= {"array": ratio["upper"][mine] - error, "arrayminus": error - ratio["lower"][mine]}
+        figure.add_trace(
+            go.Scatter(
+                x=error,
+                y=[label(name) for name in rows["component"]],
+                mode="markers",
+                name=verdict,
+                marker={"color": colour, "size": 11, "symbol": symbol},
+                error_x=bars,
+                text=[f"{quantity(e, u)} of {quantity(r, u)}" for e, r, u in _errors_and_limits(rows)],
+                hovertemplate="%{y}: %{text}<extra>" + verdict + "</extra>",
+            )
+        )
+    kind = size_axis(np.append(np.concatenate(list(ratio.values())), 1.0))
+    figure.add_vline(x=1.0, line={"color": GREY, "width": 2, "dash": "dot"})
+    subtitle = f"Of {label(called(key))}. Bars: 95 % interval. Right of the dotted line: more than required"
+    style(figure, "Errors against what is required", subtitle, 170 + 42 * len(shown))
+    title = sequence_title("error / requirement", kind.get("type") == "log")
+    figure.update_xaxes(title_text=title, **{k: v for k, v in kind.items() if k != "dtick"})
+    names = [label(name) for name in shown["component"]]
+    figure.update_yaxes(type="category", categoryorder="array", categoryarray=names[::-1], automargin=True)
+    figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, showlegend=True)
+    figure.update_layout(margin={"t": 100})
+    return figure
+
+
+def _errors_and_limits(rows: pd.DataFrame) -> list[tuple[float, float, str]]:
+    return list(zip(rows["error"], rows["requirement"], rows["unit"], strict=True))

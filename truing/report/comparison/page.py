@@ -1,0 +1,360 @@
+"""The page of a comparison: what has changed, or that nothing has, trends, verdicts, and every number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from truing.report.comparison.compared_runs import (
+    Comparison,
+    accuracy,
+    called,
+    error_classes,
+    quality,
+    quality_words,
+    requirement_words,
+    told,
+    told_change,
+    unit_of,
+)
+from truing.report.diagnosis.pulls import pull_figure
+from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, common_look, label, style
+from truing.report.numbers import count
+from truing.report.page import Head, Listing, Section, Verdict
+from truing.report.parameter_names import kind_of
+from truing.report.tables import cell, filled
+
+_NAMED = 3
+
+_HELD_BY = "compared.parquet"
+_SERIES = {"z": "each by itself", "jump": "the fewest changes that explain all of them"}
+_RATE = "Where nothing changed, a change is told in 5 of 100 comparisons at most, however many numbers are compared."
+_JUDGED = {
+    True: (
+        "all numbers at once, with their correlations: tolerances, and a survey that both rest on, draw both runs the "
+        "same way and are not counted twice"
+    ),
+    False: "each number by itself",
+}
+
+_MOST = 12  # figures of a page
+_LOOKS = (
+    (BLUE, "circle"),
+    (ORANGE, "square"),
+    (GREEN, "diamond"),
+    ("#CC79A7", "cross"),
+    ("#56B4E9", "x"),
+    (GREY, "triangle-up"),
+)
+
+
+def comparison_head(found: Comparison) -> Head:
+    """The sentences that a busy person acts on."""
+    steps = range(len(found.between))
+    said = [*_change_verdicts(found), *(effect for step in steps for effect in _effect_verdicts(found, step))]
+    said += [*requirement_words(found), *quality_words(found)]
+    judged = sum(len(found.judged(step)) for step in steps)
+    changed = int(found.numbers["changed"].sum())
+    tiles = (("runs", str(len(found.runs))), ("numbers compared", f"{judged:,}"), ("changed", str(changed)))
+    title = " → ".join(run.label for run in found.runs) if len(found.runs) < 4 else f"{len(found.runs)} runs"
+    return Head(f"{title}: what has changed", tuple(said), tiles)
+
+
+def _change_verdicts(found: Comparison) -> list[Verdict]:
+    """What changed, step by step; one sentence where nothing did."""
+    steps = range(len(found.between))
+    loud = [("found", _step_words(found, step)) for step in steps if has_changed(found, step)]
+    still = [step for step in steps if not has_changed(found, step) and len(found.judged(step))]
+    said = loud
+    if still:
+        judged = [len(found.judged(step)) for step in still]
+        numbers = count(judged[0], "number") if len(set(judged)) == 1 else f"{min(judged)} to {max(judged)} numbers"
+        where = f" ({', '.join(map(found.pair, still))})" if loud or len(still) < len(steps) else ""
+        said = [*loud, ("pass", f"Nothing has changed beyond chance{where}: {numbers} compared from run to run.")]
+    return said + [
+        ("none", f"{found.pair(step)}: {_why_words(found, step)}") for step in steps if found.between[step].why
+    ]
+
+
+def _why_words(found: Comparison, step: int) -> str:
+    """Why numbers of a step were not judged."""
+    what = "some numbers were not judged" if len(found.judged(step)) else "no number was judged"
+    return f"{what}: {'; '.join(found.between[step].why)}."
+
+
+def has_changed(found: Comparison, step: int) -> bool:
+    """Whether anything changed from a run to the next."""
+    return found.between[step].rebuilt or bool(found.judged(step)["changed"].any())
+
+
+def _step_words(found: Comparison, step: int) -> str:
+    """Which numbers changed beyond chance, and by how much."""
+    judged = found.judged(step)
+    changed = _largest_first(judged[judged["changed"]])
+    if found.between[step].rebuilt:
+        more = f" Beyond chance by themselves: {_named(changed)}." if len(changed) else ""
+        what = "changed in more places than can be named one by one: it was rebuilt, or is another machine."
+        return f"{found.pair(step)}: {what}{more}"
+    return f"{found.pair(step)}: {len(changed)} of {count(len(judged), 'number')} changed: {_named(changed)}."
+
+
+def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
+    jump = (changed["change"] / changed["sigma_change"]).fillna(changed["z"]).abs()
+    return changed.assign(jump=jump).sort_values("jump", ascending=False, kind="stable", na_position="last")
+
+
+def _named(changed: pd.DataFrame) -> str:
+    most = "; ".join(f"{called(r)} by {told_change(r)}{_instead(r)}" for r in changed.head(_NAMED).itertuples())
+    return most + (f"; and {len(changed) - _NAMED} more" if len(changed) > _NAMED else "")
+
+
+def _instead(row: object) -> str:
+    others = cell(getattr(row, "instead", None))
+    return f" (or {others}, which the campaigns cannot tell from it)" if others else ""
+
+
+def _effect_verdicts(found: Comparison, step: int) -> list[Verdict]:
+    """Effects that one of two runs found and the other did not."""
+    before, now = (_effects_found(found, place) for place in (step, step + 1))
+    said = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
+    words = {"new": "found for the first time", "gone": "found no longer"}
+    return [("warn", f"{found.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in said if names]
+
+
+def _effects_found(found: Comparison, place: int) -> list[str]:
+    """The effects that the diagnosis of a run found, as the tables call them."""
+    table = filled(found.runs[place].tables, "diagnosis")
+    if table is None:
+        return []
+    own = table[table["verdict"] == "found"]
+    return [f"{c} {cell(s)}".strip() for c, s in zip(own["cause"], own["subject"], strict=True)]
+
+
+@common_look()
+def comparison_sections(found: Comparison) -> list[Section]:
+    """Changes, trends, verdicts side by side, every number, and what the page was made from."""
+    parts = (
+        *(_changes(found), _trends(found), _effects(found), accuracy(found), error_classes(found)),
+        *(quality(found), _numbers(found), _provenance(found)),
+    )
+    return [part for part in parts if part is not None]
+
+
+def _changes(found: Comparison) -> Section:
+    steps = range(len(found.between))
+    lead = f"Each run against the one before, {_JUDGED[_is_mechanism(found)]}. {_RATE}"
+    rows = [(step, r) for step in steps for r in found.judged(step).itertuples() if r.changed]
+    listing = Listing(
+        ("from, to", "number", "changed by", "in sigma", "or instead", "value now"),
+        tuple((found.pair(step), called(r), told_change(r), _jump(r), cell(r.instead), told(r)) for step, r in rows),
+        ("fail",) * len(rows),
+        "What changed: the fewest numbers whose changes explain all differences" if _is_mechanism(found) else "",
+        held_by=_HELD_BY,
+    )
+    judged = any(len(found.judged(step)) for step in steps)
+    changed = any(has_changed(found, step) for step in steps)
+    state = "changed" if changed else "pass" if judged else "not evaluated"
+    said = tuple((_mark(found, step), _step(found, step)) for step in steps)
+    return Section("changes", "What has changed", lead, tuple(_pulls(found)), (listing,) if rows else (), state, said)
+
+
+def _is_mechanism(found: Comparison) -> bool:
+    return bool((found.numbers["group"] == "geometry").any())
+
+
+def _pulls(found: Comparison) -> Iterator[tuple[object, str]]:
+    """Of each step of a mechanism in which something changed: every number in standard deviations, and the changes."""
+    for step in range(len(found.between)):
+        if has_changed(found, step) and _is_mechanism(found):
+            judged = found.judged(step)
+            jumps = judged.assign(jump=judged["change"] / judged["sigma_change"])
+            title = label(f"{found.pair(step)}, in standard deviations")
+            caption = "Numbers that are told only together may change without leaving the band each by itself."
+            series = _SERIES if jumps["jump"].notna().any() else {"z": _SERIES["z"]}
+            yield pull_figure(jumps, series, title, "change / its standard deviation"), caption
+
+
+def _mark(found: Comparison, step: int) -> str:
+    return "found" if has_changed(found, step) else "pass" if len(found.judged(step)) else "none"
+
+
+def _step(found: Comparison, step: int) -> str:
+    if not len(found.judged(step)):
+        return f"{found.pair(step)}: {_why_words(found, step)}"
+    own = found.numbers[found.numbers["place"] == step + 2]
+    words = (
+        _step_words(found, step)
+        if has_changed(found, step)
+        else f"{found.pair(step)}: none of {count(len(found.judged(step)), 'number')} changed."
+    )
+    left = own[own["z"].isna() & ~own["changed"]]
+    reasons = "; ".join(f"{n} {why}" for why, n in left["reason"].value_counts().items())
+    return f"{words} Left out: {reasons}." if reasons else words
+
+
+def _jump(r: Any) -> str:
+    return f"{r.change / r.sigma_change:.1f}" if r.change == r.change else f"{r.z:.1f}"
+
+
+def _trends(found: Comparison) -> Section | None:
+    figures, left = _trend_figures(found)
+    if not figures:
+        return None
+    lead = (
+        "Every kind of number over the runs, in the order in which they were named; kinds with a change come first. "
+        "A bar holds what was known beforehand, too, in which all runs err alike: the judgement is that above."
+    )
+    more = f" {count(left, 'kind')} more, which differ less, are in {_HELD_BY}." if left else ""
+    return Section("trends", "Trends", lead + more, figures)
+
+
+def _effects(found: Comparison) -> Section:
+    names = [_effects_found(found, place) for place in range(len(found.runs))]
+    every = list(dict.fromkeys(name for own in names for name in own))
+    labels = tuple(run.label for run in found.runs)
+    rows = tuple((name, *("found" if name in own else "–" for own in names)) for name in every)
+    if not rows:
+        return Section("effects", "Effects side by side", "No run found an effect.", state="pass")
+    marks = tuple("none" if all(name in own for own in names) else "warn" for name in every)
+    lead = (
+        "What the diagnosis of each run found. An effect that one run found and its neighbour did not may be there in "
+        "both: numbers are judged with that left open. Sizes stand among the numbers."
+    )
+    return Section("effects", "Effects side by side", lead, listings=(Listing(("effect", *labels), rows, marks),))
+
+
+def _numbers(found: Comparison) -> Section | None:
+    if not len(found.numbers):
+        return None
+    keys = ["group", "effect_of", "leg", "parameter"]
+    rows, marks = [], []
+    for _, own in found.numbers.groupby(keys, sort=False, dropna=False):
+        by_place = {r.place: r for r in own.itertuples()}
+        first = next(iter(by_place.values()))
+        cells = [told(by_place[k]) if k in by_place else "–" for k in range(1, len(found.runs) + 1)]
+        rows.append((called(first), *cells, _largest(own), _reasons(own)))
+        marks.append("fail" if own["changed"].any() else "")
+    heads = ("number", *(run.label for run in found.runs), "largest z", "left out")
+    listing = Listing(heads, tuple(rows), tuple(marks), f"All {len(rows)} numbers", True, _HELD_BY)
+    lead = "Values with one standard deviation; z is the difference from the run before over its own sigma."
+    return Section("numbers", "Every number", lead, listings=(listing,))
+
+
+def _largest(own: pd.DataFrame) -> str:
+    z = own["z"].dropna()
+    return f"{z.loc[z.abs().idxmax()]:.1f}" if len(z) else "–"
+
+
+def _reasons(own: pd.DataFrame) -> str:
+    return "; ".join(dict.fromkeys(own["reason"].dropna()))
+
+
+def _provenance(found: Comparison) -> Section:
+    rows = tuple((run.label, run.folder, run.version) for run in found.runs)
+    lead = "The runs in the order in which they were named. Nothing in their folders was changed."
+    listing = Listing(("run", "folder", "version"), rows)
+    return Section("provenance", "Provenance", lead, listings=(listing,))
+
+
+def _trend_figures(found: Comparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
+    """Figures with captions, kinds with a change first, then those that differ most; and how many are left out."""
+    own = found.numbers[found.numbers["value"].notna()]
+    own = own.assign(kind=[_kind(r) for r in own.itertuples()])
+    known = own.groupby("kind", sort=False)["z"].transform(lambda z: z.notna().any())
+    order = (
+        own[known | own["changed"]]
+        .assign(size=own["z"].abs())
+        .groupby("kind", sort=False)
+        .agg(changed=("changed", "any"), size=("size", "max"))
+        .sort_values(["changed", "size"], ascending=False, kind="stable")
+    )
+    drawn = [_figure(found, own[own["kind"] == kind], str(kind)) for kind in order.index[:_MOST]]
+    captions = [_caption(own[(own["kind"] == kind) & own["changed"]]) for kind in order.index[:_MOST]]
+    return tuple(zip(drawn, captions, strict=True)), max(len(order) - _MOST, 0)
+
+
+def _caption(changed: pd.DataFrame) -> str:
+    """What is ringed, and why that may not be seen here."""
+    said = []
+    for r in changed.itertuples():
+        together = cell(r.instead)
+        why = f": told only together with {together}, so that the change is surer than its bar" if together else ""
+        said.append(f"{called(r)} changed by {told_change(r)}{why}.")
+    return f"Ringed: {' '.join(said)}" if said else ""
+
+
+def _kind(row: Any) -> str:
+    if row.group in ("compliance", "G_B"):
+        head, _, tail = row.parameter.partition(" ")
+        return (
+            f"compliance by {tail}, {'rotations' if head[0] == 'r' else 'displacements'}"
+            if (row.group == "compliance")
+            else f"G_B, row {head}"
+        )
+    leg = row.leg if row.leg is not None else float("nan")
+    kind = kind_of(row.parameter, leg)
+    return f"{kind} of {row.effect_of}" if row.group == "effect" else kind
+
+
+def _figure(found: Comparison, own: pd.DataFrame, kind: str) -> go.Figure:
+    figure = go.Figure()
+    first = next(own.itertuples())
+    lines = list(own.groupby(["leg", "parameter"], sort=False, dropna=False))
+    shifts = [rows["value"] - _mean(rows) for _, rows in lines]
+    factor, unit = unit_of(first, float(np.median(np.abs(np.concatenate([*shifts, own["sigma"]])))))
+    if unit == "mm" and max(float(shift.abs().max()) for shift in shifts) * factor < 1.0:
+        factor, unit = 1e3 * factor, "µm"
+    aside = np.linspace(-0.18, 0.18, len(lines)) if len(lines) > 1 else np.zeros(1)
+    for k, ((_, rows), shift) in enumerate(zip(lines, shifts, strict=True)):
+        colour, symbol = _LOOKS[k % len(_LOOKS)]
+        figure.add_trace(_line(rows, factor * shift, factor, aside[k], colour, symbol, unit))
+    _ring(figure, lines, shifts, factor, aside)
+    style(figure, label(kind), f"Each against its own mean over the runs, {unit or '1'}; bars: 95 %", 320)
+    ticks = {"tickvals": list(range(1, len(found.runs) + 1)), "ticktext": [label(run.label) for run in found.runs]}
+    figure.update_xaxes(**ticks, range=[0.6, len(found.runs) + 0.4], showgrid=False)
+    figure.update_yaxes(title_text=f"shift, {unit or '1'}", zeroline=True, zerolinecolor=GREY)
+    return figure
+
+
+def _mean(rows: pd.DataFrame) -> float:
+    """The mean of a number over the runs, each counted by how well it knows it."""
+    sigma = rows["sigma"].to_numpy(float)
+    usable = np.isfinite(sigma) & (sigma > 0.0)
+    weight = 1.0 / sigma**2 if usable.all() else np.ones(len(rows))
+    return float(np.average(rows["value"].to_numpy(float), weights=weight))
+
+
+def _line(
+    rows: pd.DataFrame, shift: pd.Series, factor: float, aside: float, colour: str, symbol: str, unit: str
+) -> go.Scatter:
+    first = next(rows.itertuples())
+    name = called(first) if rows["leg"].isna().all() else f"leg {int(first.leg)}"
+    short = first.parameter if first.group in ("compliance", "G_B") else name
+    return go.Scatter(
+        x=rows["place"] + aside,
+        y=shift,
+        mode="lines+markers",
+        name=label(short),
+        line={"color": colour, "width": 1},
+        marker={"color": colour, "symbol": symbol, "size": 8},
+        error_y={"type": "data", "array": BAR * factor * rows["sigma"], "thickness": 1, "width": 3},
+        hovertemplate=f"%{{y:.4g}} {unit}<extra>{label(name)}</extra>",
+    )
+
+
+def _ring(figure: go.Figure, lines: list[Any], shifts: list[Any], factor: float, aside: np.ndarray) -> None:
+    """Rings around the numbers that changed."""
+    places = [
+        (place + aside[k], factor * value)
+        for k, ((_, rows), shift) in enumerate(zip(lines, shifts, strict=True))
+        for place, value, changed in zip(rows["place"], shift, rows["changed"], strict=True)
+        if changed
+    ]
+    if places:
+        x, y = zip(*places, strict=True)
+        ring = {"symbol": "circle-open", "size": 18, "color": RED, "line": {"width": 2.5}}
+        figure.add_trace(go.Scatter(x=x, y=y, mode="markers", name="changed", marker=ring, hoverinfo="skip"))

@@ -1,1 +1,0 @@
-"""The section of the deformation: picture, figures, models."""

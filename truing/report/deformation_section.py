@@ -1,0 +1,374 @@
+"""The section of the deformation: the picture, the shifts against their drives, the models and their errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
+from truing.report.model_tests import ModelTest, by_p, listing_of
+from truing.report.numbers import p_equals, p_value, plain, quantity, with_uncertainty
+from truing.report.page import Drawn, Listing, Section
+from truing.report.reasons import why_no_deformation
+from truing.report.scene.by_leg import by_leg
+from truing.report.scene.scenes import pose_scene
+from truing.report.scene.view import picture
+from truing.report.tables import Tables, cell, filled
+
+_KEYS = ["body", "target", "axis"]
+_COORDINATES_SHOWN = 6
+_UNLIKELY = 0.01  # that chance does what a model explains
+# An arrow of three targets says nothing that a rigid fit to them has not taken away.
+_TARGETS_OF_A_PICTURE = 3
+
+_LINES = {"x": BLUE, "y": ORANGE, "z": GREEN}
+
+
+def deformation(tables: Tables) -> Section | None:
+    """The deformation picture, the shifts against their drives, and the models."""
+    if "deformation" not in tables:
+        return None
+    modelled = filled(tables, "deformation_errors") is not None
+    shown = [*_picture(tables), *_legs(tables), *_targets(tables)]
+    if not modelled:
+        why = why_no_deformation(tables)
+        return Section("deformation", "Deformation", why, tuple(shown), _legwise(tables), "not evaluated")
+    tests = _tests(tables)
+    listings = (listing_of(tests, "Tests of the models"), *_legwise(tables), _errors(tables))
+    return Section("deformation", "Deformation", _sentence(tables), tuple(shown), listings, tests[0].state)
+
+
+def _tests(tables: Tables) -> list[ModelTest]:
+    """Whether the body is rigid, and which models earn their parameters."""
+    facts = tables["deformation_errors"]
+    found = {}
+    for model, figure in (("linear", "p_value_over_none"), ("matrix", "p_value_over_linear")):
+        p = facts.loc[(facts["model"] == model) & (facts["figure"] == figure), "value"].dropna()
+        found[model] = float(p.min()) if len(p) else None
+    told = [p for p in found.values() if p is not None]
+    earned = ("It explains no more than chance.", "It explains what chance does not.")
+    rigid = by_p(
+        "the body is rigid: nothing in it follows the drives",
+        min(1.0, len(told) * min(told)) if told else None,
+        _UNLIKELY,
+        ("No model explains more than chance.", "What moves in the body follows the drives beyond chance."),
+        "No model could be fitted.",
+    )
+    asked = {
+        "linear": "each place moves with its own drive (linear over none)",
+        "matrix": "places move with the other drives too (matrix over linear)",
+    }
+    why = "This campaign does not allow the model: too few poses, or no attachment for each actuator."
+    earning = [
+        by_p(words, None if p is None else 1.0 - p, 1.0 - _UNLIKELY, earned[::-1], why)
+        for model, words in asked.items()
+        for p in [found[model]]
+    ]
+    return [rigid, *(replace(test, p=p) for test, p in zip(earning, found.values(), strict=True))]
+
+
+def _legwise(tables: Tables) -> tuple[Listing, ...]:
+    told = by_leg(tables)
+    return (told,) if told.rows else ()
+
+
+def _picture(tables: Tables) -> Drawn:
+    shape, residuals = filled(tables, "shape"), filled(tables, "residuals")
+    if shape is None or residuals is None:
+        return []
+    part = _without_gross_attachments(residuals, shape, tables.get("deformation"))
+    part = part[~part["rejected"]].dropna(subset=["dx_mm"]).merge(shape[["body", "target"]], on=["body", "target"])
+    body = _body_of_picture(part)
+    if body is None:
+        return []
+    words = f"Targets of {body}; the slider begins with the poses in which they are farthest from their places. "
+    words += "Noise is amplified as well."
+    if shape.loc[shape["body"] == body, "leg"].notna().any():
+        words += (
+            " The grey ring joins the attachments where they were surveyed, the orange one where they are measured."
+        )
+    scene = pose_scene(tables, part[part["body"] == body], body)
+    if scene.legs:
+        words += " Legs that are chosen show their joints, their targets and their numbers."
+    subtitle = f"Each line runs from a target's place to where it is measured, at first {scene.gain:g} times as long"
+    return [(picture(scene, f"Displacement of the targets of {label(body)}, amplified", subtitle), words)]
+
+
+def _body_of_picture(residuals: pd.DataFrame) -> str | None:
+    """The platform; without one, the body that a rigid motion explains least."""
+    enough = residuals.groupby("body")["target"].nunique() >= _TARGETS_OF_A_PICTURE
+    size = (residuals[["dx_mm", "dy_mm", "dz_mm"]] ** 2).sum(axis=1).groupby(residuals["body"]).median()
+    size = size[enough]
+    if not len(size):
+        return None
+    return "platform" if "platform" in size.index else str(size.idxmax())
+
+
+def _without_gross_attachments(
+    residuals: pd.DataFrame, shape: pd.DataFrame, shifts: pd.DataFrame | None
+) -> pd.DataFrame:
+    """Residuals less the attachments that were left out of the deformation models as gross errors."""
+    if shifts is None or not len(shifts) or "rejected" not in shifts:
+        return residuals
+    gross = shifts.loc[shifts["rejected"], ["pose", "leg"]].assign(gross=True)
+    legs = residuals.merge(shape[["body", "target", "leg"]], on=["body", "target"], how="left")
+    marked = legs.merge(gross, on=["pose", "leg"], how="left")["gross"].notna().to_numpy()
+    return residuals[~marked]
+
+
+def _legs(tables: Tables) -> Drawn:
+    shifts, models = filled(tables, "deformation"), filled(tables, "deformation_models")
+    if shifts is None or models is None:
+        return []
+    words = "Points off the line by more than their bars: what the other actuators do."
+    drawn: Drawn = [(shift_against_drive(shifts, models), words)]
+    if (models["model"] == "matrix").any():
+        words = (
+            "Row: attachment that shifts. Column: actuator that moves it. The diagonal is what the linear model knows."
+        )
+        drawn.append((coefficient_map(models), words))
+    return drawn
+
+
+def _targets(tables: Tables) -> Drawn:
+    shifts, models = filled(tables, "target_deformation"), filled(tables, "deformation_models")
+    if shifts is None or models is None or "drive" not in models or "configurations" not in tables:
+        return []
+    return [_against(shifts, models, tables["configurations"], str(d)) for d in models["drive"].dropna().unique()]
+
+
+def _against(shifts: pd.DataFrame, models: pd.DataFrame, readings: pd.DataFrame, drive: str) -> tuple[object, str]:
+    own = models[models["drive"] == drive].assign(z=lambda t: (t["coefficient"] / t["sigma"]).abs())
+    top = own.nlargest(_COORDINATES_SHOWN, "z", keep="first")
+    chosen = shifts.merge(top[_KEYS], on=_KEYS)
+    figure = target_against_drive(chosen, readings.set_index("pose")[drive], top.set_index(_KEYS)["coefficient"])
+    clear = int(own["significant"].sum()) if "significant" in own else 0
+    return figure, f"{clear} of {len(own)} coordinates follow it beyond chance."
+
+
+def _sentence(tables: Tables) -> str:
+    facts = tables["deformation_errors"].set_index(["model", "figure"])["value"]
+    words = []
+    if ("matrix", "p_value_over_linear") in facts:
+        p = float(facts[("matrix", "p_value_over_linear")])
+        verb = "earns" if p < 0.01 else "does not earn"
+        words.append(f"The matrix model {verb} its parameters over the linear one (p {p_equals(p)}).")
+    elif ("linear", "p_value_over_none") in facts:
+        p = float(facts.xs(("linear", "p_value_over_none")).min())
+        earns = "earns" if p < 0.01 else "does not earn"
+        words.append(f"The linear model {earns} its parameters over none (p {p_equals(p)}).")
+    if ("matrix", "rank") in facts:
+        words.append(f"K has {int(facts[('matrix', 'rank')])} independent shapes above noise.")
+    if ("none", "share_buckle") in facts:
+        lift, tilt, buckle = (100 * float(facts[("none", f"share_{s}")]) for s in ("lift", "tilt", "buckle"))
+        words.append(
+            f"Of the mean square shift {lift:.0f} % is lift, {tilt:.0f} % tilt and {buckle:.0f} % buckling of the ring."
+        )
+    if ("matrix", "modulo_plane") in facts and float(facts[("matrix", "modulo_plane")]):
+        words.append("Known modulo a plane only: the platform has fewer than three targets away from its attachments.")
+    return " ".join(words) or "Coefficients and errors of the deformation models."
+
+
+def _errors(tables: Tables) -> Listing:
+    rows = tuple(
+        (
+            r.model,
+            "all" if r.leg != r.leg else f"leg {int(r.leg)}",
+            cell(getattr(r, "subject", None)),
+            r.figure.replace("_", " "),
+            p_value(r.value) if "p_value" in r.figure else quantity(r.value, r.unit),
+        )
+        for r in tables["deformation_errors"].itertuples()
+    )
+    heads = ("model", "of", "subject", "figure", "value")
+    return Listing(
+        heads, rows, caption="Error figures of every model", folded=True, held_by="deformation_errors.parquet"
+    )
+
+
+def shift_against_drive(deformation: pd.DataFrame, models: pd.DataFrame) -> go.Figure:
+    """Shift of each attachment along z against its own actuator, with the linear model (telescope report, figure 7)."""
+    legs = sorted(deformation["leg"].unique())
+    grid, places, rows_of_panels = _grid([f"leg {leg}" for leg in legs])
+    linear = models[models["model"] == "linear"].set_index("leg")
+    kept = deformation[~deformation["rejected"]] if "rejected" in deformation else deformation
+    low, high = _range(kept)
+    for leg, place in zip(legs, places, strict=True):
+        grid.add_trace(_measured(kept[kept["leg"] == leg]), **place)
+        out = deformation.drop(kept.index)
+        out = out[out["leg"] == leg]
+        if len(out):
+            grid.add_trace(_left_out(out, low, high), **place)
+        if leg in linear.index and (kept["leg"] == leg).any():
+            grid.add_trace(_slope(kept[kept["leg"] == leg], 1e3 * float(linear.loc[leg, "coefficient"])), **place)
+    subtitle = "Bars: 95 % of the point noise; line: linear model; red cross: left out as gross error"
+    style(grid, "Shift of each attachment against its own actuator", subtitle, 130 + 210 * rows_of_panels)
+    grid.update_xaxes(title_text="Δρ (mm)", row=rows_of_panels)
+    grid.update_yaxes(range=[low, high])
+    grid.update_yaxes(title_text="Δb along z (µm)", col=1)
+    grid.update_traces(showlegend=False)
+    return grid
+
+
+def _grid(titles: list[str]) -> tuple[go.Figure, list[dict[str, int]], int]:
+    gaps = 0.04, lambda rows: min(0.12, 0.8 / rows)
+    return panel_grid(titles, 3, gaps, shared_xaxes="all", shared_yaxes="all")
+
+
+def _range(kept: pd.DataFrame) -> tuple[float, float]:
+    """Limits that hold all kept shifts with their bars, so that a gross error cannot flatten the rest."""
+    low = float((kept["delta_bz_um"] - BAR * kept["sigma_um"]).min()) if len(kept) else -1.0
+    high = float((kept["delta_bz_um"] + BAR * kept["sigma_um"]).max()) if len(kept) else 1.0
+    margin = 0.06 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def _measured(rows: pd.DataFrame) -> go.Scatter:
+    return go.Scatter(
+        x=rows["delta_rho_mm"],
+        y=rows["delta_bz_um"],
+        mode="markers",
+        marker={"color": BLUE, "size": 5},
+        error_y={"type": "data", "array": BAR * rows["sigma_um"], "color": "rgba(0,114,178,0.45)", "thickness": 1},
+        text=[label(p) for p in rows["pose"]],
+        hovertemplate="pose %{text}<br>Δρ %{x:.3f} mm<br>Δb %{y:.1f} µm<extra></extra>",
+    ).update(error_y={"width": 0})
+
+
+def _left_out(rows: pd.DataFrame, low: float, high: float) -> go.Scatter:
+    return go.Scatter(
+        x=rows["delta_rho_mm"],
+        y=rows["delta_bz_um"].clip(low, high),
+        mode="markers",
+        marker={"color": RED, "size": 11, "symbol": "x-thin", "line": {"color": RED, "width": 3}},
+        text=[f"pose {label(p)}: {plain(y)} µm" for p, y in zip(rows["pose"], rows["delta_bz_um"], strict=True)],
+        hovertemplate="left out<br>%{text}<extra></extra>",
+    )
+
+
+def _slope(rows: pd.DataFrame, slope: float) -> go.Scatter:
+    reach = np.array([rows["delta_rho_mm"].min(), rows["delta_rho_mm"].max()])
+    rest = float((rows["delta_bz_um"] - slope * rows["delta_rho_mm"]).mean())
+    return go.Scatter(
+        x=reach, y=rest + slope * reach, mode="lines", line={"color": ORANGE, "width": 2}, hoverinfo="skip"
+    )
+
+
+# Wider matrices have no room for numbers in their cells.
+_NUMBERED = 15
+
+
+def coefficient_map(models: pd.DataFrame) -> go.Figure:
+    """The matrix model's coefficients as a heat map; entries that chance could explain are set in brackets."""
+    matrix = models[models["model"] == "matrix"]
+    wide = {c: matrix.pivot(index="leg", columns="column", values=c) for c in ("coefficient", "sigma")}
+    values, sigma = 1e3 * wide["coefficient"], 1e3 * wide["sigma"]
+    real = _significant(matrix, "leg", "column").to_numpy()
+    bound = float(np.nanmax(np.abs(values.to_numpy())))
+    figure = go.Figure()
+    figure.add_trace(
+        go.Heatmap(
+            z=values,
+            x=[f"actuator {c}" for c in values.columns],
+            y=[f"attachment {r} " for r in values.index],
+            text=_cells(values.to_numpy(), real, "{:.1f}"),
+            texttemplate="%{text}" if len(values.columns) <= _NUMBERED else None,
+            textfont={"size": 14},
+            customdata=_told(values.to_numpy(), sigma.to_numpy()),
+            colorscale="RdBu_r",
+            zmin=-bound,
+            zmax=bound,
+            xgap=1,
+            ygap=1,
+            colorbar={"title": {"text": "µm per mm"}, "thickness": 16},
+            hovertemplate="%{y}with %{x}: %{customdata}<extra></extra>",
+        )
+    )
+    typical = float(np.nanmedian(sigma.to_numpy()))
+    subtitle = f"One sigma of an entry: {typical:.2g} µm per mm. In brackets: not distinguishable from zero"
+    style(figure, "K: shift of each attachment along z, in µm per mm of each actuator", subtitle, 520)
+    _matrix_axes(figure)
+    return figure
+
+
+def _significant(matrix: pd.DataFrame, index: str, columns: str) -> pd.DataFrame:
+    known = matrix if "significant" in matrix else matrix.assign(significant=True)
+    return known.pivot(index=index, columns=columns, values="significant")
+
+
+def _cells(values: Any, real: Any, form: str) -> list[list[str]]:
+    return [
+        [form.format(v) if mark else f"({form.format(v)})" for v, mark in zip(row, marks, strict=True)]
+        for row, marks in zip(values, real, strict=True)
+    ]
+
+
+def _told(values: Any, sigma: Any) -> list[list[str]]:
+    """Every entry with its uncertainty."""
+    return [
+        [with_uncertainty(v, s, "µm/mm") for v, s in zip(*pair, strict=True)]
+        for pair in zip(values, sigma, strict=True)
+    ]
+
+
+def _matrix_axes(figure: go.Figure) -> None:
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category", showgrid=False)
+    figure.update_xaxes(side="top", type="category", showgrid=False)
+    figure.update_layout(margin={"t": 110, "b": 20})
+
+
+def compliance_map(compliance: pd.DataFrame) -> go.Figure:
+    """The compliance matrix, each entry in units of its own standard deviation, its value in the cell."""
+    matrix = compliance[compliance["model"] == "matrix"]
+    order = list(dict.fromkeys(matrix["response"])), list(dict.fromkeys(matrix["load"]))
+    wide = {
+        c: matrix.pivot(index="response", columns="load", values=c).loc[order] for c in ("coefficient", "sigma", "unit")
+    }
+    real = _significant(matrix, "response", "load").loc[order].to_numpy()
+    figure = go.Figure()
+    figure.add_trace(
+        go.Heatmap(
+            z=(wide["coefficient"] / wide["sigma"]).clip(-50, 50),
+            x=[label(load) for load in order[1]],
+            y=[f"{label(response)} " for response in order[0]],
+            text=_cells(wide["coefficient"].to_numpy(), real, "{:.2e}"),
+            texttemplate="%{text}",
+            zmin=-50,
+            zmax=50,
+            xgap=1,
+            ygap=1,
+            colorscale="RdBu_r",
+            customdata=wide["unit"],
+            colorbar={"title": {"text": "value / sigma"}, "thickness": 16},
+            hovertemplate="%{y} per %{x}: %{text} %{customdata}<extra></extra>",
+        )
+    )
+    subtitle = "m or rad per N or N·m. Colour: value over its sigma, clipped at 50. In brackets: not significant"
+    style(figure, "Compliance: displacement (row) per load (column)", subtitle, 500)
+    _matrix_axes(figure)
+    return figure
+
+
+def target_against_drive(shifts: pd.DataFrame, drive: pd.Series, slopes: pd.Series) -> go.Figure:
+    """Shift of single coordinates against a drive, a panel each; ``slopes`` in um per unit by body, target, axis."""
+    parts = list(shifts.groupby(["body", "target", "axis"], sort=False))
+    grid, places, rows_of_panels = _grid([label(" ".join(name)) for name, _ in parts])
+    for (name, rows), place in zip(parts, places, strict=True):
+        x, y = drive.reindex(rows["pose"]).to_numpy(dtype=float), rows["displacement_um"].to_numpy()
+        bars = {"type": "data", "array": BAR * rows["sigma_um"], "thickness": 1, "width": 0}
+        text = [label(p) for p in rows["pose"]]
+        points = go.Scatter(x=x, y=y, mode="markers", marker={"size": 5, "color": _LINES[name[2]]}, error_y=bars)
+        grid.add_trace(points.update(text=text, hovertemplate="pose %{text}: %{y:.1f} µm<extra></extra>"), **place)
+        reach = np.array([np.nanmin(x), np.nanmax(x)])
+        line = np.nanmean(y) + slopes[name] * (reach - np.nanmean(x))
+        grid.add_trace(go.Scatter(x=reach, y=line, mode="lines", line={"color": RED}, hoverinfo="skip"), **place)
+    subtitle = "The coordinates that follow it most clearly. Bars: 95 %; line: slope of the linear model"
+    style(grid, f"Shift of targets in their body against {label(drive.name)}", subtitle, 130 + 200 * rows_of_panels)
+    grid.update_xaxes(title_text=label(drive.name), row=rows_of_panels)
+    grid.update_yaxes(title_text="shift (µm)", col=1)
+    grid.update_traces(showlegend=False)
+    return grid

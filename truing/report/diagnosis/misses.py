@@ -1,0 +1,244 @@
+"""How far predictions miss before anything is accepted and after everything is: of points, readings or an axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from truing.report.diagnosis.judged import Judged, whole_gain
+from truing.report.numbers import plain
+from truing.report.tables import STEP, Tables, filled, in_channel_order, is_bench, load_steps
+
+# A normal distribution's standard deviation over the median of its absolute values.
+_MEDIAN_TO_SIGMA = 1.4826
+
+# Resampled campaigns behind an interval, and from how many poses or runs on there is one.
+_DRAWS, _FEWEST = 2000, 3
+
+_FEWEST_POSES = 8  # whose scatter tells how much a pose is worth
+
+# Against noise: errors of at most so many times the noise floor, or of so many times less, are called at it.
+AT_THE_FLOOR = 1.1
+# How rarely chance leaves errors that are called smaller than noise allows.
+_UNLIKELY = 1e-3
+
+
+@dataclass(frozen=True)
+class Compared:
+    """How the parts of a campaign are named: what is held out as a whole, what of it was fitted to and what was not.
+
+    ``built``: what has a tolerance, with the question whether it keeps that, and the answer that it does.
+    """
+
+    whole: str
+    fitted: str
+    held_out: str
+    held_out_errors: str
+    fitted_or_not: str
+    not_planned: str
+    built: str
+    built_question: str
+    as_built: str
+
+
+POINTS = Compared(
+    "pose",
+    "calibration poses",
+    "held-out poses",
+    "verification errors",
+    "Calibration poses were fitted to, held-out poses were not.",
+    "No configurations were computed: nothing was found or left open that poses of this mechanism settle.",
+    "geometry",
+    "does the geometry return to where it was built?",
+    "The geometry is where it was built.",
+)
+READINGS = Compared(
+    "run",
+    "fitted runs",
+    "held-out runs",
+    "held-out errors",
+    "Held-out runs are predicted by a fit that has not seen them.",
+    "No loads were computed: nothing was found or left open that loads on this bench settle.",
+    "lengths and stiffnesses",
+    "is the sensor what it was built to be?",
+    "Lengths and stiffnesses are what they were built to be.",
+)
+_AXIS = Compared(
+    "row",
+    "fitted rows",
+    "held-out rows",
+    "held-out errors",
+    "Held-out rows are predicted by a fit that has not seen them.",
+    "No commands were computed: what each finding asks for is said in words.",
+    "encoders",
+    "are the encoders what they were built to be?",
+    "The encoders are what they were built to be.",
+)
+
+
+def compared(tables: Tables) -> Compared:
+    """The words for a campaign's kind."""
+    if "axis_errors" in tables:
+        return _AXIS
+    return READINGS if is_bench(tables) else POINTS
+
+
+def reading_misses(tables: Tables) -> pd.DataFrame | None:
+    """One row per reading: run, step, channel, role, before, after, unit, time_s, loads by axis, sigma; None without.
+
+    Rows are in the order taken. ``sigma`` is the declared noise of the reading, ``noise_floor`` what declared noise
+    alone leaves in a channel's errors, NaN where it has none; ``noise`` is that, or else what is left in the channel
+    (from the median of its sizes).
+    """
+    errors = filled(tables, "reading_errors")
+    if errors is None:
+        return None
+    found = errors.rename(columns={"missed_before": "before", "missed_after": "after"})
+    found = found.merge(_steps(tables), on=STEP, how="left").merge(_sigma(tables), on=[*STEP, "channel"], how="left")
+    found = found.sort_values(["start", "time_s", "step"], kind="stable").reset_index(drop=True)
+    left = found["after"].abs().groupby(found["channel"]).transform("median") * _MEDIAN_TO_SIGMA
+    if "noise_floor" not in found:
+        found["noise_floor"] = np.nan
+    return found.assign(noise=found["noise_floor"].fillna(left))
+
+
+def channels_of(misses: pd.DataFrame) -> list[str]:
+    """The channels that were read: displacements, rotations, then signals by number."""
+    return in_channel_order(misses["channel"].unique())
+
+
+def _steps(tables: Tables) -> pd.DataFrame:
+    """The load steps with the time at which their run began."""
+    steps = load_steps(tables).drop(columns="role")
+    return steps.assign(start=steps.groupby("run")["time_s"].transform("min"))
+
+
+def _sigma(tables: Tables) -> pd.DataFrame:
+    readings = filled(tables, "readings")
+    if readings is None:
+        return pd.DataFrame({"run": [], "step": [], "channel": [], "sigma": []}).astype({"channel": object})
+    return readings[[*STEP, "channel", "sigma"]]
+
+
+def root_mean_square(values: pd.Series) -> float:
+    """Of what is known; NaN of nothing."""
+    known = values.dropna().to_numpy(dtype=float)
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+
+
+def rms_with_interval(rms: ArrayLike, rng: np.random.Generator, counts: ArrayLike | None = None) -> str:
+    """``4.1 (3.2 to 5.0)``: over the rms of N poses or runs, each of so many readings (one where it is not said)."""
+    sizes = np.asarray(rms, dtype=float)
+    weights = np.ones(len(sizes)) if counts is None else np.asarray(counts, dtype=float)
+    known = np.isfinite(sizes)
+    squares, weights = weights[known] * sizes[known] ** 2, weights[known]
+    if not len(squares):
+        return "–"
+    said = plain(float(np.sqrt(squares.sum() / weights.sum())))
+    if len(squares) < _FEWEST:
+        return said
+    chosen = rng.integers(0, len(squares), (_DRAWS, len(squares)))
+    drawn = np.sqrt(squares[chosen].sum(axis=1) / weights[chosen].sum(axis=1))
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return f"{said} ({plain(float(low))} to {plain(float(high))})"
+
+
+@dataclass(frozen=True)
+class Overall:
+    """Rms of measured minus predicted before and after; ``freedom``: independent numbers in it, 0 where unknown."""
+
+    before: float
+    after: float
+    floor: float | None
+    unit: str
+    held_out: bool
+    freedom: float = 0.0
+
+    @property
+    def is_below_noise(self) -> bool:
+        """Whether noise as large as declared would hardly ever leave so little."""
+        if self.floor is None or self.after * AT_THE_FLOOR >= self.floor or not self.freedom > 0.0:
+            return False
+        from scipy.special import chdtr
+
+        return bool(chdtr(self.freedom, self.freedom * (self.after / self.floor) ** 2) < _UNLIKELY)
+
+    @property
+    def why_below(self) -> str:
+        """What makes errors smaller than the declared noise allows."""
+        large = "the declared noise is too large"
+        return large if self.held_out else f"{large}, or the model is over-fitted"
+
+
+def overall(found: list[Judged], tables: Tables, *, held_out: bool) -> Overall | None:
+    """What all findings together bring; None where it was not evaluated, or in mixed units.
+
+    A finding on a bench is told over the channels that it moves. Several are told over all channels of the unit in
+    which they bring most, beside what noise alone leaves in these.
+    """
+    effects = [row for row in found if not row.is_noise]
+    if compared(tables) is READINGS and len(effects) > 1:
+        units = dict.fromkeys(row.unit for row in effects)
+        told = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
+        return max(told, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
+    pair = whole_gain(found, held_out)
+    if pair is None:
+        return None
+    unit = effects[-1].unit
+    return Overall(*pair, effects[-1].floor, unit, held_out, _freedom(tables, unit, held_out))
+
+
+def as_it_is(rows: list[Judged], tables: Tables, *, held_out: bool) -> list[Overall]:
+    """How far the simulation misses where nothing was found: on a bench unit by unit."""
+    if compared(tables) is READINGS:
+        misses = reading_misses(tables)
+        units = [] if misses is None else list(dict.fromkeys(misses["unit"]))
+        return [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
+    told = next((row for row in rows if row.rms[0] is not None), None)
+    size = None if told is None else (told.held_out if held_out else told.rms)[0]
+    return (
+        []
+        if told is None or size is None
+        else [Overall(size, size, told.floor, told.unit, held_out, _freedom(tables, told.unit, held_out))]
+    )
+
+
+def _freedom(tables: Tables, unit: str, held_out: bool) -> float:
+    """Independent numbers behind an rms, at least: readings of a channel less one zero per run; of points, poses.
+
+    Numbers of one pose have errors in common. How many it is worth follows from the scatter of the poses' mean squares.
+    """
+    if compared(tables) is READINGS:
+        own = _own_readings(unit, tables, held_out)
+        if own is None:
+            return 0.0
+        zeros = own.groupby(["run", "channel"]).ngroups
+        return max(len(own) - zeros, 0) / own["channel"].nunique()
+    poses = filled(tables, "prediction")
+    if poses is None:
+        return 0.0
+    squares = poses["rms_after"].dropna().to_numpy(dtype=float) ** 2
+    worth = 1.0
+    if len(squares) >= _FEWEST_POSES and squares.std(ddof=1) > 0.0:
+        worth = max(1.0, 2.0 * float(squares.mean() / squares.std(ddof=1)) ** 2)
+    return worth * int((poses["role"].eq("verification") == held_out).sum())
+
+
+def _own_readings(unit: str, tables: Tables, held_out: bool) -> pd.DataFrame | None:
+    misses = reading_misses(tables)
+    if misses is None:
+        return None
+    own = misses[(misses["unit"] == unit) & ((misses["role"] == "verification") == held_out)]
+    return own if len(own) else None
+
+
+def _of_readings(unit: str, tables: Tables, held_out: bool) -> Overall | None:
+    own = _own_readings(unit, tables, held_out)
+    if own is None:
+        return None
+    floor = root_mean_square(own["noise_floor"]) if own["noise_floor"].notna().all() else None
+    before, after = root_mean_square(own["before"]), root_mean_square(own["after"])
+    return Overall(before, after, floor, unit, held_out, _freedom(tables, unit, held_out))

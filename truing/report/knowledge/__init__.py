@@ -1,1 +1,0 @@
-"""What the data can know of the parameters, and what swallows what."""

@@ -1,0 +1,247 @@
+"""The section of what can be known: what the data determine, what they cannot tell apart, and who swallows what."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from truing.report import absorption
+from truing.report.absorption import absorbed_by, agreement, swallowed
+from truing.report.calibration.calibrations import Key, called, rows_of, shown_calibration
+from truing.report.figure_style import label, style
+from truing.report.numbers import plain, with_uncertainty
+from truing.report.page import Drawn, Listing, Section
+from truing.report.parameter_names import kind_of, name_of, shown_in, symbols
+from truing.report.reasons import why_not_known
+from truing.report.tables import Tables, filled
+
+_TITLE = "What can be known"
+_INDICES = ("condition", "O1", "O2", "O3", "O4", "O5")
+# Identifiable sets with more names than this are counted instead.
+_NAMED = 12
+_OPEN = 20
+
+_ROW = 28
+
+
+def knowledge(tables: Tables) -> Section | None:
+    """Rank and unidentifiable combinations, how well each parameter is known, and the absorption map."""
+    if "observability" not in tables:
+        return None
+    observed = filled(tables, "observability")
+    if observed is None:
+        return Section("knowledge", _TITLE, why_not_known(tables), state="not evaluated")
+    fitted = filled(tables, "calibration")
+    key = shown_calibration(tables, fitted if fitted is not None else observed)
+    absorbed = absorbed_by(tables, key)
+    said = " ".join(words for words in (_rank(observed, key), swallowed(absorbed)) if words)
+    listings = [*_observability(observed, key), *([_absorbed(absorbed)] if absorbed is not None else [])]
+    shown = tuple(listing for listing in listings if listing.rows)
+    return Section("knowledge", _TITLE, said, (*_known(tables, key), *_absorption(absorbed)), shown)
+
+
+def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
+    legs, whole = _by_leg(observed), _whole(observed, key)
+    return [
+        _indices(legs, whole, key),
+        _combinations(legs, "What poses and readings cannot tell apart, leg by leg with all of its numbers"),
+        _combinations(whole, f"What all that was measured cannot tell apart in {called(key)}", folded=True),
+        _sigmas(legs),
+    ]
+
+
+def _by_leg(observed: pd.DataFrame) -> pd.DataFrame:
+    return observed[observed["leg"].notna()] if "leg" in observed else observed.iloc[:0]
+
+
+def _whole(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
+    own = rows_of(observed, key)
+    return own[own["leg"].isna()] if "leg" in own else own
+
+
+def _facts(own: pd.DataFrame) -> dict[str, float]:
+    return dict(zip(own["figure"], own["value"], strict=True))
+
+
+def _rank(observed: pd.DataFrame, key: Key) -> str:
+    """What poses and readings alone say of a leg, and of the chosen model."""
+    legs, whole, said = _by_leg(observed), _whole(observed, key), []
+    if len(legs):
+        asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
+        said.append(
+            f"Of the {asked} numbers of a leg, poses and readings alone determine {rank} at most.{_beside(legs)}"
+        )
+    facts = _facts(whole)
+    if "rank" in facts and "parameters" in facts:
+        asked, rank = int(facts["parameters"]), int(facts["rank"])
+        part = f"all {asked}" if rank == asked else f"{rank} of the {asked}"
+        rest = "" if rank == asked else "; the rest is known by tolerances alone"
+        said.append(f"All that was measured, targets included, determines {part} parameters of {called(key)}{rest}.")
+    return " ".join(said) or f"Observability of {called(key)}."
+
+
+def _beside(legs: pd.DataFrame) -> str:
+    """Which numbers make a largest identifiable set in most legs, and which have no place beside them."""
+    if "combination" not in legs:
+        return ""
+    numbers = legs.assign(names=_of_any_leg(legs)).dropna(subset="names")
+    sets = numbers.loc[numbers["figure"] == "identifiable_set", "names"].value_counts()
+    if not len(sets):
+        return ""
+    chosen = str(sets.index[0]).split()
+    every = dict.fromkeys(numbers.loc[numbers["figure"] == "sigma", "names"])
+    left = [symbols(name) for name in every if name not in chosen]
+    return f" Beside {symbols(' '.join(chosen))} they leave no way to tell {', '.join(left)}." if left else ""
+
+
+def _of_any_leg(legs: pd.DataFrame) -> list[str | None]:
+    """The names of each row without the number of the leg."""
+    return [
+        " ".join(name.removesuffix(str(int(leg))) for name in words.split()) if isinstance(words, str) else None
+        for words, leg in zip(legs["combination"], legs["leg"], strict=True)
+    ]
+
+
+def _unknown(own: pd.DataFrame) -> pd.DataFrame:
+    if "combination" not in own:
+        return own.iloc[:0]
+    return own[(own["figure"] == "unidentifiable") & own["combination"].notna()]
+
+
+def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> Listing:
+    """A row per direction that goes unseen, so that a group of many can be read."""
+    rows = tuple(
+        (symbols(words.strip()), plain(r.value) if k == 0 else "")
+        for r in _unknown(own).itertuples()
+        for k, words in enumerate(r.combination.split(";"))
+    )
+    heads = ("combination (m, rad)", "sigma of the data alone, in tolerances")
+    folded = folded or len(rows) > _OPEN
+    return Listing(heads, rows, caption=caption, folded=folded, held_by="observability.parquet")
+
+
+def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
+    """Rank, condition and the indices O1 to O5 of each leg and of the chosen model."""
+    parts = [(f"leg {int(leg)}", own) for leg, own in legs.groupby("leg", sort=True)] if len(legs) else []
+    if len(whole):
+        parts.append((called(key), whole))
+    rows = tuple(_index_row(name, own) for name, own in parts)
+    caption = "What poses and readings alone tell of each leg, and all that was measured of the chosen model"
+    heads = ("of", "numbers", "rank", "a largest identifiable set", *_INDICES)
+    return Listing(heads, rows, caption=caption, held_by="observability.parquet")
+
+
+def _index_row(name: str, own: pd.DataFrame) -> tuple[str, ...]:
+    facts = _facts(own)
+    sets = own.loc[own["figure"] == "identifiable_set", "combination"] if "combination" in own else own.iloc[:0]
+    names = str(sets.iloc[0]).split() if len(sets) else []
+    chosen = " ".join(map(symbols, names)) if len(names) <= _NAMED else f"{len(names)} parameters"
+    return (
+        name,
+        plain(facts.get("parameters")),
+        plain(facts.get("rank")),
+        chosen,
+        *(plain(facts.get(i)) for i in _INDICES),
+    )
+
+
+def _sigmas(legs: pd.DataFrame) -> Listing:
+    """How well the data alone would know each number of each leg, in its tolerance, all others being free."""
+    named = "combination" in legs and "leg" in legs
+    told = legs[legs["figure"] == "sigma"] if named else legs.iloc[:0]
+    numbers = sorted(told["leg"].unique()) if named else []
+    cells: dict[str, dict[float, str]] = {}
+    for r in told.itertuples():
+        cells.setdefault(str(r.combination).removesuffix(str(int(r.leg))), {})[r.leg] = plain(r.value)
+    rows = tuple((symbols(name), *(own.get(leg, "") for leg in numbers)) for name, own in cells.items())
+    caption = "Sigma of each number from the data alone, in tolerances (a dash: not at all)"
+    return Listing(("number", *(f"leg {int(leg)}" for leg in numbers)), rows, caption=caption, folded=True)
+
+
+def _known(tables: Tables, key: Key) -> Drawn:
+    fitted = filled(tables, "calibration")
+    if fitted is None or "tolerance" not in fitted:
+        return []
+    own = rows_of(fitted, key)
+    own = own[(own["tolerance"] > 0.0) & own["sigma"].notna()]
+    if not len(own):
+        return []
+    words = "Near 0 the data say it; near 1 it is known no better than from the drawing. In brackets: not identifiable."
+    return [(_knowledge_map(own, key), words)]
+
+
+def _absorption(absorbed: pd.DataFrame | None) -> Drawn:
+    if absorbed is None:
+        return []
+    drawn: Drawn = []
+    if (absorbed["tolerance"] > 0.0).any():
+        words = "Predicted by linear algebra before any fit. Surveyed joints and tolerances leave less to swallow."
+        drawn.append((absorption.absorption_map(absorbed), words))
+    if absorbed["observed"].notna().any():
+        drawn.append((absorption.predicted_against_observed(absorbed), agreement(absorbed)))
+    return drawn
+
+
+def _absorbed(absorbed: pd.DataFrame) -> Listing:
+    rows = tuple(_absorbed_row(r) for r in absorbed.itertuples())
+    heads = ("effect left out", "deformation", "estimator", "parameter", "predicted", "observed", "unit")
+    caption = "What every parameter takes of an effect that is left out"
+    return Listing(heads, rows, caption=caption, folded=True, held_by="absorption.parquet")
+
+
+def _absorbed_row(r: Any) -> tuple[str, ...]:
+    factor, unit = shown_in(r.parameter, r.unit)
+    observed = with_uncertainty(factor * r.observed, factor * r.sigma)
+    name = name_of(r.parameter, r.leg)
+    return r.effect, r.deformation, r.estimator, name, plain(factor * r.predicted), observed, unit
+
+
+def _knowledge_map(own: pd.DataFrame, key: Key) -> go.Figure:
+    """Heat map of sigma over tolerance of one calibration's parameters; those not identifiable in brackets."""
+    told = own.assign(
+        kind=[kind_of(name, leg) for name, leg in zip(own["parameter"], own["leg"], strict=True)],
+        place=[f"leg {int(leg)}" if leg == leg else "all legs" for leg in own["leg"]],
+        ratio=own["sigma"] / own["tolerance"],
+        known=own["identifiable"].astype(bool) if "identifiable" in own else True,
+    )
+    kinds, places = list(dict.fromkeys(told["kind"])), list(dict.fromkeys(told.sort_values("leg")["place"]))
+    wide = {
+        c: told.pivot(index="kind", columns="place", values=c).reindex(index=kinds, columns=places)
+        for c in ("ratio", "known")
+    }
+    figure = go.Figure()
+    figure.add_trace(
+        go.Heatmap(
+            z=np.round(wide["ratio"].to_numpy(dtype=float), 4),
+            x=places,
+            y=[f"{label(kind)} " for kind in kinds],
+            text=_cells(wide["ratio"].to_numpy(dtype=float), wide["known"].to_numpy()),
+            texttemplate="%{text}",
+            zmin=0,
+            zmax=1,
+            xgap=1,
+            ygap=1,
+            colorscale="Blues",
+            colorbar={"title": {"text": "sigma / tolerance"}, "thickness": 16},
+            hovertemplate="%{y} of %{x}: %{z:.3f} tolerances<extra></extra>",
+        )
+    )
+    subtitle = f"Sigma after the calibration over the tolerance before it, {label(called(key))}"
+    style(figure, "How well each parameter is known", subtitle, 170 + _ROW * len(kinds))
+    figure.update_xaxes(type="category", side="top", showgrid=False)
+    figure.update_yaxes(type="category", autorange="reversed", automargin=True, showgrid=False)
+    figure.update_layout(margin={"t": 110, "b": 20})
+    return figure
+
+
+def _cells(ratios: np.ndarray, known: np.ndarray) -> list[list[str]]:
+    return [[_cell(r, k) for r, k in zip(*pair, strict=True)] for pair in zip(ratios, known, strict=True)]
+
+
+def _cell(ratio: float, known: bool) -> str:
+    if ratio != ratio:
+        return ""
+    return f"{ratio:.2f}" if known else f"({ratio:.2f})"

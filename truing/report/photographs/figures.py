@@ -1,0 +1,307 @@
+"""The network of cameras and object points in 3-D, and what the adjustment leaves of each ray."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
+from truing.report.numbers import count as counted
+from truing.report.numbers import quantity
+from truing.report.scene.view import round_gain
+from truing.report.tables import SIGMA
+
+Array = NDArray[np.float64]
+
+_MOST_POSES = 6
+_COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9")
+_FRUSTUM = 0.07  # of the scene's extent, along the axis
+_ELLIPSOID = 0.025  # of that extent, the largest semi-axis of the point in the middle
+_TURN = np.linspace(0.0, 2.0 * np.pi, 17)
+_SIDES = ((0, 1), (0, 2), (1, 2))
+
+_MOST_IMAGES = 40
+_CELLS = 12  # of the longer side of the format, whose mean residuals are drawn
+_FEWEST = 3  # rays that make a mean
+_LENGTH = 0.03  # of the format's width, of the residual in the middle
+
+
+def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.DataFrame) -> go.Figure:
+    """The network of one pose, or of several that a reader chooses from; tables object_points, image_orientations and
+    cameras."""
+    poses = _shown_poses(points, images)
+    gain = _gain(points, images)
+    bodies = {body: _COLOURS[k % len(_COLOURS)] for k, body in enumerate(points["body"].unique())}
+    figure, owner = go.Figure(), []
+    for number, pose in enumerate(poses):
+        own = _traces(points[points["pose"] == pose], images[images["pose"] == pose], cameras, gain, bodies)
+        for trace in own:
+            trace.visible = number == 0
+            figure.add_trace(trace)
+        owner += [number] * len(own)
+    sigma = float(np.median(points[SIGMA].max(axis=1)))
+    more = "" if len(poses) == points["pose"].nunique() else f" {len(poses)} of {points['pose'].nunique()} poses."
+    style(
+        figure,
+        f"Cameras and object points, uncertainty amplified {gain:g} times",
+        f"One standard deviation; in the middle {quantity(sigma, 'mm')} along a point's worst axis.{more}",
+        640,
+    )
+    axis = {"title": {"text": ""}, "nticks": 5}
+    figure.update_layout(
+        scene={
+            **{f"{a}axis": {**axis, "title": {"text": "mm"}} for a in "xyz"},
+            "aspectmode": "data",
+            "camera": {"eye": {"x": 0.85, "y": -1.1, "z": 0.45}, "center": {"x": 0, "y": 0, "z": -0.1}},
+        },
+        legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
+        margin={"l": 0, "r": 0, "t": 90, "b": 40},
+    )
+    if len(poses) > 1:
+        figure.update_layout(sliders=[_slider("pose", poses, owner)])
+    return figure
+
+
+def _shown_poses(points: pd.DataFrame, images: pd.DataFrame) -> list[Any]:
+    """The poses to choose from: all, or the first and those whose points are known least."""
+    poses = [pose for pose in points["pose"].unique() if (images["pose"] == pose).any()]
+    if len(poses) <= _MOST_POSES:
+        return poses
+    worst = points[SIGMA].max(axis=1).groupby(points["pose"], sort=False).median()
+    chosen = {poses[0], *worst.sort_values(ascending=False).index[: _MOST_POSES - 1]}
+    return [pose for pose in poses if pose in chosen]
+
+
+def _gain(points: pd.DataFrame, images: pd.DataFrame) -> float:
+    """The amplification that lets uncertainties be seen, beside the cameras' distance."""
+    pose = points["pose"].iloc[0]
+    place = points.loc[points["pose"] == pose, ["x_mm", "y_mm", "z_mm"]].to_numpy()
+    centre = images.loc[images["pose"] == pose, ["px_mm", "py_mm", "pz_mm"]].to_numpy()
+    extent = float(np.ptp(np.concatenate([place, centre]), axis=0).max())
+    sigma = float(np.median(points[SIGMA].max(axis=1)))
+    return round_gain(_ELLIPSOID * extent / max(sigma, 1e-9))
+
+
+def _traces(
+    points: pd.DataFrame, images: pd.DataFrame, cameras: pd.DataFrame, gain: float, bodies: dict[Any, str]
+) -> list[Any]:
+    from scipy.spatial.transform import Rotation
+
+    place = points[["x_mm", "y_mm", "z_mm"]].to_numpy()
+    centre = images[["px_mm", "py_mm", "pz_mm"]].to_numpy()
+    R = Rotation.from_rotvec(np.array(images[["rx_rad", "ry_rad", "rz_rad"]])).as_matrix()
+    view = _view(place, centre)
+    middle = place.mean(axis=0)
+    frusta = _frusta(
+        R, centre, images, cameras, _FRUSTUM * float(np.ptp(np.concatenate([place, centre]), axis=0).max())
+    )
+    drawn = [
+        _lines((frusta - middle) @ view.T, "camera", GREY, 2.0),
+        _dots((centre - middle) @ view.T, _camera_words(images), "projection centre", GREY, 2.5),
+    ]
+    shape = _ellipsoids(points, gain)
+    for body, colour in bodies.items():
+        own = (points["body"] == body).to_numpy()
+        if not own.any():
+            continue
+        name = str(body) or "without a body"
+        drawn.append(_dots((place[own] - middle) @ view.T, _point_words(points[own]), name, colour, 2.0))
+        outlines = (shape[own] + place[own][:, None] - middle).reshape(-1, 3) @ view.T
+        drawn.append(_lines(outlines, f"{name}, uncertainty", colour, 1.5, legend=False))
+    return drawn
+
+
+def _view(place: Array, centre: Array) -> Array:
+    """Axes (3, 3) of the picture: the cameras are above the object."""
+    up = (centre - place.mean(axis=0)).mean(axis=0)
+    up = up / max(float(np.linalg.norm(up)), 1e-12)
+    aside = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
+    aside = aside / np.linalg.norm(aside)
+    return np.stack([aside, np.cross(up, aside), up])
+
+
+def _frusta(R: Array, centre: Array, images: pd.DataFrame, cameras: pd.DataFrame, size: float) -> Array:
+    """Edges of each camera's field of view (M, 3), separated by NaN."""
+    about = cameras.pivot(index="camera", columns="parameter", values="value")
+    form = cameras.groupby("camera")[["width_px", "height_px"]].first()
+    out = []
+    for k, camera in enumerate(images["camera"]):
+        half = form.loc[camera].to_numpy(dtype=float) / 2.0 / about.loc[camera, "c"]
+        corners = np.array([[a * half[0], b * half[1], 1.0] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) * size
+        tip, gap = np.zeros(3), np.full(3, np.nan)
+        edges = [e for corner in corners for e in (tip, corner, gap)] + [*corners, corners[0], gap]
+        out.append(np.array(edges) @ R[k].T + centre[k])
+    return np.concatenate(out)
+
+
+def _ellipsoids(points: pd.DataFrame, gain: float) -> Array:
+    """Outlines (N, M, 3) in mm about each point: the three ellipses through its principal axes, amplified."""
+    sigma = points[SIGMA].to_numpy()
+    correlation = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
+    for name, i, j in (("corr_xy", 0, 1), ("corr_xz", 0, 2), ("corr_yz", 1, 2)):
+        correlation[:, i, j] = correlation[:, j, i] = points[name]
+    values, axes = np.linalg.eigh(correlation * sigma[:, :, None] * sigma[:, None, :])
+    half = gain * axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    rings = [
+        half[:, None, :, i] * np.cos(_TURN)[:, None] + half[:, None, :, j] * np.sin(_TURN)[:, None] for i, j in _SIDES
+    ]
+    gap = np.full((len(points), 1, 3), np.nan)
+    return np.concatenate([part for ring in rings for part in (ring, gap)], axis=1)
+
+
+def _camera_words(images: pd.DataFrame) -> list[str]:
+    return [
+        f"{label(r.image)}: {counted(r.rays, 'ray')}, {r.rms_px:.3f} px rms"
+        if np.isfinite(r.rms_px)
+        else label(r.image)
+        for r in images.itertuples()
+    ]
+
+
+def _point_words(points: pd.DataFrame) -> list[str]:
+    return [
+        f"{label(r.point)}: {counted(r.rays, 'ray')}, up to {r.largest_angle_deg:.0f}°, "
+        f"{1e3 * max(r.sigma_x_mm, r.sigma_y_mm, r.sigma_z_mm):.1f} µm"
+        for r in points.itertuples()
+    ]
+
+
+def _dots(place: Array, words: list[str], name: str, colour: str, size: float) -> Any:
+    x, y, z = np.round(place, 3).T
+    marker = {"size": size, "color": colour}
+    return go.Scatter3d(x=x, y=y, z=z, mode="markers", name=label(name), text=words, hoverinfo="text", marker=marker)
+
+
+def _lines(place: Array, name: str, colour: str, width: float, *, legend: bool = True) -> Any:
+    x, y, z = np.round(place, 3).T
+    return go.Scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="lines",
+        name=label(name),
+        line={"color": colour, "width": width},
+        hoverinfo="skip",
+        connectgaps=False,
+        showlegend=legend,
+    )
+
+
+def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figure:
+    """Residual vectors: first of each camera's format what its images have in common, then image by image.
+
+    ``residuals``: the table image_residuals; ``cameras``: of the formats.
+    """
+    formats = cameras.groupby("camera", sort=False)[["width_px", "height_px"]].first()
+    told = residuals[residuals["vx_px"].notna()]
+    kept = told[~told["rejected"]]
+    width = float(formats["width_px"].max())
+    usual = float(np.median(np.hypot(kept["vx_px"], kept["vy_px"]))) if len(kept) else 1.0
+    gain = round_gain(_LENGTH * width / max(usual, 1e-9))
+    images = _shown_images(told)
+    figure, steps = go.Figure(), []
+    for camera in [name for name in formats.index if (kept["camera"] == name).any()]:
+        steps.append((f"{camera}, all images: means of cells", _means(kept[kept["camera"] == camera], formats, gain)))
+    for pose, image in images:
+        own = told[(told["pose"] == pose) & (told["image"] == image)]
+        steps.append((f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _of_image(own, gain)))
+    owner = [number for number, (_, traces) in enumerate(steps) for _ in traces]
+    for number, (_, traces) in enumerate(steps):
+        for trace in traces:
+            trace.visible = number == 0
+            figure.add_trace(trace)
+    by = round_gain(width / 10.0)
+    total = told.groupby(["pose", "image"]).ngroups
+    more = f" The {len(images)} of {total} images with the largest residuals." if len(images) < total else ""
+    style(
+        figure,
+        "What the adjustment leaves of each ray",
+        f"Measured minus adjusted: {by:g} px along the axes are {by / gain:.2g} px of residual.{more}",
+        620,
+    )
+    height = float(formats["height_px"].max())
+    edge = 0.02 * width
+    figure.update_xaxes(title_text="x (px)", range=[-edge, width + edge], constrain="domain", zeroline=False)
+    figure.update_yaxes(
+        title_text="y (px)", range=[height + edge, -edge], scaleanchor="x", constrain="domain", zeroline=False
+    )
+    figure.update_layout(
+        sliders=[_slider("image", [name for name, _ in steps], owner)],
+        shapes=[{"type": "rect", "x0": 0, "y0": 0, "x1": width, "y1": height, "line": {"color": GREY, "width": 1}}],
+        legend={"orientation": "h", "y": -0.1, "yanchor": "top", "x": 0.0},
+    )
+    return figure
+
+
+def _shown_images(residuals: pd.DataFrame) -> list[tuple[Any, Any]]:
+    """The images to choose from, in their order: all, or those with the largest residuals."""
+    size = np.hypot(residuals["vx_px"], residuals["vy_px"]).where(~residuals["rejected"])
+    rms = (size**2).groupby([residuals["pose"], residuals["image"]], sort=False).mean()
+    chosen = set(rms.sort_values(ascending=False).index[:_MOST_IMAGES])
+    return [key for key in rms.index if key in chosen]
+
+
+def _means(own: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
+    """Mean residuals of the cells of one camera's format, of all its images together."""
+    cell = float(formats.loc[own["camera"].iloc[0]].max()) / _CELLS
+    column, row = (np.floor(own[f"{a}_px"] / cell).astype(int) for a in "xy")
+    means = own.groupby([row, column])[["x_px", "y_px", "vx_px", "vy_px"]].mean()
+    counts = own.groupby([row, column]).size()
+    means, counts = means[counts >= _FEWEST], counts[counts >= _FEWEST]
+    words = [
+        f"{counted(n, 'ray')}, mean ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px"
+        for r, n in zip(means.itertuples(), counts, strict=True)
+    ]
+    return [*_vectors(means, gain, BLUE, "mean of a cell"), _ends(means, words, BLUE, "middle of its rays")]
+
+
+def _of_image(own: pd.DataFrame, gain: float) -> list[Any]:
+    good, wrong = own[~own["rejected"]], own[own["rejected"]]
+    drawn = [*_vectors(good, gain, BLUE, "residual"), _ends(good, _words(good), BLUE, "ray")]
+    if len(wrong):
+        drawn.append(
+            _ends(wrong, [f"{w}; {r}" for w, r in zip(_words(wrong), wrong["reason"], strict=True)], RED, "rejected")
+        )
+    return drawn
+
+
+def _words(rays: pd.DataFrame) -> list[str]:
+    return [f"{label(r.point)}: ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px" for r in rays.itertuples()]
+
+
+def _vectors(rays: pd.DataFrame, gain: float, colour: str, name: str) -> list[Any]:
+    start = rays[["x_px", "y_px"]].to_numpy()
+    end = start + gain * rays[["vx_px", "vy_px"]].to_numpy()
+    lines = np.stack([start, end, np.full_like(start, np.nan)], axis=1).reshape(-1, 2)
+    x, y = np.round(lines, 1).T
+    look = {"color": colour if name == "residual" else ORANGE, "width": 1.5}
+    return [go.Scatter(x=x, y=y, mode="lines", name=name, line=look, hoverinfo="skip", connectgaps=False)]
+
+
+def _ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> Any:
+    return go.Scatter(
+        x=rays["x_px"].round(1),
+        y=rays["y_px"].round(1),
+        mode="markers",
+        name=name,
+        text=words,
+        hoverinfo="text",
+        marker={
+            "color": colour,
+            "size": 7 if name == "rejected" else 4,
+            "symbol": "x" if name == "rejected" else "circle",
+        },
+    )
+
+
+def _slider(what: str, names: list[Any], owner: list[int]) -> dict[str, Any]:
+    """A slider by whose steps the traces of one ``what`` are shown; ``owner``: of each trace, the place of its name."""
+    steps = [
+        {"label": label(name), "method": "restyle", "args": [{"visible": [number == k for number in owner]}]}
+        for k, name in enumerate(names)
+    ]
+    return {"steps": steps, "currentvalue": {"prefix": f"{what} "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}

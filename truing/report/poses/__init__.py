@@ -1,1 +1,0 @@
-"""The section of the poses and their uncertainty."""

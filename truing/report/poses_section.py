@@ -1,0 +1,246 @@
+"""The section of the poses: what was seen, what the rigid fits leave, and how well poses are known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from truing.report.figure_style import (
+    BLUE,
+    MANY_POINTS,
+    ORANGE,
+    label,
+    panel_grid,
+    pose_axis,
+    sequence_title,
+    size_axis,
+    style,
+)
+from truing.report.numbers import count, quantity, with_uncertainty
+from truing.report.page import Listing, Section
+from truing.report.tables import SIGMA, Tables, filled
+
+_METHODS = {
+    "maximum_likelihood": "maximum likelihood against the survey",
+    "procrustes": "generalised Procrustes, body shape and poses together",
+    "scan": "registration of dense scans",
+    "measured": "measurement of the poses themselves",
+}
+
+# With so many poses a box alone says more than its points.
+_POINTS_SHOWN = 60
+
+
+def poses(tables: Tables) -> Section | None:
+    """Poses of every body with what their fits leave and how well they are known."""
+    if "poses" not in tables:
+        return None
+    if not len(tables["poses"]):
+        return Section("poses", "Poses", "The campaign holds no object points.", state="not evaluated")
+    chosen = tables["poses"][tables["poses"]["default"]]
+    good = chosen[chosen["status"] == "ok"]
+    lost = chosen[chosen["status"] != "ok"]
+    listings = [_lost(lost)] if len(lost) else []
+    listings.append(_all(chosen))
+    state = "fail" if len(lost) else "pass"
+    return Section("poses", "Poses", _lead(chosen, good), _figures(tables, good), tuple(listings), state)
+
+
+def _lead(chosen: pd.DataFrame, good: pd.DataFrame) -> str:
+    bodies = count(good["body"].nunique(), "body")
+    methods = ", ".join(_METHODS.get(m, m) for m in good["method"].unique())
+    lead = f"{count(len(good), 'pose')} of {bodies}" + (f" by {methods}" if methods else "")
+    lost = len(chosen) - len(good)
+    if not lost and (good["method"] == "measured").all():
+        return f"{lead}, taken as given: nothing was fitted."
+    return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; every one could be determined."
+
+
+def _figures(tables: Tables, good: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
+    if not len(good):
+        return ()
+    uncertainty = (_pose_uncertainty(good), "Box: the middle half of the poses; points: single poses.")
+    if (good["method"] == "measured").all():
+        return (uncertainty,)  # nothing was fitted
+    shown = good.assign(expected_um=_expected(tables, good))
+    return (
+        (
+            _pose_residuals(shown),
+            "A pose that stands out here deserves a look at its photographs or its log.",
+        ),
+        uncertainty,
+    )
+
+
+def _expected(tables: Tables, good: pd.DataFrame) -> Any:
+    """Per pose, in um, what the declared noise of points and survey leaves after six unknowns."""
+    points = filled(tables, "observations")
+    if points is None:
+        return np.nan
+    variance = _mean_variance(points)
+    survey = filled(tables, "survey")
+    if survey is not None:
+        variance = variance.add(_mean_variance(survey), fill_value=0.0)
+    free = np.clip(1.0 - 6.0 / (3.0 * np.maximum(good["n_used"], 1)), 0.0, None)
+    return 1e3 * np.sqrt(good["body"].map(variance) * free)
+
+
+def _mean_variance(points: pd.DataFrame) -> pd.Series:
+    """Squared distance in mm² that noise moves a point of each body, on average."""
+    return (points[SIGMA] ** 2).sum(axis=1).groupby(points["body"]).mean()
+
+
+def _lost(lost: pd.DataFrame) -> Listing:
+    rows = []
+    for (body, status), part in lost.groupby(["body", "status"], sort=False):
+        named = ", ".join(str(p) for p in part["pose"].iloc[:12])
+        more = f" and {len(part) - 12:,} more" if len(part) > 12 else ""
+        rows.append((str(body), str(status), f"{len(part):,}", named + more))
+    return Listing(("body", "why", "poses", "which"), tuple(rows), caption="Poses that could not be determined")
+
+
+def _all(chosen: pd.DataFrame) -> Listing:
+    rows = tuple(_pose_row(r) for r in chosen.itertuples())
+    heads = ("pose", "body", "from", "x, y, z (mm)", "rotation vector (mrad)", "rms", "used", "left out", "status")
+    caption = f"All {count(len(rows), 'pose')}"
+    return Listing(heads, rows, caption=caption, folded=True, held_by="poses.parquet")
+
+
+def _pose_row(r: Any) -> tuple[str, ...]:
+    return (
+        str(r.pose),
+        r.body,
+        r.parent,
+        _three(r, "px_mm py_mm pz_mm", 0, 1.0),
+        _three(r, "rx_rad ry_rad rz_rad", 3, 1e3),
+        quantity(1e3 * r.rms_mm, "um"),
+        str(r.n_used),
+        str(r.n_rejected),
+        r.status,
+    )
+
+
+def _three(r: Any, names: str, first: int, factor: float) -> str:
+    cells = []
+    for k, name in enumerate(names.split()):
+        variance = getattr(r, f"cov_{first + k}_{first + k}")
+        sigma = 1e3 * max(variance, 0.0) ** 0.5 if variance == variance else None
+        cells.append(with_uncertainty(factor * getattr(r, name), sigma))
+    return ", ".join(cells)
+
+
+def targets_seen(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
+    """Share of each body's targets that each pose saw; ``known``: number of targets by body."""
+    poses = observations["pose"].drop_duplicates()
+    poses = poses.sort_values() if poses.dtype.kind in "iu" else poses
+    seen = observations.groupby(["body", "pose"], sort=False)["target"].nunique().unstack("pose", fill_value=0)
+    seen = seen.reindex(index=known.index, columns=poses, fill_value=0)
+    share = 100.0 * seen.to_numpy() / known.to_numpy()[:, None]
+    places, axis = pose_axis(poses.to_numpy())
+    figure = go.Figure()
+    figure.add_trace(
+        go.Heatmap(
+            z=np.round(share, 1),
+            x=places,
+            y=[label(body) for body in seen.index],
+            customdata=np.broadcast_to([label(p) for p in poses], share.shape),
+            zmin=0,
+            zmax=100,
+            colorscale=[[0.0, "#B3261E"], [0.5, "#F2C879"], [0.999, "#CFE3F1"], [1.0, "#EAF2F8"]],
+            colorbar={"title": {"text": "% seen"}, "thickness": 14, "tickvals": [0, 50, 100]},
+            hovertemplate="%{y}, pose %{customdata}: %{z:.0f} % of its targets<extra></extra>",
+        )
+    )
+    height = 170 + 22 * max(4, len(seen)) + (110 if "ticktext" in axis else 0)
+    style(figure, "Targets seen", "Pale: all targets of the body; the darker, the more are missing", height)
+    figure.update_xaxes(**axis)
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category")
+    return figure
+
+
+def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
+    """Root mean square of what the rigid fits leave, a panel per body; ``expected_um``: what declared noise leaves."""
+    places, axis = pose_axis(poses["pose"].to_numpy())
+    poses = poses.assign(place=places)
+    bodies = [label(body) for body in poses["body"].drop_duplicates()]
+    gaps = 0.04, lambda rows: 32.0 / (120.0 * rows) if rows > 1 else 0.0
+    across = 1 if len(bodies) <= 3 else 2
+    grid, panels, rows_of_panels = panel_grid(bodies, across, gaps, 12, shared_xaxes="all", shared_yaxes="all")
+    kind = size_axis(1e3 * poses["rms_mm"])
+    for (_, rows), place in zip(poses.groupby("body", sort=False), panels, strict=True):
+        grid.add_trace(_sizes(rows, len(poses) > MANY_POINTS), **place)
+        if rows["expected_um"].notna().any():
+            grid.add_hline(
+                y=float(rows["expected_um"].median()), line={"color": ORANGE, "width": 2, "dash": "dot"}, **place
+            )
+    style(
+        grid,
+        "What the rigid fits leave, rms over the targets of each pose",
+        "Dotted: what the declared noise alone leaves on average. Poses far above it do not fit.",
+        150 + 120 * rows_of_panels + (110 if "ticktext" in axis else 0),
+    )
+    grid.update_xaxes(**{key: value for key, value in axis.items() if key != "title"})
+    grid.update_xaxes(title=axis["title"], row=rows_of_panels)
+    grid.update_yaxes(**kind)
+    grid.update_yaxes(title={"text": sequence_title("rms (µm)", "type" in kind), "font": {"size": 11}}, col=1)
+    grid.update_traces(showlegend=False)
+    return grid
+
+
+def _sizes(rows: pd.DataFrame, many: bool) -> Any:
+    size = 1e3 * rows["rms_mm"].to_numpy(dtype=float)
+    kind = go.Scattergl if many else go.Scatter
+    return kind(
+        x=rows["place"],
+        y=np.where(size > 0.0, size, np.nan),
+        mode="markers",
+        marker={"color": BLUE, "size": 3 if many else 5},
+        text=[label(p) for p in rows["pose"]],
+        hovertemplate="pose %{text}: %{y:.2f} µm<extra></extra>",
+    )
+
+
+def _pose_uncertainty(poses: pd.DataFrame) -> go.Figure:
+    """Standard deviation of every pose along its worst axis, one box per body: position left, rotation right."""
+    grid = make_subplots(rows=1, cols=2, subplot_titles=["position, worst axis", "rotation, worst axis"])
+    for column, first, unit in ((1, 0, "µm"), (2, 3, "µrad")):
+        worst = 1e6 * _worst_sigma(poses, first)
+        kind = size_axis(worst)
+        for body, rows in poses.assign(worst=worst).groupby("body", sort=False):
+            grid.add_trace(_box(str(body), rows, unit), row=1, col=column)
+        grid.update_yaxes(title={"text": sequence_title(f"sigma ({unit})", "type" in kind)}, **kind, row=1, col=column)
+    style(
+        grid,
+        "How well the poses are known",
+        "One standard deviation; points, survey, and the body that a pose is seen from are all counted",
+        400,
+    )
+    grid.update_traces(showlegend=False)
+    grid.update_annotations(font={"size": 13})
+    grid.update_layout(margin={"t": 100})
+    grid.update_xaxes(type="category", automargin=True)
+    return grid
+
+
+def _worst_sigma(poses: pd.DataFrame, first: int) -> Any:
+    return np.sqrt(np.max([poses[f"cov_{i}_{i}"].to_numpy(float) for i in range(first, first + 3)], axis=0))
+
+
+def _box(body: str, rows: pd.DataFrame, unit: str) -> go.Box:
+    return go.Box(
+        x=[label(body)] * len(rows),
+        y=rows["worst"],
+        name=label(body),
+        text=[f"pose {label(p)}" for p in rows["pose"]],
+        boxpoints="all" if len(rows) <= _POINTS_SHOWN else "outliers",
+        jitter=0.4,
+        pointpos=0.0,
+        marker={"color": BLUE, "size": 4, "opacity": 0.6},
+        line={"color": BLUE, "width": 1},
+        fillcolor="rgba(0,114,178,0.15)",
+        hovertemplate="%{text}: %{y:.2f} " + unit + "<extra></extra>",
+    )

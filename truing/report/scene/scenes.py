@@ -1,0 +1,321 @@
+"""What the 3-D view shows: targets of a body pose by pose, or a platform load by load, and the legs that carry it."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from truing.report.calibration.calibrations import rows_of, shown_calibration
+from truing.report.numbers import with_uncertainty
+from truing.report.scene.view import MOST_POINTS, Scene
+from truing.report.tables import LOAD_UNITS, LOADS, SHIFT, SIGMA, XYZ, Tables, filled
+
+_PLACE = ["px_mm", "py_mm", "pz_mm"]
+_ENTRIES = [f"r{i}{j}" for i in range(3) for j in range(3)]
+_PLATFORM = "platform"
+_LEG = r"leg(\d+)"
+
+_MOVED = ["dx_mm", "dy_mm", "dz_mm"]
+_TURNED = ["rx_rad", "ry_rad", "rz_rad"]
+_ARROW = 0.45  # of the view's size, for the largest load of its kind
+
+
+def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> Scene:
+    """The scene of a body whose ``residuals`` (kept ones, with dx_mm, dy_mm, dz_mm) are given; of a platform with legs.
+
+    ``tables`` with ``shape``: where targets sit (body, target, x_mm, y_mm, z_mm, leg); ``motions``: where bodies stand.
+    """
+    shape = tables["shape"]
+    own = _targets(shape, residuals, body)
+    legs = _of_legs(shape, tables["residuals"]) if body == _PLATFORM else own.iloc[:0]
+    poses = _shown(residuals, len(own) + len(legs))
+    motion = _motions(tables, [body, *legs["body"].unique()], poses)
+    place, shift = _points(own, residuals, poses)
+    theirs, their_shift = _points(legs, tables["residuals"], poses)
+    _seen_from(theirs, their_shift, legs, body, motion)
+    whole, targets = np.concatenate([place, theirs], axis=1), _both(own, legs)
+    moved = np.concatenate([shift, their_shift], axis=1)
+    numbers, lower, upper = _joints(tables, body, motion, len(poses))
+    attached = targets["at"].to_numpy(dtype=float)
+    return Scene(
+        step="pose",
+        labels=tuple(map(str, poses)),
+        names=tuple(targets["target"].astype(str)),
+        place=whole,
+        shift=moved,
+        leg=np.nan_to_num(targets["leg"].to_numpy(dtype=float)).astype(int),
+        attached=np.isfinite(attached),
+        own=np.arange(len(targets)) >= len(own),
+        words=_words(tables, targets, moved, poses),
+        legs=numbers,
+        lower=lower,
+        upper=upper,
+        said=_said(tables, poses, numbers),
+    )
+
+
+def _targets(shape: pd.DataFrame, residuals: pd.DataFrame, body: str) -> pd.DataFrame:
+    """Targets of the body that any pose shows, with the leg at whose attachment they sit."""
+    seen = set(residuals["target"])
+    own = shape[(shape["body"] == body) & shape["target"].isin(seen)].reset_index(drop=True)
+    return own.assign(at=own["leg"])
+
+
+def _of_legs(shape: pd.DataFrame, residuals: pd.DataFrame) -> pd.DataFrame:
+    """Targets of the bodies ``leg1``, ``leg2``, which belong to their leg."""
+    number = shape["body"].map(_leg_of)
+    seen = set(zip(residuals["body"], residuals["target"], strict=True))
+    known = [key in seen for key in zip(shape["body"], shape["target"], strict=True)]
+    keep = number.notna() & np.array(known, dtype=bool)
+    return shape[keep].assign(leg=number[keep], at=np.nan).reset_index(drop=True)
+
+
+def _leg_of(body: str) -> float:
+    found = re.fullmatch(_LEG, body)
+    return float(found[1]) if found else float("nan")
+
+
+def _both(own: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat([own, legs], ignore_index=True) if len(legs) else own
+
+
+def _shown(residuals: pd.DataFrame, points: int) -> list[Any]:
+    """The poses of the slider: those that deform most first, as many as a page holds."""
+    size = (residuals[SHIFT] ** 2).sum(axis=1).groupby(residuals["pose"], sort=False).mean()
+    order = size.sort_values(ascending=False, kind="stable").index
+    return list(order[: max(1, MOST_POINTS // max(points, 1))])
+
+
+def _points(
+    targets: pd.DataFrame, residuals: pd.DataFrame, poses: list[Any]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places and displacements (S, N, 3) in the targets' own bodies, NaN where a pose has none."""
+    places = np.broadcast_to(targets[XYZ].to_numpy(dtype=float), (len(poses), len(targets), 3)).copy()
+    kept = residuals[~residuals["rejected"]].set_index(["pose", "body", "target"])[SHIFT]
+    keys = [(pose, b, t) for pose in poses for b, t in zip(targets["body"], targets["target"], strict=True)]
+    shifts = kept.reindex(keys).to_numpy(dtype=float, copy=True).reshape(len(poses), len(targets), 3)
+    return places, shifts
+
+
+_Motions = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+
+
+def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
+    """Per body its place (S, 3) and rotation (S, 3, 3) seen from the base, NaN where a pose has none."""
+    known = filled(tables, "motions")
+    if known is None:
+        return {}
+    found = {}
+    for name in bodies:
+        own = known[known["body"] == name].set_index("pose").reindex(poses)
+        found[name] = own[_PLACE].to_numpy(dtype=float), own[_ENTRIES].to_numpy(dtype=float).reshape(-1, 3, 3)
+    return found
+
+
+def _seen_from(
+    places: NDArray[np.float64], shifts: NDArray[np.float64], targets: pd.DataFrame, body: str, motion: _Motions
+) -> None:
+    """Put places and shifts (S, N, 3) of other bodies' targets into the frame of this one."""
+    for name in targets["body"].unique():
+        own = (targets["body"] == name).to_numpy()
+        if body not in motion or name not in motion:
+            places[:, own] = np.nan
+            continue
+        (p, R), (origin, turn) = motion[name], motion[body]
+        seen = np.einsum("sij,snj->sni", R, places[:, own]) + (p - origin)[:, None]
+        places[:, own] = np.einsum("sji,snj->sni", turn, seen)
+        shifts[:, own] = np.einsum("sji,sjk,snk->sni", turn, R, shifts[:, own])
+
+
+def _joints(
+    tables: Tables, body: str, motion: _Motions, steps: int
+) -> tuple[tuple[int, ...], NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """Legs, and their joints (S, L, 3) in the platform's frame by the calibration that is shown."""
+    fitted = filled(tables, "calibration")
+    if fitted is None or body != _PLATFORM or body not in motion:
+        return _attachments(tables, body), None, None
+    own = rows_of(fitted, shown_calibration(tables, fitted)).dropna(subset=["leg"])
+    wide = own.pivot_table(index="leg", columns="parameter", values="identified")
+    names = [[f"{joint}_{axis}" for axis in "xyz"] for joint in "ab"]
+    if not {*names[0], *names[1]} <= set(wide.columns):
+        return _attachments(tables, body), None, None
+    lower, upper = (wide[columns].to_numpy(dtype=float) for columns in names)
+    origin, turn = motion[body]
+    seen = np.einsum("sji,slj->sli", turn, lower[None] - origin[:, None])
+    return tuple(int(leg) for leg in wide.index), seen, np.broadcast_to(upper, (steps, *upper.shape))
+
+
+def _attachments(tables: Tables, body: str) -> tuple[int, ...]:
+    """The legs at whose attachments the body has targets."""
+    shape = tables["shape"]
+    legs = shape.loc[(shape["body"] == body), "leg"].dropna().unique()
+    return tuple(sorted(int(leg) for leg in legs))
+
+
+def _words(
+    tables: Tables, targets: pd.DataFrame, shifts: NDArray[np.float64], poses: list[Any]
+) -> tuple[tuple[str, ...], ...]:
+    """Per pose and target how far it stands from its place, with the noise of point and survey along that way."""
+    sigma = _noise(tables, targets, poses)
+    size = np.linalg.norm(shifts, axis=-1)
+    along = np.sqrt(np.sum((shifts * sigma) ** 2, axis=-1)) / np.where(size > 0.0, size, np.nan)
+    names = [str(name) for name in targets["target"]]
+    return tuple(
+        tuple(
+            f"{name}: {with_uncertainty(1e3 * s, 1e3 * u if np.isfinite(u) else None, 'µm')}" if np.isfinite(s) else ""
+            for name, s, u in zip(names, sizes, noise, strict=True)
+        )
+        for sizes, noise in zip(size, along, strict=True)
+    )
+
+
+def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[np.float64]:
+    """Standard deviations (S, N, 3) in mm of measured points and survey together, NaN where nothing tells them."""
+    keys = list(zip(targets["body"], targets["target"], strict=True))
+    points, survey = filled(tables, "observations"), filled(tables, "survey")
+    if points is None:
+        return np.full((len(poses), len(targets), 3), np.nan)
+    wanted = [(pose, *key) for pose in poses for key in keys]
+    found = points.set_index(["pose", "body", "target"])[SIGMA]
+    seen = found[~found.index.duplicated()].reindex(wanted).to_numpy(dtype=float).reshape(len(poses), len(keys), 3)
+    if survey is None or not set(SIGMA) <= set(survey.columns):
+        return seen
+    placed = survey.set_index(["body", "target"])[SIGMA].reindex(keys).to_numpy(dtype=float)
+    return np.sqrt(seen**2 + np.nan_to_num(placed) ** 2)
+
+
+def _said(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
+    """Per pose and leg: how far its attachment shifts and its actuator moves."""
+    shifts = filled(tables, "deformation")
+    if shifts is None or not legs:
+        return ()
+    own = shifts.set_index(["pose", "leg"])
+    own = own[~own.index.duplicated()]
+    return tuple(tuple(_of_leg(own, pose, leg) for leg in legs) for pose in poses)
+
+
+def _of_leg(shifts: pd.DataFrame, pose: Any, leg: int) -> str:
+    if (pose, leg) not in shifts.index:
+        return f"Leg {leg}: its attachment was not measured in this pose."
+    row = shifts.loc[(pose, leg)]
+    shift = with_uncertainty(float(row["delta_bz_um"]), float(row["sigma_um"]), "µm")
+    out = " (left out as gross error)" if bool(row.get("rejected", False)) else ""
+    drive = f"; its actuator at {row['delta_rho_mm']:+.3f} mm" if np.isfinite(row["delta_rho_mm"]) else ""
+    return f"Leg {leg}: its attachment shifts along z by {shift}{out}{drive}."
+
+
+def load_scene(tables: Tables) -> Scene | None:
+    """The scene of every load case of which all six components are known; None without one, or without joints.
+
+    ``tables`` with ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): the joints in the unloaded platform's frame.
+    """
+    cases, joints = filled(tables, "displacement"), filled(tables, "legs")
+    if cases is None or joints is None:
+        return None
+    known = cases.dropna(subset=[*_MOVED, *_TURNED])
+    known = known[known[list(LOADS.values())].ne(0.0).any(axis=1)]
+    if not len(known):
+        return None
+    known = _largest_first(known).iloc[: MOST_POINTS // len(joints)]
+    lower, upper = (joints[[f"{joint}{axis}_mm" for axis in "xyz"]].to_numpy(dtype=float) for joint in "ab")
+    place = np.broadcast_to(upper, (len(known), *upper.shape)).copy()
+    turn, moved = known[_TURNED].to_numpy(dtype=float), known[_MOVED].to_numpy(dtype=float)
+    shift = moved[:, None] + np.cross(turn[:, None], place)
+    numbers = tuple(int(leg) for leg in joints["leg"])
+    covariance = _covariance(known)
+    along = (upper - lower) / np.linalg.norm(upper - lower, axis=1, keepdims=True)
+    return Scene(
+        step="load",
+        labels=tuple(_called(row) for row in known.to_dict("records")),
+        names=tuple(f"b{leg}" for leg in numbers),
+        place=place,
+        shift=shift,
+        leg=np.array(numbers),
+        attached=np.ones(len(numbers), dtype=bool),
+        own=np.zeros(len(numbers), dtype=bool),
+        words=_words_of_loads(place, shift, covariance, numbers),
+        legs=numbers,
+        lower=np.broadcast_to(lower, place.shape),
+        upper=place,
+        arrow=_arrows(known, float(np.ptp(upper, axis=0).max())),
+        said=_said_of_loads(place, shift, np.broadcast_to(along, place.shape), covariance, numbers),
+        all_legs=True,
+        ringed="upper joint",
+    )
+
+
+def _largest_first(cases: pd.DataFrame) -> pd.DataFrame:
+    """Cases from the largest share of each axis' largest load on, so that the slider begins with what is seen best."""
+    loads = cases[list(LOADS.values())].abs()
+    share = (loads / loads.max().replace(0.0, 1.0)).max(axis=1)
+    return cases.assign(share=share).sort_values("share", ascending=False, kind="stable")
+
+
+def _called(row: dict) -> str:
+    """``fz −9000 N, loading``."""
+    loads = [f"{axis} {row[column]:+,.6g} {LOAD_UNITS[axis]}" for axis, column in LOADS.items() if row[column]]
+    branch = row.get("branch")
+    return ", ".join([*loads, *([str(branch)] if isinstance(branch, str) else [])])
+
+
+def _covariance(cases: pd.DataFrame) -> NDArray[np.float64]:
+    """Covariance (S, 6, 6) of the displacement, m and rad."""
+    found = np.zeros((len(cases), 6, 6))
+    for i in range(6):
+        for j in range(i, 6):
+            found[:, i, j] = found[:, j, i] = cases[f"cov_{i}_{j}"].to_numpy(dtype=float)
+    return found
+
+
+def _sigma_along(
+    place: NDArray[np.float64], way: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Standard uncertainty (S, N) in um of how far points move along unit vectors ``way`` (S, N, 3)."""
+    pull = np.concatenate([way, np.cross(1e-3 * place, way)], axis=-1)
+    return 1e6 * np.sqrt(np.maximum(np.einsum("sni,sij,snj->sn", pull, covariance, pull), 0.0))
+
+
+def _words_of_loads(
+    place: NDArray[np.float64], shift: NDArray[np.float64], covariance: NDArray[np.float64], legs: tuple[int, ...]
+) -> tuple[tuple[str, ...], ...]:
+    """How far each attachment moves, with the uncertainty of the platform's displacement."""
+    size = np.linalg.norm(shift, axis=-1)
+    noise = _sigma_along(place, shift / np.where(size > 0.0, size, 1.0)[..., None], covariance)
+    return tuple(
+        tuple(
+            f"b{leg}: {with_uncertainty(1e3 * float(s), float(u), 'µm')}" for leg, s, u in zip(legs, *own, strict=True)
+        )
+        for own in zip(size, noise, strict=True)
+    )
+
+
+def _said_of_loads(
+    place: NDArray[np.float64],
+    shift: NDArray[np.float64],
+    along: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    legs: tuple[int, ...],
+) -> tuple[tuple[str, ...], ...]:
+    """How far each leg's joints move apart under each load."""
+    longer = 1e3 * np.sum(shift * along, axis=-1)
+    noise = _sigma_along(place, along, covariance)
+    return tuple(
+        tuple(
+            f"Leg {leg}: its joints move apart by {with_uncertainty(float(s), float(u), 'µm')}."
+            for leg, s, u in zip(legs, *own, strict=True)
+        )
+        for own in zip(longer, noise, strict=True)
+    )
+
+
+def _arrows(cases: pd.DataFrame, size: float) -> NDArray[np.float64]:
+    """The load (S, 2, 3) from the platform's origin: a force along its axis, a torque along the one it turns about."""
+    loads = cases[list(LOADS.values())].to_numpy(dtype=float)
+    largest = np.abs(loads).max(axis=0)
+    share = loads / np.where(largest > 0.0, largest, 1.0)
+    tip = _ARROW * size * (share[:, :3] + share[:, 3:])
+    return np.stack([np.zeros_like(tip), tip], axis=1)

@@ -1,1 +1,0 @@
-"""The statement of uncertainty on the page: its words, its tables, its bars."""

@@ -1,0 +1,248 @@
+"""The section that states uncertainties in the terms of the GUM, with a budget per kind of result."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+
+import pandas as pd
+import plotly.graph_objects as go
+
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
+from truing.report.numbers import count, plain, rough, sign, with_uncertainty
+from truing.report.page import Listing, Section
+from truing.report.reasons import why_absent
+from truing.report.tables import Tables, cell, filled, reason
+
+_TITLE = "Statement of uncertainty"
+KINDS = {
+    "pose": "Poses",
+    "calibration": "Numbers of the mechanism",
+    "cause": "Sizes of the causes that were found",
+    "compliance": "Compliance",
+    "G_B": "Matrix of the sensor",
+    "load": "Loads told by one reading",
+    "accuracy": "Held-out accuracy",
+    "positioning": "Positioning by ISO 230-2",
+}
+_OPEN = 12  # longer listings are folded away
+_DRAWN = "Of positioning, the distribution is drawn: U reaches the farther end of its 95 % interval, and k is U/u."
+_MANY = 1000.0  # degrees of freedom that make no difference any more
+_WHERE = "uncertainty.parquet"
+
+_OF_LEG, _NUMBERED = re.compile(r" of leg \d+$"), re.compile(r"_\d+$|(?<=^K)\d+(_\d+)?$")
+
+_COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")
+_REST = "all others"
+_SEEN = 5e-3  # of a bar: what is narrower cannot be seen
+
+
+def uncertainty(tables: Tables) -> Section:
+    """Every kind of result with its expanded uncertainties and its budget; and what is no part of any."""
+    stated = filled(tables, "uncertainty")
+    if stated is None:
+        why = reason(tables, "uncertainty") or why_absent("uncertainty", tables)
+        return Section("uncertainty", _TITLE, why, state="not evaluated")
+    budget = tables.get("uncertainty_budget")
+    parts = []
+    for kind, title in KINDS.items():
+        own = stated[stated["result"] == kind]
+        if len(own):
+            parts.append(_part(kind, title, own, None if budget is None else budget[budget["result"] == kind]))
+    if not stated["stated"].any():
+        return Section("uncertainty", _TITLE, _none(stated), state="not evaluated", parts=tuple(parts))
+    kinds = "A: evaluated from the observations of this campaign; B: declared before it (GUM 4.2, 4.3)."
+    return Section("uncertainty", _TITLE, f"{statement(stated)} {kinds}", parts=tuple(parts))
+
+
+def statement(stated: pd.DataFrame) -> str:
+    """The sentence that the GUM asks for (7.2.3), with the coverage factor where all results have the same."""
+    own = stated[stated["stated"]]
+    dof = own["degrees_of_freedom"]
+    factors = sorted({f"{k:.2f}" for k in own["coverage_factor"].dropna()})
+    said = "The reported expanded uncertainty is stated as the standard uncertainty multiplied by the coverage factor k"
+    if len(factors) == 1 and (dof.isna() | (dof > _MANY)).all():
+        law = f"= {factors[0]}, which for a normal distribution"
+    elif len(own) == 1:
+        law = f"= {factors[0]}, which for a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
+    else:
+        law = "beside it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
+    drawn = f" {_DRAWN}" if (own["result"] == "positioning").any() else ""
+    return f"{said} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
+
+
+def _none(stated: pd.DataFrame) -> str:
+    reasons = dict.fromkeys(cell(why) for why in stated["reason"])
+    return f"No result has an uncertainty that could be stated: {'; '.join(filter(None, reasons))}."
+
+
+def _part(kind: str, title: str, own: pd.DataFrame, budget: pd.DataFrame | None) -> Section:
+    told, left = own[own["stated"]], own[~own["stated"]]
+    listings, figures = [], []
+    if budget is not None and len(told):
+        groups = _grouped(told, budget[budget["evaluation"] != "not evaluated"])
+        if len(_visible(groups)) > 1:
+            figures.append((_share_bars(groups, title), _reading(groups)))
+        listings.append(_budget(groups))
+    if len(told):
+        listings.append(_stated(told))
+    if len(left):
+        listings.append(_not_stated(left))
+    if budget is not None and (budget["evaluation"] == "not evaluated").any():
+        listings.append(_omitted(budget[budget["evaluation"] == "not evaluated"]))
+    lead = f"{count(len(told), 'result')} stated" + (f", {len(left)} not evaluated." if len(left) else ".")
+    state = "" if len(told) else "not evaluated"
+    return Section(f"uncertainty-{kind.lower()}", title, lead, tuple(figures), tuple(listings), state)
+
+
+def _reading(groups: _Grouped) -> str:
+    typical = " Where several results make one bar, it is their mean." if groups.several else ""
+    return f"Shares of the variance; hatched: type A.{typical}"
+
+
+def _stated(told: pd.DataFrame) -> Listing:
+    rows = tuple(
+        (
+            cell(r.subject),
+            cell(r.quantity),
+            with_uncertainty(r.estimate, r.expanded_uncertainty, sign(cell(r.unit))),
+            rough(r.standard_uncertainty),
+            _factor(r.coverage_factor),
+            freedom(r.degrees_of_freedom),
+        )
+        for r in told.itertuples()
+    )
+    heads = ("of", "quantity", "estimate ± expanded uncertainty U", "u", "k", "ν_eff")
+    return Listing(heads, rows, caption="Results", folded=len(rows) > _OPEN, held_by=_WHERE)
+
+
+def _not_stated(left: pd.DataFrame) -> Listing:
+    rows = tuple(("not evaluated", cell(r.subject), cell(r.quantity), cell(r.reason)) for r in left.itertuples())
+    heads, marks = ("state", "of", "quantity", "why"), ("none",) * len(rows)
+    return Listing(heads, rows, marks, "Without a stated uncertainty", len(rows) > _OPEN, _WHERE)
+
+
+def _budget(groups: _Grouped) -> Listing:
+    rows = tuple(
+        (
+            group,
+            source,
+            groups.evaluation[source],
+            groups.distribution[source],
+            f"{rough(groups.typical[group, source])} {sign(groups.unit[group])}".strip(),
+            freedom(groups.dof[source]),
+            f"{100.0 * groups.share[group, source]:.1f} %",
+        )
+        for group in groups.names
+        for source in groups.sources
+        if groups.share[group, source] >= 5e-4
+    )
+    what = "standard uncertainty, rms of the results" if groups.several else "standard uncertainty"
+    heads = ("result", "source", "type", "distribution", what, "ν", "share of the variance")
+    caption = "Budget; parts below 0.05 % are in uncertainty_budget.parquet"
+    return Listing(heads, rows, caption=caption, folded=len(rows) > 2 * _OPEN, held_by="uncertainty_budget.parquet")
+
+
+def _omitted(budget: pd.DataFrame) -> Listing:
+    rows = tuple(("not evaluated", cell(r.input_source), cell(r.reason)) for r in budget.itertuples())
+    heads, marks = ("state", "source", "why"), ("none",) * len(rows)
+    return Listing(heads, rows, marks, "Not in the budget", held_by="uncertainty_budget.parquet")
+
+
+def _factor(value: float) -> str:
+    return f"{value:.2f}" if value == value else "–"
+
+
+def freedom(dof: float) -> str:
+    """Degrees of freedom in whole numbers, as tables of Student's distribution have them."""
+    return "∞" if dof != dof or dof > _MANY else f"{int(dof)}"
+
+
+@dataclass(frozen=True)
+class _Grouped:
+    """Groups of results by name, sources in the order of their weight; by (group, source): rms contribution, share."""
+
+    names: tuple[str, ...]
+    sources: tuple[str, ...]
+    typical: dict[tuple[str, str], float]
+    share: dict[tuple[str, str], float]
+    unit: dict[str, str]
+    evaluation: dict[str, str]
+    distribution: dict[str, str]
+    dof: dict[str, float]
+    several: bool
+
+
+def group_of(result: str, quantity: str) -> str:
+    """``a_x`` for ``a_x of leg 3``, ``K`` for ``K12``, ``fx`` of a matrix for ``fx per v2``."""
+    if result in ("G_B", "compliance"):
+        return quantity.partition(" per ")[0] if result == "G_B" else quantity
+    return _NUMBERED.sub("", _OF_LEG.sub("", quantity))
+
+
+def _grouped(stated: pd.DataFrame, budget: pd.DataFrame) -> _Grouped:
+    """Budgets of one kind of result by group; a share is that of the group's summed variance."""
+    result = str(stated["result"].iloc[0])
+    rows = budget.assign(
+        group=[group_of(result, quantity) for quantity in budget["quantity"]], squares=budget["contribution"] ** 2
+    )
+    names = tuple(dict.fromkeys(rows["group"]))
+    size = Counter(group_of(result, quantity) for quantity in stated["quantity"])
+    squares = rows.groupby(["group", "input_source"])["squares"].sum()
+    total = rows.groupby("group")["squares"].sum()
+    sources = _by_weight(rows)
+    places = [(name, source) for name in names for source in sources]
+    told = {place: float(squares.get(place, 0.0)) for place in places}
+    first = rows.drop_duplicates("input_source").set_index("input_source")
+    return _Grouped(
+        names,
+        sources,
+        {place: (told[place] / size[place[0]]) ** 0.5 for place in places},
+        {place: told[place] / total[place[0]] if total[place[0]] > 0.0 else 0.0 for place in places},
+        {name: str(rows.loc[rows["group"] == name, "unit"].iloc[0] or "") for name in names},
+        {source: str(first.loc[source, "evaluation"]) for source in sources},
+        {source: str(first.loc[source, "distribution"]) for source in sources},
+        {source: float(first.loc[source, "degrees_of_freedom"]) for source in sources},
+        max(size[name] for name in names) > 1,
+    )
+
+
+def _by_weight(rows: pd.DataFrame) -> tuple[str, ...]:
+    """Sources by their mean share, the largest first."""
+    shares = rows.groupby("input_source", sort=False)["share_of_variance"].sum()
+    return tuple(shares.sort_values(ascending=False, kind="stable").index)
+
+
+def _visible(groups: _Grouped) -> list[str]:
+    """The sources that can be seen in any of the bars."""
+    return [s for s in groups.sources if max(groups.share[name, s] for name in groups.names) >= _SEEN]
+
+
+def _share_bars(groups: _Grouped, title: str) -> go.Figure:
+    """A bar per group of results, divided by source; more sources than there are colours for are put together."""
+    figure = go.Figure()
+    names = [label(name) for name in groups.names]
+    drawn = _visible(groups)[: len(_COLOURS)]
+    rest = [source for source in groups.sources if source not in drawn]
+    for source, colour in zip(drawn, _COLOURS, strict=False):
+        shares = [100.0 * groups.share[name, source] for name in groups.names]
+        figure.add_trace(_bar(shares, names, f"{label(source)} ({groups.evaluation[source]})", colour))
+        if groups.evaluation[source] == "A":  # told apart without colour too
+            figure.data[-1].marker.pattern = {"shape": "/", "fgcolor": "white", "size": 6, "solidity": 0.2}
+    if rest:
+        shares = [100.0 * sum(groups.share[name, source] for source in rest) for name in groups.names]
+        figure.add_trace(_bar(shares, names, _REST, GREY))
+    height = 150 + 26 * len(names) + 22 * len(figure.data)
+    style(figure, f"{title}: where the uncertainty comes from", "Share of the variance by source", height)
+    figure.update_layout(barmode="stack", showlegend=True)
+    legend = {"orientation": "v", "traceorder": "normal", "x": 0.0, "yanchor": "top"}
+    figure.update_layout(legend={**legend, "y": -70 / (26 * len(names) + 30)})
+    figure.update_xaxes(title_text="share of the variance, %", range=[0, 100])
+    figure.update_yaxes(type="category", categoryorder="array", categoryarray=names[::-1], automargin=True)
+    return figure
+
+
+def _bar(shares: list[float], names: list[str], name: str, colour: str) -> go.Bar:
+    template = "%{y}: %{x:.1f} %<extra>" + name.replace("%", "") + "</extra>"
+    return go.Bar(x=shares, y=names, name=name, orientation="h", marker={"color": colour}, hovertemplate=template)

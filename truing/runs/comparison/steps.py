@@ -1,0 +1,277 @@
+"""From one run to the next: what was judged of the numbers that both have, or why nothing was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from truing.inference.changes import compare
+from truing.simulation.bench.causes.reading_causes import ReadingCause
+from truing.simulation.bench.extended_model import ExtendedSensor
+from truing.simulation.cause import Cause
+from truing.simulation.mechanisms.extended_model import ExtendedModel, identified_geometry, name_and_leg
+from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.prior import mechanism_prior
+from truing.simulation.reported_numbers import TOLD, Told, figures, told_numbers
+from truing.simulation.targets import shape_unknowns
+
+# In so many comparisons of campaigns between which nothing changed a change is told.
+FALSE_ALARM = 0.05
+# Two questions are asked, and each gets half of it: of a mechanism, each number by itself and all together; of a
+# sensor, its compliance and its matrix.
+LEVEL = FALSE_ALARM / 2.0
+NAMES = ["group", "effect_of", "leg", "parameter"]
+
+_SAME_M = 1e-9
+
+_LOADS, _CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz"), ("dx", "dy", "dz", "rx", "ry", "rz")
+_ENTRIES = 36
+_LEGS = 6
+
+
+@dataclass(frozen=True)
+class Step:
+    """Rows by NAMES with sigma_difference, z, changed, change, sigma_change, instead and reason; empty where nothing
+    could be judged, and then ``why``. ``rebuilt``: more has changed than can be named one by one.
+    """
+
+    rows: pd.DataFrame
+    why: str = ""
+    rebuilt: bool = False
+
+
+def not_judged(why: str) -> Step:
+    """Return the step between two runs whose numbers cannot be held against each other."""
+    return Step(pd.DataFrame(columns=[*NAMES, "z", "changed"]), why)
+
+
+def held_at_zero(shared: NDArray, covariance: NDArray, own: NDArray, effects: list[NDArray]) -> NDArray:
+    """Return as a covariance (n, n) by what numbers at ``own`` (n,) would move, were each effect not in the model.
+
+    shared (G,) with covariance (G, G); effects: the places of each one's parameters. What one campaign found, and
+    another did not, may be there in both; the other's numbers are then off by as much.
+    """
+    spread = np.zeros((len(own), len(own)))
+    for places in effects:
+        gain = np.linalg.solve(covariance[np.ix_(places, places)], covariance[np.ix_(places, own)])
+        moved = gain.T @ shared[places]
+        spread += np.outer(moved, moved)
+    return spread
+
+
+def beyond_chance(z: NDArray) -> NDArray:
+    """Return which of some differences over their sigmas (n,), NaN where not judged, chance does not explain.
+
+    Each by itself; the level is that of all together, whatever their correlations are.
+    """
+    from scipy.special import ndtr
+
+    judged = np.isfinite(z)
+    return judged & (2.0 * ndtr(-np.abs(np.where(judged, z, 0.0))) * max(int(judged.sum()), 1) < LEVEL)
+
+
+def mechanism_numbers(found: ExtendedModel) -> pd.DataFrame:
+    """Return every number of a model: NAMES, value and sigma in the tables' units."""
+    model, sigma = found.model, np.sqrt(np.diag(found.covariance))
+    geometry = identified_geometry(model, found.shared, found.covariance)
+    rows = [
+        ("geometry", None, entry.leg + 1, entry.name, value / entry.si, spread / entry.si, entry.unit)
+        for entry, value, spread in zip(geometry.parameters, geometry.values, geometry.sigma, strict=True)
+    ]
+    for effect in model.effects(found.shared):
+        spreads = sigma[model.layout[effect.cause.key]] * model.effect_sigma(effect.cause)
+        rows += _effect_rows(effect.cause, effect.values, spreads, model.part_count)
+    return pd.DataFrame(rows, columns=[*NAMES, "value", "sigma", "unit"])
+
+
+def _effect_rows(cause: Cause, values: NDArray, sigmas: NDArray, legs: int) -> list[tuple[Any, ...]]:
+    """Return the parameters of an effect as rows: values and sigmas (P,), SI."""
+    rows = []
+    for p, value, sigma in zip(cause.parameters(legs), values, sigmas, strict=True):
+        name, leg = name_and_leg(p.name)
+        rows.append(("effect", owner(cause), leg, name, value / p.si, sigma / p.si, p.unit))
+    return rows
+
+
+def owner(cause: Cause) -> str:
+    """Return what the tables call an effect."""
+    return f"{cause.id} {cause.subject}".strip()
+
+
+def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> Step:
+    """Return what has changed between two models of one mechanism, each with its whole covariance.
+
+    Tolerances draw both the same way, and so does a survey that both rest on; surveys of their own define frames of
+    their own.
+    """
+    if stated := _stated_otherwise(before.model, now.model):
+        return not_judged(stated)
+    own_keys, lasting = ({c.key for c in one.model.causes if c.is_persistent} for one in (now, before))
+    common = tuple(c for c in before.model.causes if c.key in own_keys & lasting)
+    earlier = mechanism_prior(before, _surveyed(now), common)
+    then_at, now_at = (earlier.places(one.model) for one in (before, now))
+    apart = earlier.frames + sum(
+        held_at_zero(one.shared, one.covariance, own, _of_others(one.model, common))
+        for one, own in ((before, then_at), (now, now_at))
+    )
+    value, covariance = now.shared[now_at], now.covariance[np.ix_(now_at, now_at)]
+    found = compare(earlier.mean, earlier.covariance, value, covariance, earlier.shared, apart)
+    told = told_numbers(earlier, now.model, now.shared, now.covariance)
+    columns = {**told.columns, **figures(earlier, told, found, value, covariance, LEVEL)}
+    if len(found.told) == 0:
+        return not_judged("neither campaign tells more of the machine than its tolerances")
+    known = _known(told, earlier.covariance, np.linalg.inv(earlier.shared)) & ~np.isnan(columns["z"])
+    return _step(columns, known)
+
+
+def _step(columns: dict[str, Any], known: NDArray) -> Step:
+    rows = pd.DataFrame(columns)
+    rebuilt = bool(rows["changed"].all())
+    rows = rows.reindex(columns=[*dict.fromkeys([*rows.columns, "change", "sigma_change", "instead"])])
+    rows["group"] = np.where(rows["effect_of"].isna(), "geometry", "effect")
+    rows["z"] = rows["z"].where(known)
+    if rebuilt:
+        rows["changed"] = beyond_chance(rows["z"].to_numpy(float))
+    rows["reason"] = [None if told else "not identifiable" for told in known]
+    return Step(rows.drop(columns=["before", "sigma_before", "now", "sigma_now", "unit"]), rebuilt=rebuilt)
+
+
+def _known(told: Told, covariance: NDArray, prior: NDArray) -> NDArray:
+    """Return which rows (R,) an estimate tells more of than what was known before."""
+    by = told.by_numbers
+    return np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * np.diag(by @ prior @ by.T)
+
+
+def _of_others(model: PointModel, common: tuple[Cause, ...]) -> list[NDArray]:
+    """Return where the parameters of lasting effects stand that the other model does not have."""
+    keys = {cause.key for cause in common}
+    own = [model.layout[cause.key] for cause in model.causes if cause.is_persistent and cause.key not in keys]
+    return [np.arange(part.start, part.stop) for part in own]
+
+
+def _stated_otherwise(before: PointModel, now: PointModel) -> str:
+    """Return what campaign.toml of the two says differently; empty where both start from the same drawing."""
+    old, new = before.nominal, now.nominal
+    for name in ("a", "b", "u", "l", "rho0"):
+        if np.abs(getattr(old, name) - getattr(new, name)).max() > _SAME_M:
+            return "their campaign.toml name another nominal geometry"
+    if before.known.geometry != now.known.geometry or before.known.open_geometry != now.known.open_geometry:
+        return "their campaign.toml name other tolerances"
+    return ""
+
+
+def _surveyed(found: ExtendedModel) -> PointModel:
+    """Return the model with the noise of its survey, which its text holds as one sigma per target."""
+    model, sigma = found.model, found.survey_sigma
+    if not len(sigma) or sigma.min() <= 0.0:
+        return model
+    survey = shape_unknowns(model.targets, model.known.shape, sigma[:, None, None] ** 2 * np.eye(3))
+    return replace(model, known=replace(model.known, survey=survey))
+
+
+def sensor_numbers(found: ExtendedSensor) -> pd.DataFrame:
+    """Return every number of a sensor's model: NAMES, value and sigma in SI, of effects in the tables' units."""
+    sigma = np.sqrt(np.diag(found.covariance))
+    names = [(f"{channel} {load}", _unit(channel, load)) for channel in _CHANNELS for load in _LOADS]
+    rows = [
+        ("compliance", None, None, name, value, spread, unit)
+        for (name, unit), value, spread in zip(names, found.compliance.ravel(), sigma, strict=False)
+    ]
+    for effect in found.effects:
+        rows += _effect_rows(effect.cause, effect.values, sigma[found.layout[effect.cause.key]], _LEGS)
+    return pd.DataFrame(rows, columns=[*NAMES, "value", "sigma", "unit"])
+
+
+def matrix_numbers(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the entries of the chosen G_B; empty where none was chosen."""
+    own = table[table["chosen"] & (table["matrix"] == "G_B")]
+    named = own["row"] + " " + own["column_name"]
+    columns = {"group": "G_B", "effect_of": None, "leg": None, "parameter": named}
+    return own.assign(**columns)[[*NAMES, "value", "sigma", "unit"]]
+
+
+def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray) -> Step:
+    """Return what has changed of compliance and common effects; simulated (36,): sigmas known before either campaign.
+
+    The tolerances that both are drawn to are counted as if each campaign had its own: its differences are smaller than
+    told, never larger.
+    """
+    if not np.allclose(before.nominal, now.nominal, rtol=1e-6, atol=0.0):
+        return not_judged("their campaign.toml name another sensor, as simulated")
+    keys = {c.key for c in before.causes if c.is_persistent} & {c.key for c in now.causes if c.is_persistent}
+    (old, sigma_old), (new, sigma_new) = (_common(one, keys) for one in (before, now))
+    limit = np.full(len(old), np.inf)
+    limit[:_ENTRIES] = np.sqrt(1.0 - TOLD) * simulated
+    known = (sigma_old < limit) & (sigma_new < limit)
+    scale = _scales(before, keys)
+    return _each(_named(before, keys), (new - old) / scale, np.hypot(sigma_old, sigma_new) / scale, known)
+
+
+def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> Step:
+    """Return which entries of G_B have changed."""
+    both = before.merge(now, on=NAMES, suffixes=("_before", "_now"))
+    spread = np.hypot(both["sigma_before"].to_numpy(float), both["sigma_now"].to_numpy(float))
+    difference = (both["value_now"] - both["value_before"]).to_numpy(float)
+    return _each(both[NAMES].to_numpy().tolist(), difference, spread, np.isfinite(spread))
+
+
+def _each(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> Step:
+    """Return which of the known numbers (n,) differ by more than chance explains, each by itself.
+
+    The bound is for all of them together, whatever their correlations are.
+    """
+    known = known & (spread > 0.0)
+    z = np.where(known, difference / np.where(known, spread, 1.0), np.nan)
+    changed = beyond_chance(z)
+    columns = {
+        "sigma_difference": spread,
+        "z": z,
+        "changed": changed,
+        "change": np.where(changed, difference, np.nan),
+        "sigma_change": np.where(changed, spread, np.nan),
+        "instead": None,
+        "reason": [None if told else "not identifiable" for told in known],
+    }
+    return Step(pd.DataFrame(names, columns=NAMES).assign(**columns))
+
+
+def _unit(channel: str, load: str) -> str:
+    return f"{'m' if channel[0] == 'd' else 'rad'}/{'N' if load[0] == 'f' else '(N m)'}"
+
+
+def _common(found: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
+    """Return compliance and common effects, by key, with their sigmas and what other effects leave open."""
+    every = np.concatenate([found.compliance.ravel(), *(effect.values for effect in found.effects)])
+    rest = [cause for cause in sorted(found.causes, key=_key) if cause.key not in keys and cause.is_persistent]
+    own, others = found.places(_kept(found, keys)), [np.r_[found.layout[cause.key]] for cause in rest]
+    spread = found.covariance[np.ix_(own, own)] + held_at_zero(every, found.covariance, own, others)
+    return every[own], np.sqrt(np.diag(spread))
+
+
+def _named(found: ExtendedSensor, keys: set[str]) -> list[tuple[object, ...]]:
+    """Return the names of the numbers of ``_common`` in their order."""
+    names = (f"{channel} {load}" for channel in _CHANNELS for load in _LOADS)
+    rows: list[tuple[object, ...]] = [("compliance", None, None, name) for name in names]
+    for cause in _kept(found, keys):
+        none = np.zeros(len(cause.parameters(_LEGS)))
+        rows += [row[:4] for row in _effect_rows(cause, none, none, _LEGS)]
+    return rows
+
+
+def _scales(found: ExtendedSensor, keys: set[str]) -> NDArray:
+    """Return the unit of each number of ``_common`` in SI."""
+    si = [p.si for cause in _kept(found, keys) for p in cause.parameters(_LEGS)]
+    return np.concatenate([np.ones(_ENTRIES), np.array(si, float)])
+
+
+def _kept(found: ExtendedSensor, keys: set[str]) -> list[ReadingCause]:
+    return sorted((cause for cause in found.causes if cause.key in keys), key=_key)
+
+
+def _key(cause: ReadingCause) -> str:
+    return cause.key

@@ -1,0 +1,392 @@
+"""A run's certificate: which results may stand on it, administrative data, conditions, statements, as XML of a DCC."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any
+from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
+
+import pandas as pd
+
+from truing.estimation.uncertainty_budget import NOT_HELD
+from truing.report.uncertainty_section import KINDS, statement
+from truing.runs.recorded_run import Run
+from truing.schemas.certificate import Certificate, Contact, Item
+
+DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
+_LANGUAGE = "en"
+# What XML 1.0 does not allow as a character at all, escaped or not.
+_NO_CHARACTER = re.compile(r"[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+register_namespace("dcc", DCC)
+register_namespace("si", SI)
+
+_BASE = {
+    "mm": (1e-3, r"\metre"),
+    "um": (1e-6, r"\metre"),
+    "m": (1.0, r"\metre"),
+    "rad": (1.0, r"\radian"),
+    "mrad": (1e-3, r"\radian"),
+    "urad": (1e-6, r"\radian"),
+    "arcsec": (math.pi / 648000.0, r"\radian"),
+    "deg": (math.pi / 180.0, r"\radian"),
+    "N": (1.0, r"\newton"),
+    "V": (1.0, r"\volt"),
+    "mV": (1e-3, r"\volt"),
+    "K": (1.0, r"\kelvin"),
+    "s": (1.0, r"\second"),
+    "min": (60.0, r"\second"),
+    "h": (3600.0, r"\second"),
+    "Hz": (1.0, r"\hertz"),
+    "Pa": (1.0, r"\pascal"),
+    "hPa": (1e2, r"\pascal"),
+    "%": (1e-2, ""),
+    "1": (1.0, ""),
+}
+_PART = re.compile(r"^([A-Za-z%]+|1)\^?(-?\d+)?$")
+
+_VERSION = "3.3.0"
+FILE = "certificate.xml"
+_INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
+_PROBABILITY = "0.95"
+_NORMS = {"positioning": "ISO 230-2"}
+_ALIKE = 2  # from so many results of one quantity on they stand as a list
+
+
+def dcc(parent: Element, name: str, text: str | None = None) -> Element:
+    """Append an element of the certificate's namespace."""
+    return _append(parent, f"{{{DCC}}}{name}", text)
+
+
+def si(parent: Element, name: str, text: str | None = None) -> Element:
+    """Append an element of D-SI."""
+    return _append(parent, f"{{{SI}}}{name}", text)
+
+
+def _append(parent: Element, tag: str, text: str | None) -> Element:
+    child = SubElement(parent, tag)
+    child.text = None if text is None else one_line(text)
+    return child
+
+
+def one_line(text: str) -> str:
+    """A text without characters that XML cannot hold, its blanks single: never empty where it holds anything else."""
+    return " ".join(_NO_CHARACTER.sub("\ufffd", str(text)).split())
+
+
+def one_word(text: str) -> str:
+    """A text for a list that is separated by blanks."""
+    return one_line(text).replace(" ", "_") or "_"
+
+
+def text(parent: Element, name: str, *sentences: str) -> Element:
+    """Append a named element with content in the language of the certificate, which may stand there but once."""
+    child = dcc(parent, name)
+    dcc(child, "content", " ".join(sentences)).set("lang", _LANGUAGE)
+    return child
+
+
+def optional(parent: Element, name: str, value: str | None) -> None:
+    """Append an element where there is something to tell."""
+    if value is not None:
+        dcc(parent, name, value)
+
+
+def rounded(value: float, uncertainty: float) -> tuple[str, str]:
+    """An estimate and its expanded uncertainty of two significant digits, both to the same place (GUM 7.2.6)."""
+    told = Decimal(f"{uncertainty:.1e}")
+    return str(Decimal(repr(value)).quantize(told)), str(told)
+
+
+def words(values: Iterable[str]) -> str:
+    """A list as D-SI writes one."""
+    return " ".join(values)
+
+
+def si_unit(unit: str) -> tuple[float, str] | None:
+    """The factor to SI and the D-SI unit of ``N m/mV``, ``1/K``, ``m/(N m)``; None for a unit that it cannot write."""
+    parts = unit.strip().split("/")
+    factor, written = 1.0, []
+    for place, part in enumerate(parts):
+        for token in part.strip().strip("()").replace("*", " ").split():
+            found = _PART.match(token)
+            if found is None or found[1] not in _BASE:
+                return None
+            power = int(found[2] or 1) * (-1 if place else 1)
+            scale, name = _BASE[found[1]]
+            factor *= scale**power
+            if name:
+                written.append(name if power == 1 else rf"{name}\tothe{{{power}}}")
+    return factor, "".join(written) or r"\one"
+
+
+@dataclass(frozen=True)
+class _Qualified:
+    """Results that may be certified, as rows of ``uncertainty``; and sentences on what may not, and is in no budget."""
+
+    results: pd.DataFrame
+    left_out: tuple[str, ...]
+    omitted: tuple[str, ...]
+
+
+def failed_checks(run: Run) -> list[str]:
+    """The failed checks of a run that no person has accepted."""
+    if "qa" not in run:
+        return []
+    checks = run["qa"]
+    failed = checks[checks["verdict"] == "fail"]
+    if "accepted" in failed:
+        failed = failed[failed["accepted"].isna()]
+    return sorted({f"{row.check} {row.subject or ''}".strip() for row in failed.itertuples()})
+
+
+def qualified(run: Run) -> _Qualified:
+    """The results with an uncertainty that holds; those of a fit without a cause that was found are none."""
+    stated, parts = run["uncertainty"], run["uncertainty_budget"]
+    good = stated[stated["stated"] & stated["estimate"].notna() & (stated["expanded_uncertainty"] > 0.0)]
+    good = good[good["coverage_factor"] >= 1.0]  # others have no place in D-SI
+    left_out = []
+    for kind, off in _off(parts).items():
+        if (good["result"] == kind).any():
+            good = good[good["result"] != kind]
+            left_out.append(f"{KINDS[kind]}: {', '.join(off)}: {NOT_HELD}.")
+    strange = [unit for unit in dict.fromkeys(good["unit"].fillna("1")) if si_unit(unit) is None]
+    if strange:
+        good = good[~good["unit"].fillna("1").isin(strange)]
+        left_out.append(f"Results in units that the SI has no name for: {', '.join(strange)}.")
+    told = parts[(parts["evaluation"] == "not evaluated") & parts["result"].isin(good["result"])]
+    omitted = [f"{row.result}: {row.input_source} ({row.reason})." for row in told.itertuples()]
+    return _Qualified(good, tuple(left_out), tuple(dict.fromkeys(omitted)))
+
+
+def _off(parts: pd.DataFrame) -> dict[str, list[str]]:
+    """By kind of result, the causes that its estimates are off by and its uncertainty does not cover."""
+    rows = parts[parts["reason"] == NOT_HELD]
+    return {str(kind): list(dict.fromkeys(own["input_source"])) for kind, own in rows.groupby("result", sort=False)}
+
+
+def temperature(run: Run) -> tuple[float, float] | None:
+    """The lowest and the highest temperature, degrees C, that the campaign has recorded; None where it has none."""
+    for table, column in (
+        *(("configurations", "temperature_c"), ("readings", "material_temperature_c")),
+        *(("signals", "material_temperature_c"), ("positions", "material_temperature_c")),
+        *(("readings", "air_temperature_c"), ("signals", "air_temperature_c"), ("positions", "air_temperature_c")),
+    ):
+        values = run[table][column].dropna() if table in run and column in run[table] else None
+        if values is not None and len(values):
+            return float(values.min()), float(values.max())
+    return None
+
+
+def certificate(run: Run, told: Certificate) -> Iterator[tuple[str, bytes]]:
+    """Yield the certificate of a run; ``told`` has to have all keys that a certificate needs."""
+    found = qualified(run)
+    root = Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": _VERSION})
+    root.set(f"{{{_INSTANCE}}}schemaLocation", f"{DCC} {DCC}/v{_VERSION}/dcc.xsd")
+    _administration(dcc(root, "administrativeData"), run, told, found)
+    results = dcc(root, "measurementResults")
+
+    def circumstances(result: Element) -> None:
+        """What belongs to every result: PTB's rules look for it there."""
+        _software(dcc(result, "usedSoftware"), run)
+        if told.equipment:
+            equipment = dcc(result, "measuringEquipments")
+            for one in told.equipment:
+                _item(dcc(equipment, "measuringEquipment"), one)
+        _conditions(result, run, told)
+
+    _add_results(results, found.results, told.methods, circumstances)
+    indent(root)
+    yield FILE, tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+
+
+def _administration(parent: Element, run: Run, told: Certificate, found: _Qualified) -> None:
+    _software(dcc(parent, "dccSoftware"), run)
+    _core(dcc(parent, "coreData"), told)
+    _item(dcc(dcc(parent, "items"), "item"), told.item)
+    laboratory = dcc(parent, "calibrationLaboratory")
+    optional(laboratory, "calibrationLaboratoryCode", told.laboratory_code)
+    _contact(dcc(laboratory, "contact"), told.laboratory)
+    persons = dcc(parent, "respPersons")
+    for place, person in enumerate(told.persons):
+        entry = dcc(persons, "respPerson")
+        text(dcc(entry, "person"), "name", str(person.name))
+        optional(entry, "role", person.role)
+        dcc(entry, "mainSigner", "false" if place else "true")
+    _contact(dcc(parent, "customer"), told.customer)
+    statements = dcc(parent, "statements")
+    _statement(statements, "Uncertainty", statement(found.results))
+    if found.omitted:
+        _statement(statements, "Not in the uncertainty", *found.omitted)
+    if found.left_out:
+        _statement(statements, "Not certified", *found.left_out)
+    if told.traceability:
+        _statement(statements, "Traceability", told.traceability)
+
+
+def _software(parent: Element, run: Run) -> None:
+    """Every version that has made a table of the run."""
+    for version in sorted({run.origin(name)["software_version"] for name in run}):
+        software = dcc(parent, "software")
+        text(software, "name", "truing")
+        dcc(software, "release", version)
+        dcc(software, "type", "application")
+
+
+def _core(parent: Element, told: Certificate) -> None:
+    dcc(parent, "countryCodeISO3166_1", told.country)
+    for name in ("usedLangCodeISO639_1", "mandatoryLangCodeISO639_1"):
+        dcc(parent, name, _LANGUAGE)
+    dcc(parent, "uniqueIdentifier", told.number)
+    if told.order is not None:
+        _identification(dcc(dcc(parent, "identifications"), "identification"), "customer", told.order, "order")
+    optional(parent, "receiptDate", None if told.received is None else told.received.isoformat())
+    dcc(parent, "beginPerformanceDate", str(told.begin))
+    dcc(parent, "endPerformanceDate", str(told.end))
+    dcc(parent, "performanceLocation", told.location)
+    optional(parent, "issueDate", None if told.issued is None else told.issued.isoformat())
+
+
+def _item(parent: Element, item: Item) -> None:
+    text(parent, "name", str(item.name))
+    if item.manufacturer is not None:
+        text(dcc(parent, "manufacturer"), "name", item.manufacturer)
+    optional(parent, "model", item.model)
+    identification = dcc(dcc(parent, "identifications"), "identification")
+    _identification(identification, item.issuer, str(item.identification), "identification")
+
+
+def _identification(parent: Element, issuer: str, value: str, name: str) -> None:
+    dcc(parent, "issuer", issuer)
+    dcc(parent, "value", value)
+    text(parent, "name", name)
+
+
+def _contact(parent: Element, contact: Contact) -> None:
+    text(parent, "name", str(contact.name))
+    optional(parent, "eMail", contact.e_mail)
+    optional(parent, "phone", contact.phone)
+    location = dcc(parent, "location")
+    places = (("street", contact.street), ("postCode", contact.post_code), ("city", contact.city))
+    for name, value in (*places, ("countryCode", contact.country)):
+        optional(location, name, value)
+
+
+def _conditions(parent: Element, run: Run, told: Certificate) -> None:
+    """The temperature of the item: as recorded, else as [certificate] tells it; even between its ends."""
+    recorded = temperature(run)
+    if recorded is not None:
+        low, high, how = *recorded, "As recorded during the measurement."
+    else:
+        middle, half = told.temperature_c or 0.0, told.temperature_within_c or 0.0
+        low, high, how = middle - half, middle + half, "As told by the laboratory."
+    condition = dcc(dcc(parent, "influenceConditions"), "influenceCondition")
+    text(condition, "name", "Temperature")
+    text(condition, "description", how)
+    quantity = dcc(dcc(condition, "data"), "quantity")
+    text(quantity, "name", "Temperature")
+    real = si(quantity, "real")
+    si(real, "value", f"{0.5 * (low + high):.3f}")
+    si(real, "unit", r"\degreecelsius")
+    interval = si(si(real, "measurementUncertaintyUnivariate"), "coverageIntervalMU")
+    si(interval, "valueStandardMU", f"{(high - low) / 12.0**0.5:.3f}")
+    si(interval, "intervalMin", f"{low:.3f}")
+    si(interval, "intervalMax", f"{high:.3f}")
+    si(interval, "coverageProbability", "1")
+    si(interval, "distribution", "uniform")
+
+
+def _statement(parent: Element, name: str, *sentences: str) -> None:
+    one = dcc(parent, "statement")
+    text(one, "name", name)
+    text(one, "declaration", *sentences)
+
+
+def _add_results(
+    parent: Element, results: pd.DataFrame, methods: tuple[str, ...], circumstances: Callable[[Element], None]
+) -> None:
+    """Append a measurement result per kind, in the order of the page; ``circumstances`` appends those of each."""
+    for kind, title in KINDS.items():
+        own = results[results["result"] == kind]
+        if len(own):
+            _kind(parent, kind, title, own, methods, circumstances)
+
+
+def _kind(
+    parent: Element,
+    kind: str,
+    title: str,
+    own: pd.DataFrame,
+    methods: tuple[str, ...],
+    circumstances: Callable[[Element], None],
+) -> None:
+    result = dcc(parent, "measurementResult")
+    text(result, "name", title)
+    text(result, "description", statement(own))
+    used = dcc(result, "usedMethods")
+    _method(used, "Evaluation of uncertainty: Guide to the expression of uncertainty in measurement", "JCGM 100:2008")
+    if kind in _NORMS:
+        _method(used, "Positioning of an axis", _NORMS[kind])
+    for name in methods:
+        _method(used, name)
+    circumstances(result)
+    found = dcc(result, "results")
+    for subject, rows in own.groupby("subject", sort=False, dropna=False) if kind != "pose" else _by_body(own):
+        one = dcc(found, "result")
+        text(one, "name", str(subject) if isinstance(subject, str) and subject.strip() else title)
+        data = dcc(one, "data")
+        for quantity, alike in rows.groupby("quantity", sort=False):
+            _quantity(data, str(quantity), alike)
+
+
+def _by_body(own: pd.DataFrame) -> Any:
+    """Poses of one body together: what stands before the pose in their subject."""
+    return own.groupby(own["subject"].str.partition(", pose ")[0], sort=False)
+
+
+def _method(parent: Element, name: str, norm: str | None = None) -> None:
+    method = dcc(parent, "usedMethod")
+    text(method, "name", name)
+    if norm is not None:
+        dcc(method, "norm", norm)
+
+
+def _quantity(parent: Element, name: str, rows: pd.DataFrame) -> None:
+    quantity = dcc(parent, "quantity")
+    text(quantity, "name", name)
+    told = [_number(row) for row in rows.itertuples()]
+    unit = _unit(rows["unit"].iloc[0])[1]
+    alike = [one_word(str(subject).rpartition(", ")[2]) for subject in rows["subject"]]
+    _numbers(quantity, [one_word(name)] if len(rows) < _ALIKE else alike, unit, told)
+
+
+def _unit(unit: Any) -> tuple[float, str]:
+    found = si_unit(unit if isinstance(unit, str) else "1")
+    assert found is not None, unit
+    return found
+
+
+def _number(row: Any) -> tuple[str, str, str, str]:
+    """Value, expanded uncertainty, coverage factor and distribution, in SI units."""
+    factor = _unit(row.unit)[0]
+    value, uncertainty = rounded(factor * row.estimate, abs(factor) * row.expanded_uncertainty)
+    law = "normal" if row.degrees_of_freedom != row.degrees_of_freedom else "t"
+    return value, uncertainty, f"{row.coverage_factor:.2f}", "drawn" if row.result == "positioning" else law
+
+
+def _numbers(parent: Element, labels: list[str], unit: str, told: list[tuple[str, str, str, str]]) -> None:
+    """One number with its uncertainty, or several as the list that D-SI has for them."""
+    many = "XMLList" if len(told) >= _ALIKE else ""
+    values, uncertainties, factors, laws = (words(column) for column in zip(*told, strict=True))
+    real = si(parent, f"realList{many}" if many else "real")
+    for tag, content in (("label", words(labels)), ("value", values), ("unit", unit)):
+        si(real, f"{tag}{many}", content)
+    own = si(si(real, f"measurementUncertaintyUnivariate{many}"), f"expandedMU{many}")
+    for tag, content in (("valueExpandedMU", uncertainties), ("coverageFactor", factors)):
+        si(own, f"{tag}{many}", content)
+    si(own, f"coverageProbability{many}", _PROBABILITY)
+    si(own, f"distribution{many}", laws)
