@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from truing.formats.source import TABLES, CampaignFiles
-from truing.schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_ENCODERS
 from truing.schemas.faults import Fault
+from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_ENCODERS
 from truing.schemas.near_names import meant
 from truing.stages.declaration import Outcome, Progress, Stage, registered
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.axis_mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS
+from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS
 from truing.stages.declaration import Outcome, Progress, Stage, registered
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from truing.stages.common.sensor_elements import elastic_parts, given_matrix, se
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.schemas.sensor_mechanism import SensorMechanism
+    from truing.schemas.mechanism import SensorMechanism
 
 Array = NDArray[np.float64]
 _MM = 1e-3

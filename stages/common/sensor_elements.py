@@ -17,7 +17,7 @@ from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.schemas.sensor_mechanism import Element, SensorMechanism
+    from truing.schemas.mechanism import Element, SensorMechanism
 
 Array = NDArray[np.float64]
 _MM = 1e-3

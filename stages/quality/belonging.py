@@ -38,8 +38,7 @@ from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check, 
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.schemas.mechanism import LeggedMechanism
-    from truing.schemas.sensor_mechanism import SensorMechanism
+    from truing.schemas.mechanism import LeggedMechanism, SensorMechanism
     from truing.simulation.mechanisms.legs.closures import Legs
 
 Array = NDArray[np.float64]

@@ -32,7 +32,7 @@ from truing.formats.patterns import bounded
 from truing.formats.raw import RawBatch
 from truing.formats.shapes import COORDINATES
 from truing.schemas.column import LARGEST, Column
-from truing.schemas.raw_value import RawValue
+from truing.schemas.mapping import RawValue
 
 _NUMBER_IN_CELL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
 Mask = NDArray[np.bool_]

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from truing.formats.file_search import TooManyEntries, companions, find_files, plain_ending
-from truing.schemas.special_files import NOTHING_SPECIAL
+from truing.schemas.settings_text import NOTHING_SPECIAL
 
 if TYPE_CHECKING:
     from truing.formats.colmap import Estimate
