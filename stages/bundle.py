@@ -58,7 +58,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
         raise CampaignFaults(faults_of(error)) from None
     except UndeterminedNetworkError as error:
         raise CampaignFaults([undetermined(error, len(rays.point), named.network.rays.count)]) from None
-    survey = surveyed_points(source, frozenset(map(str, found.named.points)), settings.noise.point_mm)
+    survey = surveyed_points(source, frozenset(map(str, found.named.points)), settings)
     artifacts["image_cameras"], of_cameras = statistics.image_cameras(found)
     of_scale = statistics.scale_sources(found, bars, survey)
     artifacts["bundle_statistics"] = statistics.statistics_table(found, [*of_cameras, *of_scale])

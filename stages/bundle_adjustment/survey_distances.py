@@ -37,7 +37,7 @@ def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFi
     if has_datum or not lacking:
         return tables
     every, noise_mm = frozenset().union(*seen.values()), settings.noise.point_mm
-    found = _surveyed(settings, surveyed_points(source, every, noise_mm))
+    found = _surveyed(settings, surveyed_points(source, every, settings))
     found = found or [
         *_markers(tables.get("image_targets"), every, settings.photographs.marker_mm, noise_mm),
         *(bar for board in settings.photographs.boards for bar in _board(board, list(seen.values()), noise_mm)),
@@ -157,14 +157,16 @@ class SurveyedPoints:
     variance_mm2: Array
 
 
-def surveyed_points(source: CampaignFiles, seen: frozenset[str], noise_mm: float | None) -> SurveyedPoints | None:
+def surveyed_points(source: CampaignFiles, seen: frozenset[str], settings: Any) -> SurveyedPoints | None:
     """The survey of targets that rays see; None where there is none."""
+    if not settings.files.targets and not source.entries("targets"):
+        return None
     found = gather(source, TARGETS, FaultLog())  # what is wrong with the survey is told when it is read for the poses
     if found is None or any(name not in found.table.column_names for name in TARGETS.required):
         return None
     body, target = (np.array(found.table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))
     xyz = np.column_stack([number_column(found.table, f"{axis}_mm") for axis in "xyz"])
-    variance = np.column_stack([_variance(found.table, name, noise_mm) for name in _SIGMA])
+    variance = np.column_stack([_variance(found.table, name, settings.noise.point_mm) for name in _SIGMA])
     name = np.array([_name(*both, seen) for both in zip(body, target, strict=True)], dtype=object)
     known = (name != "") & np.isfinite(xyz).all(1)
     return SurveyedPoints(name[known], body[known], xyz[known], variance[known])

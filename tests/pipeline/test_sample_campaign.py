@@ -152,6 +152,10 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     bodies_campaign(folder / "bodies")
     displacement_campaign(folder / "bench")
     rays_campaign(folder / "rays")
+    for name, lacking in (("barless", ["scale_bars"]), ("scaleless", ["scale_bars", "targets"])):
+        rays_campaign(folder / name)
+        for table in lacking:
+            (folder / name / f"{table}.csv").unlink()
     pictures_campaign(folder / "pictures")
     poses_campaign(folder / "poses")
     axis(folder / "axis")
@@ -176,7 +180,8 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         patch.setattr(CampaignRun, "outcome", outcome)
         runs = {}
         parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
-        parts += [("rays", "pose"), ("pictures", "images"), ("poses", "calibrate"), ("axis", "deformation")]
+        parts += [("rays", "pose"), ("barless", "bundle"), ("scaleless", "bundle"), ("pictures", "images")]
+        parts += [("poses", "calibrate"), ("axis", "deformation")]
         parts += [("sensor", "qa"), ("sensor", "uncertainty"), ("turntable", "diagnose"), ("slide", "diagnose")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name

@@ -32,6 +32,7 @@ def scaled(
     settings: Any = SimpleNamespace(
         photographs=SimpleNamespace(datum="free", marker_mm=None, boards=boards),
         noise=SimpleNamespace(point_mm=noise_mm),
+        files=SimpleNamespace(targets=()),
     )
     found = with_scale(tables, settings, NO_FILES)
     return [row for row in found["scale_bars"].to_pylist() if row["bar"] != "S"]
