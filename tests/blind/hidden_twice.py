@@ -94,6 +94,10 @@ def _per_leg(told: Mapping[str, Any], name: str, legs: int) -> Array:
     return np.array([told.get(f"{name}_{leg}", 0.0) for leg in range(1, legs + 1)])
 
 
+def _grown(told: Mapping[str, Any], legs: int) -> Array:
+    return np.full(legs, told["alpha"]) if "alpha" in told else _per_leg(told, "alpha", legs)
+
+
 def _moved(told: Mapping[str, Any], cause: Any, legs: int) -> hidden.Effect:
     shift = (told["dx"], told["dy"], told["dz"])
     return hidden.TargetMoved(cause.body, cause.target, shift, told["from_pose"])
@@ -104,7 +108,7 @@ _MAKERS: dict[str, Callable[[Mapping[str, Any], Any, int], hidden.Effect]] = {
     "actuator-backlash": lambda told, _, legs: hidden.Backlash(_per_leg(told, "backlash", legs)),
     "platform-deformation-linear": lambda told, _, legs: hidden.LinearDeformation(_per_leg(told, "kappa", legs)),
     "leg-drift": lambda told, _, legs: hidden.LegDrift(_per_leg(told, "drift", legs), told.get("tau")),
-    "leg-thermal": lambda told, *_: hidden.LegThermal(told["alpha"]),
+    "leg-thermal": lambda told, _, legs: hidden.LegThermal(_grown(told, legs)),
     "measurement-scale": lambda told, *_: hidden.MeasurementScale(told.get("scale", 0.0), told.get("scale_per_k", 0.0)),
     "target-moved": _moved,
 }

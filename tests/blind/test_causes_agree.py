@@ -57,7 +57,8 @@ CASES: dict[str, tuple[hidden.Effect, Callable[[float, float], Cause], Any]] = {
         lambda *_: ThermalExpansion(APART),
         [1.2e-5, 2.3e-5, -1e-6],
     ),
-    "legs warm": (hidden.LegThermal(2e-5), lambda *_: LegThermal(), [2e-5]),
+    "legs warm": (hidden.LegThermal(2e-5 * ONE), lambda *_: LegThermal(), [2e-5]),
+    "legs warm, some": (hidden.LegThermal(2e-5 * SOME), lambda *_: LegThermal((2, 5)), [2e-5, -2e-5]),
     "base, temperature": (
         hidden.BaseDeformation("temperature", 0.003, -0.002, 0.004),
         lambda *_: BaseDeformation(),

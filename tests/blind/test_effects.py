@@ -94,7 +94,7 @@ def test_common_growth_and_a_growing_scale_look_the_same() -> None:
 
 def test_heat_in_the_legs_alone_lengthens_them_and_leaves_the_bodies() -> None:
     alpha = 2e-5
-    warm = draw(LegThermal(alpha))
+    warm = draw(LegThermal(alpha * ONE))
     for body in ("base", "platform"):
         assert shape_change(warm, body) < 1e-9
     expected = distances(PLAIN, "leg2") * (1 + alpha * PLAIN.schedule.heat[:, None])

@@ -55,7 +55,7 @@ EFFECTS: tuple[Effect, ...] = (
     hidden.MatrixDeformation(PUBLISHED_K),
     hidden.NonlinearDeformation(KAPPA, 0.004 * np.ones(6), 0.003 * np.ones(6)),
     hidden.ThermalExpansion(2.3e-5, 2.3e-5, 2.3e-5),
-    hidden.LegThermal(2.3e-5),
+    hidden.LegThermal(2.3e-5 * np.ones(6)),
     hidden.BaseDeformation("temperature", 0.02, 0.01, 0.03),
     hidden.ActuatorGain(np.array([0, 0, 0.01, 0, 0, 0])),
     hidden.Backlash(0.01 * np.ones(6)),

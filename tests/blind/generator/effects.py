@@ -140,17 +140,22 @@ class ThermalExpansion(Effect):
 
 
 @dataclass(frozen=True)
-class LegThermal(Effect):
-    """The legs grow with temperature, tube and targets on it, while the bodies do not."""
+class LegThermal(PerLeg):
+    """Legs grow with temperature by ``amount`` (1/K), tube and targets on it, while the bodies do not."""
 
-    alpha: float
     id = "leg-thermal"
 
     def parameters(self) -> Mapping[str, Parameter]:
-        return {"alpha": (self.alpha, "1/K")}
+        if np.all(self.amount == self.amount[0]):
+            return {"alpha": (float(self.amount[0]), "1/K")}
+        return _per_leg("alpha", self.legs, self.amount, "1/K")
 
     def structure(self, machine: Machine, setting: Setting) -> None:
-        ThermalExpansion(0.0, 0.0, self.alpha).structure(machine, setting)
+        grown = 1 + setting.schedule.heat[:, None] * self.amount
+        machine.length *= grown
+        for leg in self.legs:
+            own = setting.marks.of(f"leg{leg}")
+            machine.marks[:, own] *= grown[:, leg - 1, None, None]
 
 
 @dataclass(frozen=True)

@@ -90,8 +90,12 @@ def _thermal(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 
 
 def _leg_thermal(campaign: Campaign, rng: np.random.Generator) -> OfSize:
-    sign = rng.choice([-1.0, 1.0])
-    return lambda size: LegThermal(size * sign)
+    """All legs alike, or one of them, or two."""
+    sign, count = rng.choice([-1.0, 1.0]), campaign.readings.shape[1]
+    concerned = int(rng.choice([count, count, 1, 1, 2]))
+    chosen = np.isin(np.arange(count), rng.choice(count, concerned, replace=False))
+    own = np.where(chosen, sign if concerned == count else sign * rng.uniform(0.7, 1.3, count), 0.0)
+    return lambda size: LegThermal(size * own)
 
 
 def _base(campaign: Campaign, rng: np.random.Generator) -> OfSize:

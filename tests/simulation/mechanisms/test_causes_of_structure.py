@@ -38,6 +38,7 @@ CAUSES: tuple[PointCause, ...] = (
     ThermalExpansion(),
     ThermalExpansion(APART),
     LegThermal(),
+    LegThermal((2, 5)),
     BaseDeformation(),
     BaseDeformation("rho2"),
     DRIFT,
@@ -183,7 +184,14 @@ def test_candidates_are_those_that_could_show() -> None:
 
 @pytest.mark.parametrize(
     "cause",
-    [LinearPlatformDeformation(), NonlinearPlatformDeformation(), ThermalExpansion(), BaseDeformation(), LegDrift()],
+    [
+        LinearPlatformDeformation(),
+        NonlinearPlatformDeformation(),
+        ThermalExpansion(),
+        LegThermal(),
+        BaseDeformation(),
+        LegDrift(),
+    ],
     ids=lambda cause: cause.id,
 )
 def test_candidates_share_a_probability_of_one_and_keep_their_settings(cause: PointCause) -> None:

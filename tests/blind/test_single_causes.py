@@ -1,0 +1,56 @@
+"""Causes that are rare, each hidden alone in a small campaign: named, at the right place, with its true size.
+
+Strong enough that a miss is a defect and not bad luck; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.blind.generator.campaign import draw_campaign
+from tests.blind.generator.effects import Effect, LegThermal
+from tests.blind.generator.folder import write_campaign
+from tests.blind.generator.layout import DataFaults, Layout, Surroundings, Targets
+from tests.blind.generator.schedule import at_rest, even_moves
+from tests.stages.line import run_line
+
+Row = dict[str, Any]
+SURE = 4.0  # sigmas that a fixed seed may be off
+WARM = Surroundings(temperature_step_c=0.4, shuffled=True)
+
+
+def found_in(home: Path, effects: list[Effect], seed: int, poses: int = 30) -> list[Row]:
+    """The rows of what is found in a small campaign, with their parameters read."""
+    rng = np.random.default_rng(seed)
+    layout = Layout(
+        name="small", targets=Targets(base=8, platform=7, per_leg=2), faults=DataFaults(0.02, 0.01), surroundings=WARM
+    )
+    campaign = draw_campaign(layout, [at_rest(), *even_moves(poses, 6, rng)], effects, rng)
+    tables, _ = run_line(write_campaign(campaign, home / "campaign", seed), "ingest", "pose", "diagnose")
+    rows = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "found"]
+    return [{**row, "parameters": json.loads(row["parameters"])} for row in rows]
+
+
+def assert_true(row: Row, truth: dict[str, float]) -> None:
+    """Each parameter lies within its interval about the truth, and is known to a third of itself."""
+    for name, value in truth.items():
+        told = row["parameters"][name]
+        assert abs(told["value"] - value) < SURE * told["sigma"], (name, told, value)
+        assert told["sigma"] < abs(value) / 3, (name, told)
+
+
+@pytest.mark.parametrize(
+    ("alphas", "subject"),
+    [((0, 0, 6e-5, 0, 0, 0), "leg3"), ((-5e-5, 0, 0, 0, 7e-5, 0), "leg1 leg5"), ((4e-5,) * 6, "")],
+    ids=["one leg", "two legs", "all legs"],
+)
+def test_legs_that_grow_with_temperature_are_named(alphas: tuple[float, ...], subject: str, tmp_path: Path) -> None:
+    rows = found_in(tmp_path, [LegThermal(np.array(alphas))], 71)
+    assert [(row["cause"], row["subject"]) for row in rows] == [("leg-thermal", subject)]
+    truth = {f"alpha_{leg}": alpha for leg, alpha in enumerate(alphas, 1) if alpha} if subject else {"alpha": alphas[0]}
+    assert_true(rows[0], truth)
