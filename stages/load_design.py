@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.design.pose_order import order_poses
 from truing.estimation.sensor.load_cases import (
     LoadDesign,
@@ -57,7 +57,7 @@ def plan_loads(settings: Campaign, wish: DesignWish, tables: Mapping[str, pa.Tab
     return LoadPlan(wish, limits, chosen, len(candidates), order, sigma, existing, settings.noise.signal_mv, table)
 
 
-def _limits(settings: Campaign) -> NDArray[np.float64]:
+def _limits(settings: Campaign) -> Array:
     missing = [name for name in LOAD_COLUMNS if getattr(settings.loading, name) is None]
     if missing:
         expected = "the range of this load, within which to choose"

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.bundle.camera import PARAMETERS, Camera
 from truing.estimation.bundle.network import (
     Bars,
     ImagePoints,
-    Index,
     KnownPoints,
     Markers,
     NamedNetwork,
@@ -24,7 +23,6 @@ from truing.estimation.bundle.network import (
 )
 from truing.stages.common.point_arrays import number_column, points_and_cov, pose_ids, positions, text_column
 
-Array = NDArray[np.float64]
 _CORNERS = 4
 
 

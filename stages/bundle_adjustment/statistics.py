@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.bundle.camera_stability import image_stability, moved_by_settings
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network import State
@@ -22,7 +22,6 @@ from truing.stages.bundle_adjustment.survey_distances import SurveyedPoints
 from truing.stages.bundle_adjustment.tables import table_of_rows
 
 Figure = tuple[str, str, float | None, str]
-Array = NDArray[np.float64]
 
 _SIMILARITY = 7  # freedoms of a pose whose scale nothing gives, either
 _FEWEST = 4  # points of a body: fewer tell no scale of it

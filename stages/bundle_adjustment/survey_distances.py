@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import gather
 from truing.formats.shapes import TARGETS
@@ -18,8 +19,6 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from truing.stages.bundle_adjustment.rays_as_network import stated_sizes
 from truing.stages.common.point_arrays import number_column
-
-Array = NDArray[np.float64]
 
 # An edge of a marker is known to this share of it where no noise is declared: what printers keep.
 PRINTED_TO = 1e-3

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.known_points import KnownPointErrors, KnownTested
@@ -19,9 +20,6 @@ from truing.estimation.rotation import log_so3
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.stages.bundle_adjustment.rays_as_network import bar_ends
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
 _AXES = "xyz"
@@ -293,7 +291,7 @@ def _table(name: str, columns: dict[str, Any], named: NamedNetwork) -> pa.Table:
     return pa.table(arrays, schema=schema)
 
 
-def known_points_table(named: NamedNetwork, found: KnownTested, used: NDArray[np.bool_]) -> pa.Table:
+def known_points_table(named: NamedNetwork, found: KnownTested, used: Mask) -> pa.Table:
     """The table known_point_errors: a row per known point with rays in the network as it was given."""
     network = named.network
     left = np.bincount(network.rays.point[used[: network.rays.count]], minlength=len(network.point_pose))

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.simulation.axis.rows import (
     COMMAND,
     ENCODERS,
@@ -22,7 +22,6 @@ from truing.stages.common.point_arrays import number_column
 if TYPE_CHECKING:
     from truing.schemas.mechanism import AxisMechanism
 
-Array = NDArray[np.float64]
 
 NUMBERED = ("pose", "role", "time_s", "event", "repeat_of")
 SI = {"deg": np.pi / 180.0, "mm": 1e-3}

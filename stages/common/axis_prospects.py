@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Mask
 from truing.stages.common.axis_columns import columns_of, command_sigma
 from truing.stages.common.why_not import HELD_OUT, NO_BODIES, NO_CALIBRATION
 
@@ -57,6 +57,6 @@ def could_not_show(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[
     return tuple(found)
 
 
-def is_held_out(table: pa.Table) -> NDArray[np.bool_]:
+def is_held_out(table: pa.Table) -> Mask:
     """Return which rows (N,) nothing is fitted to."""
     return np.array([role == HELD_OUT for role in table.column("role").to_pylist()], bool)

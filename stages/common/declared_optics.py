@@ -6,15 +6,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, angular_rows, linear_rows
 from truing.simulation.bench.known_readings import Optics
 
 if TYPE_CHECKING:
     from truing.schemas.interferometer import Axis, Beams, Interferometer
 
-Array = NDArray[np.float64]
 
 _MM = 1e-3
 _LINEAR = 3

@@ -9,13 +9,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.units import UnknownUnit, conversion
 from truing.schemas.column import SIGMA_BOUNDS
 from truing.schemas.faults import Fault
 
-Array = NDArray[np.float64]
 # The square of a bound is no exact number.
 _ROUNDING = 1e-9
 
@@ -30,7 +30,7 @@ def texts(found: Gathered, name: str) -> NDArray[np.object_]:
     return np.asarray(found.table.column(name).to_pylist(), dtype=object)
 
 
-def numbered(found: Gathered, *names: str) -> NDArray[np.int64]:
+def numbered(found: Gathered, *names: str) -> Index:
     """(N,) a number for every combination of values in these columns, in order of appearance."""
     rows = list(zip(*(found.table.column(name).to_pylist() for name in names), strict=True))
     place = {key: number for number, key in enumerate(dict.fromkeys(rows))}
@@ -70,12 +70,12 @@ def _factors(unit: str, wanted: Mapping[str, str]) -> dict[str, float]:
     return found
 
 
-def declared_missing(found: Gathered) -> NDArray[np.bool_]:
+def declared_missing(found: Gathered) -> Mask:
     """(N,) rows of files whose mapping says which values mean missing."""
     return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in found.parts])
 
 
-def without(found: Gathered, rows: NDArray[np.bool_], reason: str) -> Gathered:
+def without(found: Gathered, rows: Mask, reason: str) -> Gathered:
     """The table without some rows (N,), which are counted as left out."""
     if not rows.any():
         return found

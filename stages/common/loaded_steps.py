@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.interferometry.compliance import KeptReadings, Loaded, fitted_compliance, geometry_spread
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.estimation.response import (
@@ -22,8 +22,6 @@ from truing.stages.common.reading_arrays import load_steps
 
 if TYPE_CHECKING:
     from truing.schemas.sections import Noise
-
-Array = NDArray[np.float64]
 
 
 def kept_readings(residuals: pa.Table, steps: RecordedSteps) -> KeptReadings:

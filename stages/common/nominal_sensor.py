@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.assembly import SOURCES
@@ -18,7 +16,6 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import SensorMechanism
 
-Array = NDArray[np.float64]
 _MM = 1e-3
 
 

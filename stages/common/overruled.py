@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.interferometry.recorded_steps import CHANNELS, RecordedSteps
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.sections import Overrule
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

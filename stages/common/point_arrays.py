@@ -9,9 +9,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.rigid_poses.points import FittedPoints, PointResiduals, PosePoints, SurveyPoints
-
-Array = NDArray[np.float64]
 
 _AXES = "xyz"
 _PAIRS = (("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
@@ -22,7 +21,7 @@ def text_column(table: pa.Table, name: str) -> NDArray[np.object_]:
     return np.asarray(table.column(name).to_pylist(), dtype=object)
 
 
-def decisions(excluded: NDArray[np.bool_], kept: NDArray[np.bool_]) -> NDArray[np.object_]:
+def decisions(excluded: Mask, kept: Mask) -> NDArray[np.object_]:
     """What a person decided, as the column of that name: excluded, kept, or None."""
     found = np.full(excluded.shape, None, dtype=object)
     found[kept], found[excluded] = "kept", "excluded"
@@ -77,7 +76,7 @@ def pose_points(
 
 def observation_rows(
     observations: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
-) -> NDArray[np.int64]:
+) -> Index:
     """(B, T) which row of the observations holds each of a body's points, targets not named being left out; -1 where it
     was not seen."""
     at = np.flatnonzero(text_column(observations, "body") == body)
@@ -99,9 +98,7 @@ def pose_covariances(table: pa.Table) -> Array:
     return np.moveaxis(np.array(upper), -1, 0)
 
 
-def _cells(
-    rows: pa.Table, poses: tuple[int | str, ...], targets: tuple[str, ...]
-) -> tuple[NDArray[np.bool_], tuple[NDArray[np.int64], NDArray[np.int64]]]:
+def _cells(rows: pa.Table, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> tuple[Mask, tuple[Index, Index]]:
     """Which rows (N,) have one of these poses and targets, and the place of each of those among them."""
     at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
     known = (at_pose >= 0) & (at_target >= 0)
@@ -125,7 +122,7 @@ def sigmas_and_correlations(rows: pa.Table) -> tuple[Array, Array]:
     return sigma, correlation
 
 
-def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> NDArray[np.int64]:
+def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> Index:
     """Where each value of a column stands in ``order``; -1 where it does not."""
     if not order:
         return np.full(len(column), -1, np.int64)
@@ -143,9 +140,7 @@ def fitted_points(
     return FittedPoints(points, residual, used, *default_motions(tables["poses"], body, poses))
 
 
-def used_targets(
-    residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
-) -> NDArray[np.bool_]:
+def used_targets(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Mask:
     """(B, T) which targets entered the fit of the body's frame."""
     rows = residuals.filter(
         pc.and_(pc.equal(residuals.column("body"), body), pc.greater(residuals.column("weight"), 0.0))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.rigid_poses.points import PointErrors
 from truing.stages.common.point_arrays import (
     number_column,
@@ -16,9 +16,6 @@ from truing.stages.common.point_arrays import (
     positions,
     sigmas_and_correlations,
 )
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _PAIRS = tuple(f"corr_{a}_{b}" for a in "xyz" for b in "xyz")
 

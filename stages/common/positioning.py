@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.interferometry.iso230 import Instrument
 from truing.estimation.interferometry.recorded_steps import REFERENCE_C
 from truing.stages.common.point_arrays import number_column
@@ -15,7 +15,6 @@ from truing.stages.common.point_arrays import number_column
 if TYPE_CHECKING:
     from truing.schemas.interferometer import Interferometer
 
-Array = NDArray[np.float64]
 _UM = 1e3  # per mm
 SEED = 230
 

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.photographs.ray_poses import RayParameter
 from truing.stages.common.point_arrays import number_column, positions
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from truing.estimation.bundle.normal_equations import Observed
     from truing.estimation.bundle.ray_statistics import RayStatistics, SharedNumber
 
-Array = NDArray[np.float64]
 _MM = 1e3
 
 

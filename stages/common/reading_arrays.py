@@ -7,13 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.schemas.covariates import stand_in
 from truing.stages.common.point_arrays import number_column, number_columns
-
-Array = NDArray[np.float64]
 
 LOAD_COLUMNS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 MOVED_COLUMNS = ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad")
@@ -59,7 +57,7 @@ def _key_rows(table: pa.Table) -> list[tuple[int | str, int]]:
     return list(zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True))
 
 
-def _common(tables: Mapping[str, pa.Table], at: Mapping[str, NDArray[np.int64]], count: int) -> dict[str, Array]:
+def _common(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int) -> dict[str, Array]:
     """What every row of a step repeats, (B,) by column: time, loads, whether it is held out, covariates."""
     found: dict[str, Array] = {"held_out": np.zeros(count)}
     for kind, table in tables.items():
@@ -88,12 +86,12 @@ def covariate_columns(kind: str, table: pa.Table) -> dict[str, str]:
     }
 
 
-def _complete(found: dict[str, Array], name: str, rows: NDArray[np.int64], values: Array, count: int) -> None:
+def _complete(found: dict[str, Array], name: str, rows: Index, values: Array, count: int) -> None:
     known = found.setdefault(name, np.full(count, np.nan))
     known[rows] = np.where(np.isfinite(values), values, known[rows])
 
 
-def _differ(known: Array | None, rows: NDArray[np.int64], values: Array) -> bool:
+def _differ(known: Array | None, rows: Index, values: Array) -> bool:
     """Whether two tables have a column of one name that says different things of the same steps."""
     if known is None:
         return False
@@ -101,7 +99,7 @@ def _differ(known: Array | None, rows: NDArray[np.int64], values: Array) -> bool
     return not np.array_equal(known[rows][both], values[both])
 
 
-def _readings(tables: Mapping[str, pa.Table], at: Mapping[str, NDArray[np.int64]], count: int) -> tuple[Array, Array]:
+def _readings(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int) -> tuple[Array, Array]:
     reading, sigma = np.full((2, count, len(CHANNELS)), np.nan)
     if (table := tables.get("readings")) is not None:
         channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
@@ -110,7 +108,7 @@ def _readings(tables: Mapping[str, pa.Table], at: Mapping[str, NDArray[np.int64]
     return reading, sigma
 
 
-def _signals(tables: Mapping[str, pa.Table], at: Mapping[str, NDArray[np.int64]], count: int) -> Array:
+def _signals(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int) -> Array:
     table = tables.get("signals")
     names = [] if table is None else sorted(filter(_SIGNAL.fullmatch, table.schema.names), key=lambda n: int(n[1:-3]))
     signal = np.full((count, len(names)), np.nan)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.load_table import Recorded, zeros_of_runs
@@ -19,7 +19,6 @@ from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 
 MV = 1e-3
 TEMPERATURES = ("material_temperature_c", "air_temperature_c")

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.quality import repeated_groups
 from truing.schemas.columns import COLUMNS
 from truing.stages.common.point_arrays import number_column
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 DECLARED, SAME_READINGS, SAME_LOADS = "repeat_of", "the same readings", "the same loads in the same order"
 _SAME = 5.0  # sigmas of an actuator's reading that are one and the same position

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import Element, SensorMechanism
 
-Array = NDArray[np.float64]
 _MM = 1e-3
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import IMAGE_POINTS
@@ -19,7 +19,6 @@ from truing.schemas.faults import Fault
 from truing.stages.common.gathered import check_sigma, check_variance, numbers
 from truing.stages.image_tables.point_names import Names, kind_of, own_names
 
-Array = NDArray[np.float64]
 Formats = Mapping[str, Mapping[str, Any]]  # a row of cameras_given by camera
 
 ONE_CAMERA = "camera"

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.covariance import in_inner_constraints
 from truing.formats.dictionaries import strings
 from truing.formats.evaluation import TableBatch
@@ -33,7 +34,6 @@ ONE_BODY = "object"
 """What the body is called where targets name none and there is no survey to tell."""
 OF_NO_BODY = "points of no body: ends of scale bars, or targets that no survey has"
 Names = NDArray[np.object_]
-Array = NDArray[np.float64]
 _SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _PAIRS = (("corr_xy", 0, 1), ("corr_xz", 0, 2), ("corr_yz", 1, 2))
 MOST_POINTS = 1500  # whose covariance is found as a whole
@@ -68,7 +68,7 @@ class AdjustedPoints:
         file = FileRows(RawFile(FILE, self.folder / FILE), FileMapping(path=FILE), "parquet")
         yield file, TableBatch(self._columns(keep, body, target, point), keep, left_out=left_out)
 
-    def _columns(self, keep: NDArray[np.int64], body: Names, target: Names, point: Names) -> dict[str, pa.Array]:
+    def _columns(self, keep: Index, body: Names, target: Names, point: Names) -> dict[str, pa.Array]:
         names = ("x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")
         columns = {name: self.table.column(name).combine_chunks().take(keep) for name in names}
         pose = self.table.column("pose").combine_chunks().take(keep)
@@ -89,7 +89,7 @@ def _texts(table: pa.Table, name: str) -> Names:
 
 def _bodies(
     body: Names, target: Names, surveyed: Mapping[str, Mapping[str, object]], boards: tuple[str, ...]
-) -> tuple[Names, NDArray[np.bool_]]:
+) -> tuple[Names, Mask]:
     """The body of each point, found by its target's name where it is not said, and which names several bodies have."""
     nameless = (body == "") & (target != "")
     if not surveyed:

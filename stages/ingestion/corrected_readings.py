@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.interferometry.recorded_steps import (
     Corrected,
     at_reference_temperature,
@@ -27,7 +28,6 @@ from truing.stages.common.gathered import numbered, numbers, texts
 if TYPE_CHECKING:
     from truing.schemas.interferometer import Interferometer, SurroundingsSigma
 
-Array = NDArray[np.float64]
 
 AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct")
 MATERIAL = "material_temperature_c"
@@ -126,7 +126,7 @@ def _in_air(
 
 
 def _without_growth(
-    found: Gathered, reading: Array, rows: NDArray[np.bool_], growth: Any, settings: Interferometer, told: Corrections
+    found: Gathered, reading: Array, rows: Mask, growth: Any, settings: Interferometer, told: Corrections
 ) -> Array:
     """Readings of one channel's rows (N,) less what its material grew since the start of each run."""
     celsius = numbers(found, MATERIAL)

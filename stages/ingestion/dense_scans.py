@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.rotation import log_so3
 from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
 from truing.formats.dictionaries import codes
@@ -25,7 +25,6 @@ from truing.schemas.faults import Fault
 if TYPE_CHECKING:
     from truing.stages.declaration import Progress
 
-Array = NDArray[np.float64]
 
 # A pose found from that of the scan before is believed where it covers and fits the surface about as well.
 _LESS_OVERLAP, _MORE_RMS = 0.8, 1.25
@@ -139,7 +138,7 @@ def _runs(batch: TableBatch) -> Iterator[tuple[tuple[int | str, str], Array]]:
         yield tuple(batch.columns[name][int(start)].as_py() for name in ("pose", "body")), points[start:end]
 
 
-def _numbers(column: pa.Array) -> NDArray[np.int64]:
+def _numbers(column: pa.Array) -> Index:
     """Numbers that differ where the values of a column do."""
     return np.asarray(codes(column) if pa.types.is_dictionary(column.type) else column, dtype=np.int64)
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -22,8 +22,6 @@ from truing.schemas.near_names import meant
 from truing.stages.common.gathered import SmallTable, check_sigma, numbers, once, texts
 from truing.stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
 from truing.stages.ingestion.tables import check_legs, legs_of
-
-Array = NDArray[np.float64]
 
 _FILE = "campaign.toml"
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
@@ -157,7 +155,7 @@ def _covariances(found: Gathered, declared: float | None, log: FaultLog) -> Arra
     return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)
 
 
-def _seen(found: Gathered, cov: Array, rows: NDArray[np.bool_]) -> dict[str, Place]:
+def _seen(found: Gathered, cov: Array, rows: Mask) -> dict[str, Place]:
     """The targets of one body in one survey."""
     points = _MM * np.column_stack([numbers(found, name) for name in COORDINATES])[rows]
     has_legs = "leg" in found.table.column_names
@@ -201,7 +199,7 @@ def _compare(
             held[target] = _added(out, of[1], seen[target], target, found)
 
 
-def _comparison(before: Sequence[Place], after: Sequence[Place], known: NDArray[np.bool_], alarm: float) -> Any:
+def _comparison(before: Sequence[Place], after: Sequence[Place], known: Mask, alarm: float) -> Any:
     points = [np.array([place.point for place in places]).reshape(-1, 3) for places in (before, after)]
     cov = [np.array([place.cov for place in places]).reshape(-1, 3, 3) for places in (before, after)]
     return compare_surveys(points[0], cov[0], points[1], cov[1], known, alarm)

@@ -9,22 +9,20 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
 from truing.stages.common.gathered import declared_missing, numbered, numbers, texts, unit_factors, without
 
-Array = NDArray[np.float64]
 AXES = tuple(name[:2] for name in WRENCH)
 _KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
 _FURTHEST_TEST = 2.5  # of a range; beyond it, a wrong unit is likelier than an overload test
 _ROUNDED = 1e-9  # a load at its range is in it
 EMPTY_LOAD = "a load in every row; an empty cell has to be declared by missing"
 _ONE_LOAD = 1e-3  # of the largest of its component: as alike as two tables write the same load
-Mask = NDArray[np.bool_]
 _OF_A_STEP = ("run", "step", "channel")
 _EMPTY_SAMPLE = "a number in every sample; an empty cell has to be declared by missing"
 
@@ -80,7 +78,7 @@ def _cure(share: float) -> str:
     return f"; of an overload test, [loading] overload = {math.ceil(share * 100.0 - _ROUNDED) / 100.0:g} allows it"
 
 
-def check_one_load(found: Gathered, step: NDArray[np.int64], loads: Array, log: FaultLog) -> None:
+def check_one_load(found: Gathered, step: Index, loads: Array, log: FaultLog) -> None:
     """A fault at every row whose load is not that of the first row of its step; step (N,) numbers the steps."""
     rows = np.flatnonzero(found.sound("run", "step", "load_axis", "load", *WRENCH))
     _, first, at = np.unique(step[rows], return_index=True, return_inverse=True)
@@ -179,7 +177,7 @@ def _is_averaged(table: pa.Table, name: str) -> bool:
     return name not in _OF_A_STEP and bool(pa.types.is_floating(table.schema.field(name).type))
 
 
-def _with_reading(found: Gathered, at: NDArray[np.int64]) -> Mask:
+def _with_reading(found: Gathered, at: Index) -> Mask:
     """(N,) samples that count: those with a reading; all of a step without any, whose row tells that it was there."""
     there = np.isfinite(numbers(found, "reading"))
     return np.asarray(there | (np.bincount(at, there)[at] == 0.0), dtype=bool)
@@ -191,7 +189,7 @@ def _sampled(found: Gathered, name: str) -> Array:
     return np.nan_to_num(values) if name in WRENCH else values
 
 
-def _means(values: Array, counts: Mask, at: NDArray[np.int64]) -> Array:
+def _means(values: Array, counts: Mask, at: Index) -> Array:
     """(S,) means of what is known of values (N,) in the samples that count; NaN where nothing is."""
     known = np.isfinite(values) & counts
     count, total = np.bincount(at, known), np.bincount(at, np.where(known, values, 0.0))
@@ -209,7 +207,7 @@ def _check_samples(found: Gathered, log: FaultLog) -> None:
     found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY_SAMPLE)
 
 
-def _check_alike(found: Gathered, first: NDArray[np.int64], log: FaultLog) -> None:
+def _check_alike(found: Gathered, first: Index, log: FaultLog) -> None:
     """A fault at every sample that says in words, or in whole numbers, something else than the first of its step."""
     for name in found.table.column_names:
         if name not in _OF_A_STEP and not _is_averaged(found.table, name):

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.formats.faultlog import FaultLog, discreet
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import POSITIONING, WRENCH
@@ -34,7 +34,6 @@ from truing.stages.ingestion.tables import (
     read_start,
 )
 
-Array = NDArray[np.float64]
 _RESPONSES = ("dx", "dy", "dz", "rx", "ry", "rz")
 _LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 _TYPED = 1e-3  # of the roots of the diagonal: matrices as they are typed are symmetric to that

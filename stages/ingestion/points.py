@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_ledger import PointLedger
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from truing.stages.declaration import Progress
     from truing.stages.ingestion.adjusted_points import AdjustedPoints
 
-Array = NDArray[np.float64]
 _SAME_BODY = 3.0
 _OTHER_PLACES = 20.0
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
@@ -320,9 +320,9 @@ class Points:
         self._ledger.close()
         self.log.throw()
 
-    def _sampled(self) -> dict[tuple[int, str], dict[str, NDArray[np.float64]]]:
+    def _sampled(self) -> dict[tuple[int, str], dict[str, Array]]:
         """Points of a few poses, by pose and body: target to coordinates in mm."""
-        found: dict[tuple[int, str], dict[str, NDArray[np.float64]]] = {}
+        found: dict[tuple[int, str], dict[str, Array]] = {}
         for poses, labels, points in self.sample:
             for pose, label, point in zip(poses.tolist(), labels.tolist(), points, strict=True):
                 body, target = self._ledger.labels.values[label]  # type: ignore[misc]
@@ -373,7 +373,7 @@ class Points:
                 said += meant_by(seen, surveyed)
                 self.log.add(Fault(file, said, column="target", value=", ".join(seen[:3])))
 
-    def _check_every_pose(self, file: str, body: str, without: NDArray[np.bool_]) -> None:
+    def _check_every_pose(self, file: str, body: str, without: Mask) -> None:
         for pose in np.flatnonzero(without).tolist():
             value = f"pose {self.expected.poses[pose].as_py()} has none"
             self.log.add(Fault(file, f"points of body {body} in every pose", column="body", value=value))

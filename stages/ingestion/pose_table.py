@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.rotation import euler_axes, exp_so3, left_jacobian_so3, log_so3
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from truing.formats.source import CampaignFiles
     from truing.stages.ingestion.points import Expected
 
-Array = NDArray[np.float64]
 ROTATION = tuple(f"m{i}{j}" for i in range(3) for j in range(3))
 LAST_ROW = ("m30", "m31", "m32", "m33")
 # Four digits behind the point, as controllers print them, leave 1e-4 or so; what is no rotation is off by far more.
@@ -106,7 +105,7 @@ def _of_euler(found: Gathered, angles: Array, order: str | None, log: FaultLog) 
         expected = 'the order of the angles: "XYZ" about turned axes, "xyz" about fixed ones, any three axes'
         log.add(Fault("campaign.toml", expected, column="poses.euler"))
         return R
-    wrong: NDArray[np.bool_] = np.abs(angles) > 360.0 * (1.0 + 1e-9)
+    wrong: Mask = np.abs(angles) > 360.0 * (1.0 + 1e-9)
     for angle, name in zip(wrong.T, EULER, strict=True):
         found.fault(log, angle, name, "an angle of at most 360 deg either way")
     good = np.isfinite(angles).all(axis=1) & ~wrong.any(axis=1)

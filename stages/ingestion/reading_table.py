@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.belonging.counted_times import times_from_order
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.quadrature import (
@@ -48,7 +49,6 @@ from truing.stages.ingestion.tables import as_artifact, since_first
 if TYPE_CHECKING:
     from truing.schemas.interferometer import Interferometer
 
-Array = NDArray[np.float64]
 LINEAR = ("dx", "dy", "dz")
 _UM = 1e6  # per m
 _TURN = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
@@ -126,7 +126,7 @@ class _Followed:
     facts: dict[str, Any]
 
 
-def _followed(signals: Array, run: NDArray[np.int64], settings: Any) -> _Followed:
+def _followed(signals: Array, run: Index, settings: Any) -> _Followed:
     """Samples (N, 2) in the order in which they were taken, of runs (N,)."""
     cut = np.zeros(len(signals), dtype=bool)
     for side in (0, 1):
@@ -181,7 +181,7 @@ def _by_step(found: Gathered, value: Array, sigma: Array, log: FaultLog) -> Gath
     return replace(made, table=table.append_column("time_s", pa.array(time)))
 
 
-def _first_of_run(found: Gathered) -> NDArray[np.int64]:
+def _first_of_run(found: Gathered) -> Index:
     """(N,) the row of the first step with a reading of each row's run and channel."""
     pair = numbered(found, "run", "channel")
     order = np.lexsort((numbers(found, "step"), ~np.isfinite(numbers(found, "reading")), pair))
@@ -193,7 +193,7 @@ def _first_of_run(found: Gathered) -> NDArray[np.int64]:
 class _Readings:
     """N readings: the row of the raw table that each stands in, its channel, value and sigma, um or arcsec."""
 
-    row: NDArray[np.int64]
+    row: Index
     channel: NDArray[np.object_]
     value: Array
     sigma: Array

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Index
 from truing.formats.dictionaries import as_dictionary, codes
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
@@ -26,7 +27,7 @@ class PoseOrder:
     """The poses (B) as text, and the place (B,) of each in the order of time."""
 
     names: tuple[str, ...]
-    place: NDArray[np.int64]
+    place: Index
 
     @classmethod
     def of(cls, configurations: pa.Table) -> PoseOrder:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.belonging.counted_times import times_from_order
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
@@ -24,7 +24,6 @@ from truing.stages.ingestion.load_steps import (
 )
 from truing.stages.ingestion.tables import as_artifact, since_first
 
-Array = NDArray[np.float64]
 SIGNAL = re.compile(r"v\d+_mv")
 _SINGULAR = 1e12  # condition number of the leg forces' influence, N and N m
 _PER_N = 1.0  # mV per N of a leg, where no sensitivity is declared
@@ -80,7 +79,7 @@ def _check_channels(found: Gathered, sensitivity: Any, log: FaultLog) -> None:
         )
 
 
-def _same_step(found: Gathered, readings: pa.Table | None) -> NDArray[np.int64]:
+def _same_step(found: Gathered, readings: pa.Table | None) -> Index:
     """(N,) the first row of the readings with the same run and step; -1 where there is none."""
     if readings is None:
         return np.full(len(found.table), -1)
@@ -92,14 +91,14 @@ def _same_step(found: Gathered, readings: pa.Table | None) -> NDArray[np.int64]:
     return np.array([place.get((str(run), step), -1) for run, step in mine], dtype=np.int64)
 
 
-def _where_known(values: Array, same: NDArray[np.int64]) -> Array:
+def _where_known(values: Array, same: Index) -> Array:
     """Values of the readings' rows (M, ...) at rows (N,), NaN where -1."""
     known = np.array(values[same], dtype=float)
     known[same < 0] = np.nan
     return known
 
 
-def _times(found: Gathered, readings: pa.Table | None, same: NDArray[np.int64]) -> Array:
+def _times(found: Gathered, readings: pa.Table | None, same: Index) -> Array:
     own = numbers(found, "time_s") if "time_s" in found.table.column_names else np.full(len(found.table), np.nan)
     if readings is not None and len(readings):
         theirs = _where_known(readings.column("time_s").to_numpy(), same)

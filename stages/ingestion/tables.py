@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.point_ledger import Names
@@ -117,7 +117,7 @@ def _check_repeats(found: Gathered, log: FaultLog) -> None:
     found.fault(log, own, "repeat_of", "another pose than this one, or nothing")
 
 
-def _repeated(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _repeated(values: Array) -> Mask:
     _, first = np.unique(values, return_index=True)
     again = ~np.isnan(values)
     again[first] = False

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.labels.labelling import Labelling, LabellingStatus, label_bodies
 from truing.formats.dictionaries import as_dictionary, codes
 from truing.formats.evaluation import TableBatch, coordinates
@@ -20,7 +21,6 @@ from truing.formats.shapes import COORDINATES
 if TYPE_CHECKING:
     from truing.stages.declaration import Progress
 
-Array = NDArray[np.float64]
 
 _ATTACHMENT_MM = 0.03
 """How far, one standard deviation, a target at an attachment may sit from its survey because the platform deforms."""
@@ -59,7 +59,7 @@ def surveyed_bodies(survey: pa.Table, point_mm: float) -> dict[str, SurveyedBody
     }
 
 
-def _sigma(points: Array, at_leg: NDArray[np.bool_], point_mm: float) -> Array:
+def _sigma(points: Array, at_leg: Mask, point_mm: float) -> Array:
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     return np.sqrt(point_mm**2 + (_GIVES_WAY * size) ** 2 + np.where(at_leg, _ATTACHMENT_MM, 0.0) ** 2)
 
@@ -97,7 +97,7 @@ class Unlabelled:
         yield from self._batches(body, target)
 
     def _name(
-        self, pose: str, survey: Mapping[str, SurveyedBody], points: Array, rows: NDArray[np.int64],
+        self, pose: str, survey: Mapping[str, SurveyedBody], points: Array, rows: Index,
         point_mm: float, body: NDArray, target: NDArray,
     ) -> None:  # fmt: skip
         found = label_bodies(
@@ -145,7 +145,7 @@ def _refusal(labelling: Labelling) -> str:
     return f"{said}; rivals: {rivals}. {labelling.remedy}" if rivals else f"{said}. {labelling.remedy}"
 
 
-def _groups(pose: list[str], given: list[str]) -> Iterator[tuple[str, str, NDArray[np.int64]]]:
+def _groups(pose: list[str], given: list[str]) -> Iterator[tuple[str, str, Index]]:
     """Rows that are named together: those of a pose, and of a body where the file gives it."""
     rows: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(pose, given, strict=True)):
@@ -164,7 +164,7 @@ def _bodies(batch: TableBatch) -> pa.Array:
     return pa.array([""] * batch.rows)
 
 
-def without_target(batch: TableBatch) -> NDArray[np.bool_]:
+def without_target(batch: TableBatch) -> Mask:
     """Which points of a batch have no name."""
     if "target" not in batch.columns:
         return np.ones(batch.rows, dtype=bool)
@@ -173,7 +173,7 @@ def without_target(batch: TableBatch) -> NDArray[np.bool_]:
     return empty[codes(column)] if empty.any() else np.zeros(batch.rows, dtype=bool)
 
 
-def rows_of(batch: TableBatch, keep: NDArray[np.bool_]) -> TableBatch:
+def rows_of(batch: TableBatch, keep: Mask) -> TableBatch:
     """Some rows of a batch."""
     columns = {name: values.filter(keep) for name, values in batch.columns.items()}
     return TableBatch(columns, batch.records[keep])

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truing.arrays import Array
 from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.network import Array, Bars
+from truing.estimation.bundle.network import Bars
 from truing.estimation.bundle.photograph_plan import Targets
 from truing.estimation.bundle.planning import Layout, PlannedNetwork
 from truing.schemas.faults import CampaignFaults, Fault

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.report.numbers import count, listed
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma
 from truing.stages.common.point_arrays import number_column
@@ -17,7 +18,6 @@ from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check,
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 # What a column may have been written in instead, as the ratio of its movement to the command's.
 _SLIPS = {
     "deg": {

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.belonging.plausible_slips import Column
 from truing.belonging.points_of_bodies import (
     AsAnother,
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from truing.schemas.mechanism import LeggedMechanism, SensorMechanism
     from truing.simulation.mechanisms.legs.closures import Legs
 
-Array = NDArray[np.float64]
 Groups = tuple[tuple[str, tuple[str, ...]], ...]
 
 _ROWS_OF_A_GROUP = 3  # at least, on average: numbers that vary from row to row make no groups
@@ -97,7 +96,7 @@ def relations_of_points(
     )
 
 
-def _file_order(configurations: pa.Table | None, around: Surroundings) -> NDArray[np.int64]:
+def _file_order(configurations: pa.Table | None, around: Surroundings) -> Index:
     """The poses in the order of their file; without one, as they came."""
     if configurations is None:
         return np.arange(len(around.poses))
@@ -106,7 +105,7 @@ def _file_order(configurations: pa.Table | None, around: Surroundings) -> NDArra
 
 
 def _points(
-    body: BodyView, others: tuple[AsAnother, ...], around: Surroundings, order: NDArray[np.int64], groups: Groups
+    body: BodyView, others: tuple[AsAnother, ...], around: Surroundings, order: Index, groups: Groups
 ) -> BodyPoints:
     """The targets that make the body's frame, poses in the order of the file."""
     frame = body.frame
@@ -125,7 +124,7 @@ def _points(
 
 
 def _as_others(
-    body: BodyView, bodies: Sequence[BodyView], observed: pa.Table, around: Surroundings, order: NDArray[np.int64]
+    body: BodyView, bodies: Sequence[BodyView], observed: pa.Table, around: Surroundings, order: Index
 ) -> tuple[AsAnother, ...]:
     """What a body's rows would be as points of each other one: by the names of targets, and by their places."""
     found = []
@@ -153,7 +152,7 @@ def _readings(
     configurations: pa.Table | None,
     surveyed: set[str],
     settings: Campaign,
-    odd: NDArray[np.bool_],
+    odd: Mask,
 ) -> tuple[Tested, ...]:
     """Actuator readings against the poses of the platform, but for those (B,) whose points hold a slip of their own."""
     if not settings.mechanism.is_legged:
@@ -192,8 +191,8 @@ class _Rows:
     row (N,) of the table."""
 
     readings: Array
-    pose: NDArray[np.int64]
-    row: NDArray[np.int64]
+    pose: Index
+    row: Index
 
 
 def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: Surroundings) -> _Rows:
@@ -202,7 +201,7 @@ def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: Surrou
     return _Rows(readings[pose >= 0], pose[pose >= 0], np.flatnonzero(pose >= 0))
 
 
-def _groups(configurations: pa.Table, rows: NDArray[np.int64]) -> Groups:
+def _groups(configurations: pa.Table, rows: Index) -> Groups:
     """Columns that sort the rows (N,) into a few groups, as a role, a day or a run does, with their values."""
     found = []
     for name in configurations.column_names:
@@ -233,7 +232,7 @@ def _tolerances(section: LeggedMechanism) -> dict[str, float]:
     return {**found, "u": FREE_DIRECTION if given.u is None else given.u}
 
 
-def _drivers(around: Surroundings, at: NDArray[np.int64]) -> Array:
+def _drivers(around: Surroundings, at: Index) -> Array:
     """(N, C) time and temperature over their spread, where they vary."""
     columns = [around.time[at], *(() if around.temperature is None else (around.temperature[at],))]
     varying = [values for values in columns if len(values) and np.isfinite(values).all() and np.ptp(values) > 0.0]

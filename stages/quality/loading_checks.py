@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.quality.answers import answers, signal_answers, turned_round
 from truing.quality.loading import ExpectedReadings, LoadingView
 from truing.report.numbers import count, percent
@@ -49,7 +49,6 @@ from truing.stages.quality.time_and_temperature import time_unit
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 _CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chance can trip
 
 

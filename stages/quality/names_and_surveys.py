@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Mask
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.quality.bodies import BodyView, Surroundings
@@ -146,7 +146,7 @@ def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["likely_names"].arrow_schema())
 
 
-def due(resurveys: pa.Table | None, body: BodyView, around: Surroundings) -> NDArray[np.bool_]:
+def due(resurveys: pa.Table | None, body: BodyView, around: Surroundings) -> Mask:
     """(B, T) which targets should be seen: one that a later survey found elsewhere or anew holds from its pose on, and
     the one that it was until then."""
     out = np.ones(body.points.seen.shape, bool)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
 from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
 from truing.report.numbers import count as counted
@@ -25,7 +25,6 @@ _WORST = 0.1
 _BEYOND_CHANCE = 1e-3
 _MATTERS = 0.1  # of the noise of a ray: a mean residual below it bends no point by more than noise does
 _KNOWN = 3.0  # standard deviations by which a noise has to be off its stated one to count
-Array = NDArray[np.float64]
 _MOVES_POINTS = 1.0  # of their standard deviations: points that move less are as good as they were
 _FAR = 3.0  # times their uncertainty: poses that differ by less in what no image shows by itself
 _TOLD_IMAGES = 8  # as many images as a sentence holds

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.belonging.counted_times import merely_counts
 from truing.quality.bodies import BodyView, Surroundings, body_view, first_shape
 from truing.report.numbers import count
@@ -97,7 +97,7 @@ def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[B
     return ordered, ordered[0] if ordered and ordered[0].name == reference else None
 
 
-def _attachments(settings: Campaign) -> NDArray[np.float64]:
+def _attachments(settings: Campaign) -> Array:
     """(L, 3) nominal attachments in m; none where no mechanism says where they are."""
     if not settings.mechanism.is_legged:
         return np.zeros((0, 3))
@@ -188,9 +188,7 @@ def _temperature_units(configurations: pa.Table | None, reference_c: float) -> I
     yield from temperature_units(recorded, reference_c, rows, order)
 
 
-def _repeats(
-    configurations: pa.Table | None, around: Surroundings, settings: Campaign
-) -> tuple[list[NDArray[np.int64]], str]:
+def _repeats(configurations: pa.Table | None, around: Surroundings, settings: Campaign) -> tuple[list[Index], str]:
     """Poses that repeat one another, as numbers of those that were seen, and how that is known."""
     if configurations is None:
         return [], ""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.belonging.approaches import TargetMatch, match_targets
 from truing.estimation.interferometry.approaches import (
     copied_series,
@@ -28,7 +28,6 @@ from truing.stages.common.belonging import subject_of
 from truing.stages.common.point_arrays import number_column
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
 
-Array = NDArray[np.float64]
 WAYS = ("forward", "backward")
 _UM = 1e3  # per mm
 _NO_MATCH, _NOTED = 0.05, 0.01  # rms misfit over the travel
@@ -50,7 +49,7 @@ class PositioningRun:
     target: Array
     position: Array
     read: Array
-    row_order: NDArray[np.int64]
+    row_order: Index
     cycles: tuple[int, ...]
     temperature_c: Array | None
 
@@ -70,7 +69,7 @@ class PositioningRun:
         return _UM * resolution(self.read)
 
     @property
-    def cycle_order(self) -> NDArray[np.int64]:
+    def cycle_order(self) -> Index:
         """The order (P, 2, C) of a usual test, whatever the file is sorted by: up and down again, cycle by cycle."""
         targets, _, cycles = self.position.shape
         up = np.arange(targets)
@@ -81,7 +80,7 @@ class PositioningRun:
         """One approach in words."""
         return f"target {self.target[at[0]]:g} mm {WAYS[at[1]]} in cycle {self.cycles[at[2]]}"
 
-    def places(self, where: NDArray[np.bool_]) -> str:
+    def places(self, where: Mask) -> str:
         """Approaches (P, 2, C) in words: whole cycles or whole targets where they are that."""
         cycles, targets = np.all(where, axis=(0, 1)), np.all(where, axis=(1, 2))
         if np.array_equal(where, np.broadcast_to(cycles, where.shape)):

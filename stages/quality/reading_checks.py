@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from truing.arrays import Index
 from truing.estimation.interferometry.load_run import zeros_of_runs
 from truing.estimation.interferometry.log_quality import units_mistaken
 from truing.estimation.interferometry.recorded_steps import CHANNELS
@@ -33,7 +33,6 @@ _NOTED = 1.1
 _REPEATS_NOTED = 1.5
 _UNEQUAL = 1e-3
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
-Index = NDArray[np.int64]
 
 
 def units(view: LoadingView, found: Answers) -> Iterator[Check]:
@@ -220,7 +219,7 @@ def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     return Check("zero-return", f"channel {channel.name}", abs(value), limit * channel.in_files, unit, verdict, said)
 
 
-def _came_back(rows: NDArray[np.int64], empty: NDArray[np.int64]) -> bool:
+def _came_back(rows: Index, empty: Index) -> bool:
     """Whether a run's first and last of its unloaded steps have a load between them."""
     return len(empty) > 1 and bool(np.sum((rows > empty[0]) & (rows < empty[-1])) > len(empty) - 2)
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.bundle.length_errors import LengthErrors, length_errors
 from truing.report.numbers import count as counted
 from truing.report.numbers import listed
@@ -18,7 +18,6 @@ from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH
 from truing.stages.common.point_arrays import number_column, text_column
 from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, CampaignLimits, Check, without
 
-Array = NDArray[np.float64]
 Figures = defaultdict[str, dict[str, float]]
 
 _FIGURE = ("figure", "subject", "value")

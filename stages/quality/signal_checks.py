@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.design.observability import Observability, inseparable, observe
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
@@ -22,7 +22,6 @@ from truing.stages.quality.unit_slips import FAR, unit_slip
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 _MILLIVOLT = 1e-3
 _APART = 1e3  # loads that differ from a combination of others by less than that part of their size are that combination
 _OVER_NOISE = 2.0  # power of a combination of signals over that of its noise, below which it is noise
@@ -142,9 +141,7 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
     return Check("signals-independent", "", rank, float(wanted), "1", verdict, said)
 
 
-def _exchanged(
-    view: LoadingView, rows: NDArray[np.int64], loaded: int, independent: int, share: float
-) -> Iterator[Check]:
+def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, share: float) -> Iterator[Check]:
     """Rows whose loads stand in each other's place, by the signals."""
     steps = view.steps
     if loaded > independent or len(rows) < 3 * (len(steps.signals) + 1):
@@ -182,7 +179,7 @@ def _none_stands_out(table: LoadTable, share: float) -> Check:
     return Check("exchanged-rows", "", least, None, "1", PASS, said)
 
 
-def _pair(view: LoadingView, rows: NDArray[np.int64], one: RowExchange) -> Check:
+def _pair(view: LoadingView, rows: Index, one: RowExchange) -> Check:
     steps = view.steps
     places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in rows[[one.first, one.second]]]
     names = " ".join(LOADS[k] for k in one.components)

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.quality import (
     Scatter,
     body_shape,
@@ -36,15 +36,12 @@ from truing.stages.common.repeats import DECLARED
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
 from truing.stages.quality.unit_slips import unit_slip
 
-Array = NDArray[np.float64]
 _EITHER_SIDE = 3  # poses before and after a step
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
 _NOISE_NOTED = 1.1
 _POSE_NOISE_TOLERATED = 3.0
 _ODD_POSES_FAIL = 0.1
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 _NOTED, _TOLERATED = 1.5, 3.0  # times what is stated
 _UNEQUAL = 1e-3
 
@@ -75,7 +72,7 @@ def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterato
             yield Check("attachment-labels", subject, value, limit, "mm", verdict, said)
 
 
-def completeness(body: BodyView, due: NDArray[np.bool_], limits: CampaignLimits) -> Iterator[Check]:
+def completeness(body: BodyView, due: Mask, limits: CampaignLimits) -> Iterator[Check]:
     """Targets seen per pose of those that were due (B, T), and poses without a frame."""
     seen = body.points.seen
     missing = due & ~seen

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.quality import find_drift
 from truing.estimation.suspect_units import (
     FEWEST,
@@ -73,9 +73,7 @@ def time_gaps(around: Surroundings, limits: CampaignLimits) -> Check:
     )
 
 
-def time_unit(
-    time: NDArray[np.float64], run: NDArray[np.int64] | None, table: str, what: str, *, is_counted: bool
-) -> Check:
+def time_unit(time: Array, run: Index | None, table: str, what: str, *, is_counted: bool) -> Check:
     """Whether times (N,) of runs (N,), or of none, are seconds; table, what: which hold them, and what a row is."""
     if is_counted:
         return without("unit of times", "time-unit", "", COUNTED)
@@ -117,10 +115,10 @@ def temperature_columns(names: Iterable[str]) -> list[str]:
 
 
 def temperature_units(
-    recorded: Mapping[str, NDArray[np.float64]],
+    recorded: Mapping[str, Array],
     reference_c: float,
     rows: Sequence[str] = (),
-    order: NDArray[np.int64] | None = None,
+    order: Index | None = None,
 ) -> Iterator[Check]:
     """A row per column of temperatures (N,), held against [mechanism] reference_temperature_c, and against itself.
 
@@ -142,9 +140,7 @@ def temperature_units(
             yield _check("reference", np.array([reference_c]), reference_c, alone)
 
 
-def _of_part(
-    name: str, value: NDArray[np.float64], part: MistakenRows, reference_c: float, rows: Sequence[str]
-) -> Check:
+def _of_part(name: str, value: Array, part: MistakenRows, reference_c: float, rows: Sequence[str]) -> Check:
     """The check of a column of which a part is in another unit."""
     low, high = float(value[part.rows].min()), float(value[part.rows].max())
     read = f"{low:.5g}" if low == high else f"{low:.5g} to {high:.5g}"
@@ -155,7 +151,7 @@ def _of_part(
     return Check("temperature-unit", name, high, reference_c, "degC", FAIL, said)
 
 
-def _stretches(at: NDArray[np.int64], names: Sequence[str]) -> list[str]:
+def _stretches(at: Index, names: Sequence[str]) -> list[str]:
     """Rows (K,) by their names, those that follow one another as one."""
     parts = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
     called = [(_named(part[0], names), _named(part[-1], names)) for part in parts]
@@ -166,7 +162,7 @@ def _named(row: int, names: Sequence[str]) -> str:
     return names[row] if names else f"row {row + 1}"
 
 
-def _check(name: str, value: NDArray[np.float64], reference_c: float, found: MistakenUnit | None) -> Check:
+def _check(name: str, value: Array, reference_c: float, found: MistakenUnit | None) -> Check:
     typical = float(np.nanmedian(value))
     if found is None:
         said = f"{name}: {typical:.5g} degC, beside a reference of {reference_c:g} degC."

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import (
     CHANNELS,
@@ -27,8 +26,6 @@ from truing.stages.repeats.tables import Repeated, Repeats
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-
-Array = NDArray[np.float64]
 
 
 def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.repeatability import (
     FEWEST,
     Figure,
@@ -34,14 +35,13 @@ from truing.stages.common.point_arrays import (
     text_column,
     used_targets,
 )
-from truing.stages.common.repeats import DECLARED, Index, drive_readings, repeated_poses
+from truing.stages.common.repeats import DECLARED, drive_readings, repeated_poses
 from truing.stages.common.rows import Rows
 from truing.stages.repeats.tables import Repeated, Repeats
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 Ids = tuple[int | str, ...]
 _UM, _PER_ARCSEC = 1e6, 180 / np.pi * 3600
 _FRAME = 3  # targets that make a pose
@@ -210,7 +210,7 @@ def _add_points(told: Repeats, table: pa.Table | None, poses: Ids, declared_mm: 
 
 
 def _add_attachments(
-    told: Repeats, tables: Mapping[str, pa.Table], poses: Ids, fitted: NDArray[np.bool_], inside: Sequence[Index]
+    told: Repeats, tables: Mapping[str, pa.Table], poses: Ids, fitted: Mask, inside: Sequence[Index]
 ) -> None:
     """Add shifts of attachments between repeats, and what the deformation models leave where they were fitted (B,)."""
     table = tables.get("deformation")

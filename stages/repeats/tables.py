@@ -6,13 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.repeatability import LackOfFit, Squares, equal_scatter
-from truing.stages.common.repeats import Index
 from truing.stages.common.rows import Rows
-
-Array = NDArray[np.float64]
 
 POOLED = "all, over stated"  # subjects of one kind together, in units of their stated sigmas, as if independent
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.interferometry.compliance import (
     Comparison,
     Compliance,
@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.interferometer import Interferometer
 
-Array = NDArray[np.float64]
 LEAVES = ("compliance", "deformation_errors", "axis_curves")
 NO_SIMULATION = "no simulation"
 _PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
@@ -123,8 +122,8 @@ def _compliance_rows(
 def _beside(
     one: Compliance,
     factor: float,
-    i: NDArray[np.int64],
-    j: NDArray[np.int64],
+    i: Index,
+    j: Index,
     simulated: SimulatedCompliance | None,
     compared: Comparison | None,
 ) -> dict[str, object]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.deformation import (
     AttachmentModels,
     BodyShifts,
@@ -62,11 +62,8 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 LEAVES = ("deformation", "deformation_models", "deformation_errors")
 NETWORK = ("point_correlations", "point_sensitivities", "object_points")
-Index = NDArray[np.int64]
 
 
 def framed_points(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) -> FramedPoints | None:
@@ -188,7 +185,7 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
 
 def _drives(
     configurations: pa.Table, residuals: pa.Table, rest_mm: Sequence[float]
-) -> tuple[tuple[int | str, ...], Array, NDArray[np.bool_]]:
+) -> tuple[tuple[int | str, ...], Array, Mask]:
     """Poses with residuals, actuator displacements (B, L) in m, and which poses are held out."""
     measured = set(pose_ids(residuals))
     poses = configurations.column("pose").to_pylist()
@@ -199,7 +196,7 @@ def _drives(
     return tuple(poses[i] for i in rows), drive, role == "verification"
 
 
-def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts, rejected: NDArray[np.bool_]) -> Rows:
+def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts, rejected: Mask) -> Rows:
     from scipy.special import ndtr
 
     scatter = np.einsum("bll->bl", shifts.noise)
@@ -224,7 +221,7 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts
     return rows
 
 
-def _leg_model_rows(fits: Mapping[str, ResponseFit], told: Mapping[str, NDArray[np.bool_]]) -> Rows:
+def _leg_model_rows(fits: Mapping[str, ResponseFit], told: Mapping[str, Mask]) -> Rows:
     rows = Rows("deformation_models")
     for name in [name for name in ("linear", "matrix") if name in fits]:
         sigma, p, significant = entry_tests(fits[name])
@@ -278,7 +275,7 @@ def _shape_rows(rows: Rows, kept: Array, attachments: Array) -> None:
     )
 
 
-def _leg_words(shifts: Shifts, rejected: NDArray[np.bool_], fits: Mapping[str, ResponseFit]) -> tuple[str, str, str]:
+def _leg_words(shifts: Shifts, rejected: Mask, fits: Mapping[str, ResponseFit]) -> tuple[str, str, str]:
     seen = int(np.isfinite(shifts.shift).sum())
     read = (
         f"{counted(seen, 'shift')} at {counted(shifts.shift.shape[1], 'attachment')} in "
@@ -337,7 +334,7 @@ def _body_shifts(tables: Mapping[str, pa.Table], body: str) -> BodyShifts:
 
 def _drive_values(
     configurations: pa.Table, poses: tuple[int | str, ...], drives: tuple[str, ...]
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Drives (B, D), counted from their mean so that the offset is the mean shape; and which poses are held out."""
     known = {pose: i for i, pose in enumerate(configurations.column("pose").to_pylist())}
     rows = np.array([known[pose] for pose in poses])

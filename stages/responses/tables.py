@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.response import ResponseFit
 from truing.stages.common.rows import Rows
-
-Array = NDArray[np.float64]
 
 
 def add_figures(rows: Rows, model: str, figures: Mapping[str, float], subject: str | None = None) -> None:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.covariance import relative_slope
 from truing.estimation.measured_numbers import pose_numbers
 from truing.estimation.rigid_poses.body_poses import (
@@ -48,8 +48,6 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.sections import Overrule
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MEASUREMENT = "measurement"
 _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
@@ -104,7 +102,7 @@ def _fitted_by_targets(
     observations: pa.Table,
     survey: pa.Table,
     poses: tuple[int | str, ...],
-    own: NDArray[np.float64] | None,
+    own: Array | None,
     settings: Campaign,
     progress: Progress,
 ) -> list[BodyPoses]:
@@ -138,7 +136,7 @@ def _with_poses(
     return list(found.values())
 
 
-def _fit_of_rows(rows: pa.Table, place: NDArray[np.int64], count: int) -> RigidFit:
+def _fit_of_rows(rows: pa.Table, place: Index, count: int) -> RigidFit:
     """The poses of one body as a batch over all poses; a pose that is not in the table has too few points.
 
     Scans have an rms, a number of points and a status; poses that were measured as such have none of them.
@@ -236,7 +234,7 @@ def sensitivities_table(
 
 
 def _effect_columns(body: BodyPoses, base: BodyPoses | None, parameters: Sequence[str]) -> dict[str, Any]:
-    effects = cast("NDArray[np.float64]", body.effects)
+    effects = cast("Array", body.effects)
     if base is not None and base.effects is not None:
         slope = relative_slope(base.fit.R, base.fit.t, body.fit.t)
         effects = slope @ np.concatenate([base.effects, effects], axis=1)

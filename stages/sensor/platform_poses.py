@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, READING_UNITS, RecordedSteps
 from truing.report.numbers import count as counted
@@ -26,8 +26,6 @@ from truing.stages.declaration import Outcome
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 GROSS = "gross error"
 _HOUR = 3600.0
@@ -134,7 +132,7 @@ def _exclusion_rows(
     return rows
 
 
-def _geometry_columns(found: PlatformPoses, at: NDArray[np.int64], k: NDArray[np.int64]) -> dict[str, Array]:
+def _geometry_columns(found: PlatformPoses, at: Index, k: Index) -> dict[str, Array]:
     if found.geometry is None:
         return {}
     places = found.cases.of_step[at], k

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name, stand_in
@@ -14,8 +14,6 @@ from truing.simulation.bench.extended_model import ExtendedSensor, predict_readi
 from truing.simulation.bench.known_readings import ReadingConditions
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
-
-Array = NDArray[np.float64]
 
 _UNITS = (*(("um",) * 3), *(("arcsec",) * 3))
 _TEXT = {"run": "the run's name", "channel": "what is read"}
@@ -55,7 +53,7 @@ def _order(table: pa.Table, keys: list[tuple[int | str, int]], row: int) -> tupl
     return str(keys[row][0]), float(table.column("time_s")[row].as_py())
 
 
-def _conditions(table: pa.Table, loads: Array, rows: NDArray[np.int64]) -> ReadingConditions:
+def _conditions(table: pa.Table, loads: Array, rows: Index) -> ReadingConditions:
     known = {
         stand_in(field.name): number_column(table, field.name)[rows]
         for field in table.schema

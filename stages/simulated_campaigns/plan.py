@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Effect, Scene
@@ -274,12 +275,12 @@ def _keys(steps: RecordedSteps) -> list[tuple[int | str, int]]:
     return [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
 
 
-def _rows(table: pa.Table, place: Mapping[tuple[int | str, int], int]) -> NDArray[np.int64]:
+def _rows(table: pa.Table, place: Mapping[tuple[int | str, int], int]) -> Index:
     keys = zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True)
     return np.array([place[key] for key in keys])
 
 
-def _with(table: pa.Table, name: str, values: NDArray[np.float64]) -> pa.Table:
+def _with(table: pa.Table, name: str, values: Array) -> pa.Table:
     place = table.schema.get_field_index(name)
     return table.set_column(place, table.schema.field(place), pa.array(values))
 

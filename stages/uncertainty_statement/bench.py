@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.interferometry.compliance import budget_of_entries, compliance_budgets
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.budget import (
@@ -28,7 +28,6 @@ from truing.stages.uncertainty_statement.statement import Statement
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 CORRECTED = Source("correction for air and material", "B")
 _MODEL = "matrix"
 _CLOSES = 1e-6

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.calibration.measured import BodyPoses
 from truing.estimation.covariance import relative
 from truing.estimation.rigid_poses.body_poses import body_parts
@@ -31,7 +31,6 @@ from truing.stages.uncertainty_statement.statement import Statement
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Array = NDArray[np.float64]
 Parts = Mapping[Source, Array]  # covariances (B, 6, 6)
 
 _COMPONENTS = ("px", "py", "pz", "rx", "ry", "rz")

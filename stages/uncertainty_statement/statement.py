@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.uncertainty_budget import Budget
 from truing.stages.common.rows import Rows
 
-Array = NDArray[np.float64]
 _MANY = 1e9  # degrees of freedom that make no difference to infinitely many
 
 

@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, both_ways
-
-Array = NDArray[np.float64]
 
 _BETTER = 10.0  # times smaller is the misfit that a slip has to leave
 _OF_SPACING = 0.1  # misfit over the smallest distance of targets, from which on a slip is looked for

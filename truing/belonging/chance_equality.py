@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.belonging.responses import directions
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _RANGE = 10.0  # readings gather: they are equal so many times as often as if they were uniform over their range
 _PLACES = 10  # decimal places before and after the point in which a step is sought

@@ -9,12 +9,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.belonging.chance_equality import ChanceEquality
 from truing.belonging.plausible_slips import Column
 from truing.belonging.relation import Slip, SlipKind, State, Tested
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 FEWEST, SHARE = 8, 0.2  # rows, and part of the shorter run, from which a copy is told
 _CHANCE = 1e-9  # of so many equal rows
 _VALUES = 4  # that are compared at once: rows with fewer are taken with those that follow
@@ -206,7 +205,7 @@ def _equal(first: Array, second: Array, chance: Array) -> tuple[float, float]:
     return float(equal.sum() / both.sum()), float(np.exp(np.sum(equal * np.log(chance[moving]))))
 
 
-def equal_columns(value: NDArray[np.float64], columns: Sequence[Column], relation: str, what: str) -> list[Tested]:
+def equal_columns(value: Array, columns: Sequence[Column], relation: str, what: str) -> list[Tested]:
     """Return the columns (N, K) of one quantity that agree in every digit wherever one of them was recorded."""
     found = []
     for first, one in enumerate(columns):

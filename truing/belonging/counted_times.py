@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truing.arrays import Array, Index, Mask
 
 
-def merely_counts(time: Array, step: NDArray[np.number], run: NDArray[np.int64]) -> bool:
+def merely_counts(time: Array, step: NDArray[np.number], run: Index) -> bool:
     """Whether times (B,) of steps (B,), in order within runs (B,), only count what was measured.
 
     They do where every run begins at the same time, and goes on by one a row or by one a step.
@@ -21,7 +21,7 @@ def merely_counts(time: Array, step: NDArray[np.number], run: NDArray[np.int64])
     return bool((pace == 1.0).all() or np.array_equal(pace, np.diff(step)[within]))
 
 
-def times_from_order(run: NDArray[np.int64], step: Array, known: Array) -> Array:
+def times_from_order(run: Index, step: Array, known: Array) -> Array:
     """Times (N,) in s of steps (N,) from those known (NaN elsewhere), between which they count by steps.
 
     A run without any known time counts its steps, one per second: their order is all there is.
@@ -38,7 +38,7 @@ def times_from_order(run: NDArray[np.int64], step: Array, known: Array) -> Array
     return time
 
 
-def _between_known(step: Array, time: Array, seen: NDArray[np.bool_]) -> Array:
+def _between_known(step: Array, time: Array, seen: Mask) -> Array:
     """Times between known ones by steps, beyond them at the mean pace (1 s where there is but one)."""
     first, last = np.flatnonzero(seen)[[0, -1]]
     pace = (time[last] - time[first]) / (step[last] - step[first]) if last > first else 1.0

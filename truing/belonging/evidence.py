@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truing.arrays import Array
 
 _LEVELS = 48  # noise levels tried per octave span; the evidence is smooth in its logarithm
 

@@ -6,12 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.belonging.chance_equality import chance_of_equality, noise_of_neighbours
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _CHANCE = 1e-6  # that noise leaves all values of a run equal
 _FEWEST = 4  # equal values that follow each other

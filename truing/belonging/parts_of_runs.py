@@ -6,16 +6,12 @@ from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.belonging.plausible_slips import Column
 from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, Slip, SlipKind, State, Tested
 from truing.belonging.responses import directions
 from truing.belonging.slip_search import merged
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _FEWEST = 4  # rows on either side
 _MOST = 400  # rows of a run: of longer ones only the signs of the loads are looked at

@@ -8,13 +8,11 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Mask
 from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, Slip, SlipKind
 from truing.belonging.responses import Responses
 from truing.belonging.slip_search import CLEARLY, Candidate, Expected, Reading, as_recorded, misses_read
-
-Mask = NDArray[np.bool_]
 
 LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 _FORCES, _TORQUES = np.arange(6) < 3, np.arange(6) >= 3

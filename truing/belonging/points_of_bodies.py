@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, State, Tested, both_ways
 from truing.belonging.slips_in_rows import places, rounding
 from truing.estimation.rigid_poses.umeyama import umeyama
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 _FIFTH = 0.2  # the share of the misfit that a slip may leave
 _HALF = 0.5  # of the misfit: what decides whether a pose is better with the slip undone
 _AS_RIGHT = 5.0  # typical misfits, up to which a pose is right as it stands

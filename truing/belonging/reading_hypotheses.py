@@ -6,21 +6,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.special import gammaln
 
+from truing.arrays import Array, Index, Mask
 from truing.belonging.evidence import Physics, log_evidence, physics
 from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, both_ways
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import inverse
 
-Array = NDArray[np.float64]
 _STEP = 1e-30  # of the complex step: exact to rounding
 _SMALL = 0.05  # relative; a length is another one beyond it (and beyond ten tolerances)
 _TOLERANCES = 10.0
 _AXES = "xyz"
-Index = NDArray[np.int64]
 # Honest widths of physical effects on a reading, one standard deviation: no slip is needed for what they explain.
 _GAIN = 0.1  # of a leg's own travel
 _LEAK = 0.05  # of another leg's travel: deformation of platform and base
@@ -55,12 +53,12 @@ class Motion:
         thin = {name: getattr(self, name)[::step] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **thin)
 
-    def chosen(self, rows: NDArray[np.int64]) -> Motion:
+    def chosen(self, rows: Index) -> Motion:
         """Return the same of some poses."""
         part = {name: getattr(self, name)[rows] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **part)
 
-    def chosen_columns(self, legs: NDArray[np.int64]) -> Motion:
+    def chosen_columns(self, legs: Index) -> Motion:
         """Return the same poses with the readings of some legs alone, for comparing numbers and not geometry."""
         return replace(self, readings=self.readings[:, legs])
 
@@ -239,7 +237,7 @@ def best_written(motion: Motion, description: Description, *, exchanged: bool) -
     return plain, best, count * (count if exchanged else 1) * len(own_changes())
 
 
-def _is_geometry(motion: Motion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> NDArray[np.bool_]:
+def _is_geometry(motion: Motion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Mask:
     """Which changes (T,) assume nothing but another zero, by an amount that errors of the geometry may make."""
     factor, zero = np.array([change.factor for change in changes]), np.array([change.zero for change in changes])
     offset = np.abs(np.median(factor[:, None] * recorded - asked, axis=1))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.belonging.reading_hypotheses import (
     PENALTY,
     Description,
@@ -29,9 +29,6 @@ from truing.belonging.slips_in_rows import (
     stray_readings,
 )
 from truing.simulation.mechanisms.legs.kinematics import closure_rows, upper_joints
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 READINGS, LEGS = "readings-against-poses", "legs-regular"
 _APART = 0.5  # of the movement that poses ask for: by as much no machine departs from its drawing

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.belonging import signals_of_loads
 from truing.belonging.copied_rows import Values, copied_runs, equal_columns
 from truing.belonging.frozen_values import Frozen, frozen, stood_still
@@ -20,8 +20,6 @@ from truing.belonging.signals_of_loads import Recorded
 from truing.belonging.slip_search import Expected, clear, explain, hidden
 from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 READINGS = "loads-against-readings"
 _DEPARTS, _NO_SUCH = np.log(2.0), np.log(3.0)  # of a main response over the expected one, in most runs
 _MAIN = 0.3  # share of what is possible from which a response is a main one

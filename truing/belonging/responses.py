@@ -6,11 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from truing.arrays import Array, Index, Mask
 
 _FEWEST = 4  # rows of a run that a response is told by
 _INDEPENDENT = 0.05  # size of a direction of loading over the largest, below which it is none of its own

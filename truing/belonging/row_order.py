@@ -6,14 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.belonging.evidence import log_evidence, physics
 from truing.belonging.relation import Slip, SlipKind
 from truing.belonging.responses import directions
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 _SHIFTS = (1, -1, 2, -2)
 _FREE, _SIZEABLE, _SMALL = 10.0, 0.3, 0.1  # prior widths, of a column's range: response; its causes; play and drift

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.belonging.plausible_slips import (
     Column,
     exchanges_by_axis,
@@ -20,8 +20,6 @@ from truing.belonging.relation import Slip, SlipKind, State, Tested
 from truing.belonging.responses import Responses, responses
 from truing.belonging.slip_search import Candidate, Expected, Explained, clear, explain, hidden
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _MOST_LEVERAGE = 0.6  # of one response over the others: two others of its kind leave 0.5
 _ROUNDS = 30
 _CLOSE = 1e-3  # of a typical response: nearer to it, a response gains no more weight
@@ -31,7 +29,6 @@ _CROSS_ALIKE, _MAIN_ALIKE, _LINEAR_ALIKE = (
     0.07,
     0.05,
 )  # runs of the same loads answer alike, but for drift, creep and warmth
-Index = NDArray[np.int64]
 RELATION = "signals-against-loads"
 _OWN_GAIN, _DECLARED = 0.3, 0.1  # relative prior width of a signal's gain: unknown, and where one is declared
 _MATCHES = 1.5  # prior widths by which main responses miss, beyond which signals are not those of the legs
@@ -73,7 +70,7 @@ def _least_absolute(share: Array, size: Array) -> Array:
     return found
 
 
-def _vouched(share: Array, run: NDArray[np.int64]) -> Mask:
+def _vouched(share: Array, run: Index) -> Mask:
     """Whether the responses of other runs determine each, at least twice."""
     out = np.zeros(len(share), bool)
     for one in np.unique(run):

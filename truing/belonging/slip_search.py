@@ -10,15 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.belonging.evidence import log_evidence, physics
 from truing.belonging.relation import Slip, State, Tested, named_shortly
 from truing.belonging.responses import Responses
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _SHARED = 0.1  # prior width, relative, of what all responses have in common; and those of an axis, of a column
 _BESIDE = 0.7  # of the prior widths of one response: what is left of it beside what responses have in common

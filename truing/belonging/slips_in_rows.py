@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from truing.arrays import Array, Index, Mask
+
 _FEWEST, _FEWEST_APART = 4, 3  # rows that agree, and rows that do not
 _LEAST_SHARE = 0.2  # of all rows agree: fewer may do so by chance
 _NEAR = 0.3  # of the movement: rows that miss by about the same

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.measured_numbers import pose_numbers
 from truing.estimation.response import ResponseFit, fit_models, fit_response, gain_p_value, keep_consistent
 from truing.estimation.rigid_poses.body_frames import (
@@ -22,8 +22,6 @@ from truing.estimation.rigid_poses.body_frames import (
 )
 from truing.estimation.rigid_poses.points import FittedPoints, SurveyPoints
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _PLATFORM = "platform"
 _NOTHING = 1e-8  # share of the largest variance of a combination
 
@@ -200,15 +198,15 @@ class AttachmentModels:
     """
 
     fits: Mapping[str, ResponseFit]
-    determined: Mapping[str, NDArray[np.bool_]]
+    determined: Mapping[str, Mask]
     gains: Mapping[str, float]
     held: Mapping[str, Array]
-    rejected: NDArray[np.bool_]
+    rejected: Mask
     kept: Array
-    fitted: NDArray[np.bool_]
+    fitted: Mask
 
 
-def attachment_models(drive: Array, shifts: Shifts, heldout: NDArray[np.bool_]) -> AttachmentModels:
+def attachment_models(drive: Array, shifts: Shifts, heldout: Mask) -> AttachmentModels:
     """Return the models of the shifts by drives (B, L), m (telescope report, eq. 1-4); heldout (B,) poses test them."""
     fitted = ~heldout
     prior = {"offset_cov": shifts.survey}
@@ -227,7 +225,7 @@ def attachment_models(drive: Array, shifts: Shifts, heldout: NDArray[np.bool_]) 
     return AttachmentModels(fits, told, gains, held, np.isfinite(shifts.shift) & ~good, kept, fitted)
 
 
-def _determined(drive: Array, shift: Array) -> dict[str, NDArray[np.bool_]]:
+def _determined(drive: Array, shift: Array) -> dict[str, Mask]:
     """(L,) legs whose coefficients the shifts (B, L) at drives (B, L) determine, by model.
 
     The others would be the shortest of many solutions with a standard deviation that says nothing.
@@ -277,7 +275,7 @@ def attachment_shifts(survey: SurveyPoints, platform: FittedPoints, framed: Fram
     )
 
 
-def _consistent_attachments(drive: Array, shifts: Shifts, fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _consistent_attachments(drive: Array, shifts: Shifts, fitted: Mask) -> Mask:
     """(B, L) attachments whose shift, along z and across it, agrees with a matrix model of its own direction.
 
     The noise along z stands for that across: a gross error is many times either.
@@ -291,14 +289,14 @@ def _along_z(covariance: Array) -> Array:
     return covariance[..., 2::3, 2::3]
 
 
-def _survey_covariance(survey: SurveyPoints, used: NDArray[np.bool_]) -> Array:
+def _survey_covariance(survey: SurveyPoints, used: Mask) -> Array:
     """(3T, 3T) covariance that the survey's own noise leaves in every pose's residuals alike."""
     usual = used.mean(axis=0) > 0.5
     everywhere = np.ones((1, len(survey.targets)), bool)
     return residual_covariance(survey.points, survey.cov[None], usual[None], everywhere)[0]
 
 
-def _leg_average(survey: SurveyPoints, seen: NDArray[np.bool_], noise: Array, n_legs: int) -> Array:
+def _leg_average(survey: SurveyPoints, seen: Mask, noise: Array, n_legs: int) -> Array:
     """(B, L, T) weights that average the targets of each attachment, by their noise along z; zero rows where
     none was seen."""
     member = survey.leg[None, :] == np.arange(1, n_legs + 1)[:, None]
@@ -338,15 +336,13 @@ def body_shifts(body: str, found: FittedPoints) -> BodyShifts:
     return BodyShifts(body, points.poses, points.targets, shift, covariance)
 
 
-def with_common_errors(
-    found: BodyShifts, every: tuple[int | str, ...], noise: Array, there: NDArray[np.bool_]
-) -> BodyShifts:
+def with_common_errors(found: BodyShifts, every: tuple[int | str, ...], noise: Array, there: Mask) -> BodyShifts:
     """The shifts with the covariance of points that have errors in common, in poses where bodies had a joint fit."""
     rows = np.array([every.index(pose) for pose in found.poses])
     return replace(found, noise=np.where(there[rows, None, None], noise[rows], found.noise))
 
 
-def _mean_shape(points: Array, seen: NDArray[np.bool_], rotation: Array, shift: Array) -> Array:
+def _mean_shape(points: Array, seen: Mask, rotation: Array, shift: Array) -> Array:
     """(T, 3) targets in the body's axes, up to a common shift: enough for how a frame's error reaches them."""
     weight = seen.astype(float)
     local = np.einsum("bji,btj->bti", rotation, points) - np.nan_to_num(shift)
@@ -357,7 +353,7 @@ def _mean_shape(points: Array, seen: NDArray[np.bool_], rotation: Array, shift: 
     return centred[chosen].sum(axis=0) / np.maximum(weight[chosen].sum(axis=0), 1.0)[:, None]
 
 
-def target_models(found: BodyShifts, u: Array, fitted: NDArray[np.bool_]) -> dict[str, ResponseFit]:
+def target_models(found: BodyShifts, u: Array, fitted: Mask) -> dict[str, ResponseFit]:
     """Return the models of a body's shifts by drives u (B, D), none and matrix, over the poses fitted (B,)."""
     y, cov = found.flat[fitted], found.noise[fitted]
     kept = keep_consistent(u[fitted], y, cov)

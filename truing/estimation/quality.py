@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from truing.arrays import Array, Index, Mask
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class Step:
     """The best step of each target: before which pose (index), its size (T, 3) in m, sigma, and p-value over
     all onsets."""
 
-    onset: NDArray[np.int64]
+    onset: Index
     size: Array
     sigma: Array
     p_value: Array
@@ -182,7 +180,7 @@ def body_shape(points: Array) -> Shape:
     return Shape(extents, np.einsum("tia,ab,tib->t", design, inverse, design) / 3.0)
 
 
-def repeated_groups(settings: Array, tolerance: Array) -> list[NDArray[np.int64]]:
+def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:
     """Groups of poses (indices) whose settings (B, D) agree within tolerance (D,), each with at least two.
 
     An unknown setting (NaN) agrees with none.

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.rotation import log_so3
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 _LEAST = 1e-6  # of the common variance: repeats that agree in every digit scatter no less
 FEWEST = 5  # attained poses: of fewer, the scatter of distances says too little
 _DRAWS, _MANY = 2000, 20000
@@ -73,7 +72,7 @@ def within_runs(values: ArrayLike, groups: Sequence[Index]) -> Squares:
     return Squares(square, freedom)
 
 
-def left_by_lines(values: Array, drives: Array, run: Index, fitted: NDArray[np.bool_]) -> tuple[Array, Squares]:
+def left_by_lines(values: Array, drives: Array, run: Index, fitted: Mask) -> tuple[Array, Squares]:
     """What a zero per run (B,) and a line in every drive (B, D) leave of values (B, C), where they may be fitted (B,).
 
     NaN where nothing was fitted, or was recorded; and the squares of what is left with their freedom.

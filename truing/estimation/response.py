@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truing.arrays import Array, Index, Mask
+
 Form = Literal["none", "linear", "matrix"]
 _NORMAL_MEDIAN = 0.6745  # median of |z| of a standard normal
 _RANK_CUTOFF = 1e-10  # relative eigenvalue below which a direction carries no information
@@ -36,7 +36,7 @@ class ResponseFit:
     form: Form
     coefficients: Array
     covariance: Array
-    free: NDArray[np.bool_]
+    free: Mask
     offset: Array
     residuals: Array
     loo_residuals: Array
@@ -63,7 +63,7 @@ def fit_response(
     *,
     form: Form = "matrix",
     offset_cov: Array | None = None,
-    group: NDArray[np.int64] | None = None,
+    group: Index | None = None,
 ) -> ResponseFit:
     """Fit ``y_n = c_g(n) + K u_n`` by generalised least squares (telescope report eq. 1-3; force sensor eq. 28).
 
@@ -92,7 +92,7 @@ def fit_response(
     return _solve(form, free, design, np.nan_to_num(y), np.isfinite(y), weight, prior)
 
 
-def _separate(cov: Array, seen: NDArray[np.bool_], offset_cov: Array | None) -> bool:
+def _separate(cov: Array, seen: Mask, offset_cov: Array | None) -> bool:
     """Whether the components have no error in common: each is a problem of its own, and much smaller."""
     apart = ~np.eye(cov.shape[1], dtype=bool)
     both = seen[:, :, None] & seen[:, None, :] & apart
@@ -100,7 +100,7 @@ def _separate(cov: Array, seen: NDArray[np.bool_], offset_cov: Array | None) -> 
 
 
 def _component_by_component(
-    u: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: NDArray[np.int64]
+    u: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: Index
 ) -> ResponseFit:
     """The same fit where nothing couples the components: each from the rows in which it was seen."""
     from scipy.linalg import block_diag
@@ -134,7 +134,7 @@ def _component_by_component(
     )
 
 
-def _design(u: Array, free: NDArray[np.bool_], group: NDArray[np.int64]) -> Array:
+def _design(u: Array, free: Mask, group: Index) -> Array:
     """(N, L, P) derivative of the response by the free entries of K and the offsets."""
     n, width = len(u), free.shape[0]
     rows, columns = np.nonzero(free)
@@ -146,7 +146,7 @@ def _design(u: Array, free: NDArray[np.bool_], group: NDArray[np.int64]) -> Arra
     return design
 
 
-def _precision(cov: Array, seen: NDArray[np.bool_]) -> Array:
+def _precision(cov: Array, seen: Mask) -> Array:
     """(N, L, L) pseudo-inverse of the covariance of what was seen; zero for what was not."""
     masked = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)  # of what was not seen it may be infinite
     if masked.shape[1] == 1:  # thirty reweightings of every target's components: no decomposition of single numbers
@@ -174,9 +174,7 @@ def _offset_precision(offset_cov: Array | None, n_free: int, width: int, groups:
     return precision
 
 
-def _solve(
-    form: Form, free: NDArray[np.bool_], design: Array, y: Array, seen: NDArray[np.bool_], weight: Array, prior: Array
-) -> ResponseFit:
+def _solve(form: Form, free: Mask, design: Array, y: Array, seen: Mask, weight: Array, prior: Array) -> ResponseFit:
     weighted = (weight.transpose(0, 2, 1) @ design).reshape(-1, design.shape[-1])  # products that BLAS knows: (N M, P)
     normal = weighted.T @ design.reshape(weighted.shape) + prior
     covariance, deficient = _scaled_inverse(normal, np.sqrt((design**2).sum(axis=(0, 1))))
@@ -240,10 +238,10 @@ def keep_consistent(
     *,
     form: Form = "matrix",
     offset_cov: Array | None = None,
-    group: NDArray[np.int64] | None = None,
-    fitted: NDArray[np.bool_] | None = None,
+    group: Index | None = None,
+    fitted: Mask | None = None,
     false_rejections: float = 0.05,
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Which responses (N, L) agree with the model: gross errors found from a robust start, then to a fixpoint.
 
     ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the
@@ -268,7 +266,7 @@ def keep_consistent(
     return kept
 
 
-def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array, group: NDArray[np.int64] | None) -> Array:
+def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array, group: Index | None) -> Array:
     """(N, L) |residual| in units of its deviation, for rejected values as well as for kept ones."""
     offset = fit.offset[np.zeros(len(u), np.int64) if group is None else group]
     residual = np.where(np.isfinite(fit.residuals), fit.residuals, y - offset - fit.predict(u))
@@ -277,7 +275,7 @@ def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array, group: NDArr
 
 
 def _standardised_l1(
-    u: Array, kept: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: NDArray[np.int64] | None
+    u: Array, kept: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: Index | None
 ) -> Array:
     """(N, L) |residual| in units of its deviation, of all y, after a least-absolute-deviation fit to those in kept."""
     inflated = cov
@@ -313,7 +311,7 @@ def entry_p_values(fit: ResponseFit, widened: float = 1.0) -> Array:
     return p
 
 
-def holm_significant(p: Array, false_alarm: float) -> NDArray[np.bool_]:
+def holm_significant(p: Array, false_alarm: float) -> Mask:
     """Which of many tests hold together at the stated family-wise false-alarm rate (Holm 1979); NaN is never one."""
     flat = np.where(np.isfinite(p), p, 1.0).ravel()
     order = np.argsort(flat)
@@ -443,7 +441,7 @@ def birge(fit: ResponseFit) -> float:
     return float(np.sqrt(fit.chi_square / fit.dof))
 
 
-def entry_tests(fit: ResponseFit) -> tuple[Array, Array, NDArray[np.bool_]]:
+def entry_tests(fit: ResponseFit) -> tuple[Array, Array, Mask]:
     """(L, D) sigma, p-value and significance of every entry, widened where the noise is larger than declared."""
     factor = birge(fit)
     p = entry_p_values(fit, factor)

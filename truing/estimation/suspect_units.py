@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from truing.arrays import Array, Index, Mask
 
 _ZERO_C_IN_K = 273.15
 _ZERO_C_IN_F, _F_PER_K = 32.0, 1.8
@@ -15,7 +17,6 @@ _NEAR_K, _FAR_K = 60.0, 200.0
 # A fahrenheit value is less than 60 K off in a laboratory: every value has to fit, not one.
 _NEAR_F, _FAR_F = 15.0, 30.0
 _LIKELY_K, _LIKELY_F = (230.0, 350.0), (55.0, 90.0)
-Array = NDArray[np.float64]
 _LEAST_STEP_K = 25.0  # from 0 degC on, a value in degrees Fahrenheit stands further off than that
 _OVER_SCATTER = 6.0  # times: how much larger the step is than what the conversion may leave of it
 _SIGMAS = 4.0  # medians of ordinary changes
@@ -52,12 +53,12 @@ class MistakenUnit:
     celsius: float
 
 
-def kelvin_in_celsius(value: ArrayLike) -> NDArray[np.float64]:
+def kelvin_in_celsius(value: ArrayLike) -> Array:
     """Return temperatures in degrees Celsius of temperatures in kelvin."""
     return np.asarray(value, float) - _ZERO_C_IN_K
 
 
-def fahrenheit_in_celsius(value: ArrayLike) -> NDArray[np.float64]:
+def fahrenheit_in_celsius(value: ArrayLike) -> Array:
     """Return temperatures in degrees Celsius of temperatures in degrees Fahrenheit."""
     return (np.asarray(value, float) - _ZERO_C_IN_F) / _F_PER_K
 
@@ -87,12 +88,12 @@ def mistaken_unit(value_c: ArrayLike, reference_c: float) -> MistakenUnit | None
     return _of_reference_alone(reference_c) if (np.abs(value - reference_c) < _NEAR_F).all() else None
 
 
-def _are_kelvin(value: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _are_kelvin(value: Array, other: Array) -> Mask:
     near = np.abs(kelvin_in_celsius(value) - other) <= _NEAR_K
     return np.asarray(near & (value - other > _FAR_K))
 
 
-def _are_fahrenheit(value: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _are_fahrenheit(value: Array, other: Array) -> Mask:
     near = np.abs(fahrenheit_in_celsius(value) - other) <= _NEAR_F
     return np.asarray(near & (value - other > _FAR_F))
 
@@ -117,12 +118,12 @@ class MistakenRows:
     others: the median of the rest."""
 
     unit: str
-    rows: NDArray[np.int64]
+    rows: Index
     celsius: float
     others: float
 
 
-def mistaken_rows(value_c: ArrayLike, order: NDArray[np.int64] | None = None) -> MistakenRows | None:
+def mistaken_rows(value_c: ArrayLike, order: Index | None = None) -> MistakenRows | None:
     """Return the rows of temperatures (N,) that likely are in kelvin or degrees Fahrenheit; None where none stand out.
 
     order (N,): rows as they were taken. They are told where every change of unit is a step that the conversion undoes
@@ -142,14 +143,14 @@ def mistaken_rows(value_c: ArrayLike, order: NDArray[np.int64] | None = None) ->
     return None
 
 
-def _upper_parts(value: Array) -> Iterator[NDArray[np.bool_]]:
+def _upper_parts(value: Array) -> Iterator[Mask]:
     """Which values (N,) lie above each wide gap between them."""
     ordered = np.sort(value)
     for at in np.flatnonzero(np.diff(ordered) >= _LEAST_STEP_K):
         yield value > ordered[at]
 
 
-def _is_undone(value: Array, celsius: Array, high: NDArray[np.bool_]) -> bool:
+def _is_undone(value: Array, celsius: Array, high: Mask) -> bool:
     """Whether values (N,) go on without a step once those that are high are converted."""
     change = np.abs(np.diff(celsius))
     steps = change[np.diff(high.astype(int)) != 0]
@@ -178,7 +179,7 @@ class MistakenTimes:
     others: tuple[str, ...] = ()
 
 
-def mistaken_times(time: Array, run: NDArray[np.int64] | None = None) -> MistakenTimes | None:
+def mistaken_times(time: Array, run: Index | None = None) -> MistakenTimes | None:
     """Return the unit that times (N,) likely are in; None where seconds are possible, or too few tell.
 
     run (N,): rows of which the pace is that within runs. A clock's even pace passes: cameras and controllers are faster

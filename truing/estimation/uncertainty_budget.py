@@ -13,11 +13,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array
+
 COVERAGE = 0.95  # probability of the interval of an expanded uncertainty
 # Why a cause is in no budget, where estimates are off by it, and their uncertainty does not cover that.
 NOT_HELD = "the diagnosis found it, and these results are of a model without it"
 Evaluation = Literal["A", "B"]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.formats.compression import open_plain
 from truing.formats.file_search import companions, plain_ending
 from truing.formats.interior_orientation import Row, camera_row, from_millimetres
@@ -35,7 +36,7 @@ class AiconCamera:
     """A camera of a .ior: its row of the table ``cameras``, its centre (2,) in px and the pitch of its pixels in mm."""
 
     row: Row
-    centre_px: NDArray[np.float64]
+    centre_px: Array
     pitch_mm: float
 
 
@@ -109,7 +110,7 @@ def _lines(path: Path, name: str | None = None) -> list[tuple[int, str]]:
     return [(row, line) for row, line in lines if line.strip()]
 
 
-def _numbers(lines: list[tuple[int, str]], count: int, expected: str) -> NDArray[np.float64]:
+def _numbers(lines: list[tuple[int, str]], count: int, expected: str) -> Array:
     """Lines of ``count`` finite numbers each (N, count); raises Unusable at the first that is none."""
     return np.array([finite_numbers(line, expected, row, count) for row, line in lines]).reshape(-1, count)
 
@@ -137,7 +138,7 @@ def _camera(lines: list[tuple[int, str]]) -> AiconCamera:
     return AiconCamera(row, np.array([(width - 1) / 2, (height - 1) / 2]), pitch)
 
 
-def _camera_of_image(eor: Path | None, cameras: dict[str, AiconCamera], image: NDArray[np.int64]) -> NDArray[np.str_]:
+def _camera_of_image(eor: Path | None, cameras: dict[str, AiconCamera], image: Index) -> NDArray[np.str_]:
     """Which camera took each image: as the .eor says, else the only one there is."""
     if eor is None:
         if len(cameras) > 1:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.formats.file_search import companions
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_pinhole
 from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, one_batch, whole_numbers
@@ -39,8 +40,6 @@ _PARAMETERS = dict(MODELS.values())
 _LONGEST_NAME = 4096
 _RAY = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 _LARGEST = 1 << 30
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 _LEAST = 1e-6  # the length of a quaternion, which COLMAP writes as 1
 # what of (k1, k2, k3, p1, p2) each model has, by position among its parameters; one focal length or two
 _SHAPES: dict[str, tuple[int, tuple[int | None, ...]]] = {
@@ -80,12 +79,12 @@ class ColmapImage:
     ``line`` is where its rays stand in a text, from 1; None in a binary file."""
 
     number: int
-    quaternion: NDArray[np.float64]
-    translation: NDArray[np.float64]
+    quaternion: Array
+    translation: Array
     camera: int
     name: str
-    xy: NDArray[np.float64]
-    point: NDArray[np.int64]
+    xy: Array
+    point: Index
     line: int | None = None
 
 
@@ -264,7 +263,7 @@ class ColmapNetwork:
     ray_px: Array
 
 
-Estimate = Callable[[ColmapNetwork], "NDArray[np.float64] | None"]
+Estimate = Callable[[ColmapNetwork], "Array | None"]
 
 
 """From a network the covariances (P, 3, 3) of its points, NaN of those that it does not determine; None of none."""

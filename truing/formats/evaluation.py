@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.formats.dictionaries import (
     as_dictionary,
     codes,
@@ -35,7 +35,6 @@ from truing.schemas.column import LARGEST, Column
 from truing.schemas.mapping import RawValue
 
 _NUMBER_IN_CELL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
-Mask = NDArray[np.bool_]
 _EXACT = 2**53  # whole numbers that are read as float64 are themselves up to here
 _ANYTHING = ".+"  # what `select` asks of a column that is to hold something
 
@@ -120,7 +119,7 @@ class TableBatch:
         return len(self.records)
 
 
-def coordinates(batch: TableBatch) -> NDArray[np.float64]:
+def coordinates(batch: TableBatch) -> Array:
     """The points (N, 3) of a batch, mm."""
     return np.column_stack([np.asarray(batch.columns[name], dtype=float) for name in COORDINATES])
 
@@ -408,7 +407,7 @@ class _Work:
         self._leave_out(whole & ~there, f"a coordinate means missing ({said})")
         return whole & there
 
-    def _raw_numbers(self, name: str) -> NDArray[np.float64]:
+    def _raw_numbers(self, name: str) -> Array:
         raw = self._raw(name)
         if not (pa.types.is_floating(raw.type) or pa.types.is_integer(raw.type)):
             raw, _ = self.notation.parse(raw.cast(pa.string()))

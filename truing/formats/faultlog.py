@@ -12,13 +12,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Index, Mask
 from truing.schemas.faults import CampaignFaults, Fault
 
 SHOWN = 3
 """How many faults of one kind are listed one by one."""
-Records = NDArray[np.int64]
+Records = Index
 _NUMBER = re.compile(r"[-+\d.,' ]{0,30}([eE][-+]?\d{1,3})?|[-+]?(nan|inf)", re.IGNORECASE)
 _COUNT = re.compile(r"\d{1,18} (bytes|cells|columns|files|frames|labels|lines|numbers|points|rows|vertices)")
 _HIDDEN = "text that is not shown, as the file lies outside the campaign's folder"
@@ -35,7 +35,7 @@ class CellFaults:
 
     @classmethod
     def where(
-        cls, mask: NDArray[np.bool_], records: Records, values: pa.Array | None, column: str | None, expected: str
+        cls, mask: Mask, records: Records, values: pa.Array | None, column: str | None, expected: str
     ) -> CellFaults:
         """The faults at the rows where a mask is set; ``values`` are what stands there."""
         rows = np.flatnonzero(mask)

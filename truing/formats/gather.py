@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Mask
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import CellFaults, FaultLog, Records
 from truing.formats.read import FileRows, read_table
@@ -28,7 +28,7 @@ class Gathered:
     table: pa.Table
     parts: list[tuple[FileRows, Records]]
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
-    faulty: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    faulty: dict[str, Mask] = field(default_factory=dict)
 
     @property
     def first_file(self) -> str:
@@ -42,12 +42,12 @@ class Gathered:
             row -= len(records)
         raise IndexError(row)
 
-    def sound(self, *columns: str) -> NDArray[np.bool_]:
+    def sound(self, *columns: str) -> Mask:
         """Rows (N,) of which none of these cells was faulty as it was read: what others can be held against."""
         told = [self.faulty[name] for name in columns if name in self.faulty]
         return ~np.logical_or.reduce(told) if told else np.ones(len(self.table), dtype=bool)
 
-    def fault(self, log: FaultLog, wrong: NDArray[np.bool_], column: str, expected: str) -> None:
+    def fault(self, log: FaultLog, wrong: Mask, column: str, expected: str) -> None:
         """Note a fault in every row of a mask, but for cells that were faulty as they were read: one fault each."""
         values = self.table.column(column).combine_chunks() if column in self.table.column_names else None
         for row in np.flatnonzero(wrong & self.sound(column)):
@@ -81,7 +81,7 @@ def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str |
     return Gathered(table.rename_columns(list(kept.values())), parts, left_out, _faulty(tables, kept))
 
 
-def _faulty(batches: list[TableBatch], kept: Mapping[str, str]) -> dict[str, NDArray[np.bool_]]:
+def _faulty(batches: list[TableBatch], kept: Mapping[str, str]) -> dict[str, Mask]:
     names = {name for batch in batches for name in batch.faulty}
     return {
         kept.get(name, name): np.concatenate([b.faulty.get(name, np.zeros(b.rows, dtype=bool)) for b in batches])

@@ -15,8 +15,8 @@ from typing import IO
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.child_processes import child_environment
 from truing.formats.c3d_child import FACTS, POINTS, REASON
 from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
@@ -42,8 +42,8 @@ class Trajectories:
     a marker was not seen; ``rate`` in Hz."""
 
     labels: list[str]
-    xyz: NDArray[np.float64]
-    residuals: NDArray[np.float64]
+    xyz: Array
+    residuals: Array
     first: int
     rate: float
     unit: str

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.formats.units import bare_and_unit, expanded
 
 _UNIT = r"(?:[\s_]*[\[(/]\s*(?P<unit>[^\])]+?)\s*[\])]?)?"
@@ -39,7 +39,6 @@ _UNITS = {"nmm": "N mm", "nm": None, "n": None, "kn": "kN", "mm": None, "rad": N
 _FEWEST = 3  # components, as fewer may be called so by chance
 _CHANNELS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 Loads = tuple[str, dict[str, Any], str]
-Array = NDArray[np.float64]
 _FAMILIES = {
     "quaternion": (("qw", "qx", "qy", "qz"), ("q0", "qx", "qy", "qz"), ("q0", "q1", "q2", "q3"), ("w", "i", "j", "k")),
     "vector": (("rx", "ry", "rz"), ("rotx", "roty", "rotz"), ("wx", "wy", "wz")),

@@ -10,7 +10,8 @@ from functools import cached_property
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
+
+from truing.arrays import Array, Mask
 
 _SEPARATOR_CLASS = {None: "", ",": ",", ".": r"\.", "'": "['’]", " ": "[ \u00a0\u2009\u202f]"}
 _EXPONENT = r"([eEdD][+-]?\d+)?"
@@ -44,7 +45,7 @@ class Notation:
         triples = [tuple(map(float, text.split())) for text in sorted(self.missing) if _is_triple(text)]
         return tuple((a, b, c) for a, b, c in triples)
 
-    def parse(self, texts: pa.Array) -> tuple[pa.Array, NDArray[np.bool_]]:
+    def parse(self, texts: pa.Array) -> tuple[pa.Array, Mask]:
         """Numbers (float64, null where the text means missing or is empty), and where a text is no number."""
         texts = pc.utf8_trim_whitespace(texts.cast(pa.string()))
         absent = pc.is_in(texts, value_set=pa.array(["", *sorted(self.missing)], pa.string()))
@@ -55,7 +56,7 @@ class Notation:
         bad = np.asarray(pc.and_(pc.is_null(plain), pc.invert(absent)).to_numpy(zero_copy_only=False), dtype=bool)
         return plain.cast(pa.float64()), bad
 
-    def matrix(self, records: Sequence[Sequence[str]]) -> NDArray[np.float64]:
+    def matrix(self, records: Sequence[Sequence[str]]) -> Array:
         """(N, W) the cells of N records as numbers, NaN where one is none."""
         columns = [self.parse(pa.array(column, pa.string()))[0] for column in zip(*records, strict=True)]
         return np.column_stack([np.asarray(column.fill_null(np.nan), dtype=float) for column in columns])

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_corrections
 from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, one_batch, whole_numbers
 
@@ -32,7 +33,7 @@ _FREE = "c x0 y0 A1 A2 A3 B1 B2"
 class _Photo:
     name: str
     number: int
-    interior: NDArray[np.float64]
+    interior: Array
     line: int
 
 
@@ -40,7 +41,7 @@ class _Photo:
 class _Block:
     """Lines of numbers (N, K), and where the first of them stands in the file, from 1."""
 
-    rows: NDArray[np.float64]
+    rows: Array
     first: int
 
     @property
@@ -138,7 +139,7 @@ def _rays(export: _Export) -> dict[str, Any]:
     }
 
 
-def _numbered_twice(export: _Export) -> NDArray[np.float64]:
+def _numbered_twice(export: _Export) -> Array:
     """Numbers that stand for two points: twice among object points, or on one photo with a sigma and without one."""
     numbers, times = np.unique(export.points.rows[:, 0], return_counts=True)
     marks = export.marks.rows
@@ -147,18 +148,18 @@ def _numbered_twice(export: _Export) -> NDArray[np.float64]:
     return np.concatenate([numbers[times > 1], on_photo[kinds_on_photo > 1, 1]])
 
 
-def _names(numbers: NDArray[np.int64], matched: NDArray[np.bool_]) -> NDArray[np.object_]:
+def _names(numbers: Index, matched: Mask) -> NDArray[np.object_]:
     """Names of points: their numbers, and ``smart 6`` of a matched point whose number another point has, too."""
     plain = numbers.astype(str).astype(object)
     return np.where(matched, "smart " + plain, plain)
 
 
-def _stated(rows: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _stated(rows: Array) -> Mask:
     """Which lines (N, K) end in sigmas above 0: others state none, or are held fixed (below 0)."""
     return np.asarray((rows[:, 4:] > 0.0).all(axis=1))
 
 
-def _or_empty(values: NDArray[np.float64], there: NDArray[np.bool_]) -> list[float | None]:
+def _or_empty(values: Array, there: Mask) -> list[float | None]:
     return [float(value) if known else None for value, known in zip(values, there, strict=True)]
 
 

@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from truing.arrays import Index, Mask
 from truing.formats.dictionaries import codes, strings
 from truing.formats.evaluation import TableBatch
 from truing.formats.read import FileRows
@@ -60,7 +61,7 @@ class PointLedger:
         self._codes: NDArray[np.int32] = np.zeros((0, 2), np.int32)
         self._columns: tuple[pa.Array, pa.Array] = (strings([]), strings([]))
         self._starts: list[int] = []
-        self._origins: list[tuple[FileRows, NDArray[np.int64] | int]] = []
+        self._origins: list[tuple[FileRows, Index | int]] = []
 
     @property
     def rows(self) -> int:
@@ -90,7 +91,7 @@ class PointLedger:
         number = self._numbers_of(plain[starts])
         return np.repeat(number, np.diff(np.append(starts, len(plain))))
 
-    def _numbers_of(self, poses: NDArray[np.int64]) -> NDArray[np.int32]:
+    def _numbers_of(self, poses: Index) -> NDArray[np.int32]:
         unknown = len(self.poses)
         if not unknown:
             return np.zeros(len(poses), dtype=np.int32)
@@ -143,7 +144,7 @@ class PointLedger:
         offset = row - self._starts[part]
         return file, records + offset if isinstance(records, int) else int(records[offset])
 
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Mask:
         """Whether a pose has any point of a body: (poses, bodies), bodies in the order of :meth:`bodies`."""
         body = self.label_bodies()
         found = np.zeros((len(self.poses) + 1, len(self.bodies())), dtype=bool)
@@ -160,14 +161,14 @@ class PointLedger:
         bodies = {body: number for number, body in enumerate(self.bodies())}
         return np.array([bodies[body] for body, _ in self.labels.values], dtype=np.int32)
 
-    def duplicates(self) -> Iterator[NDArray[np.int64]]:
+    def duplicates(self) -> Iterator[Index]:
         """Rows of known poses whose pose, body and target stood in a row before: exactly, in bounded memory."""
         width = max(len(self.labels.values), 1)
         slab = max(_CELLS // width, 1)
         for first in range(0, len(self.poses), slab):
             yield from self._duplicates_within(first, min(first + slab, len(self.poses)), width)
 
-    def _duplicates_within(self, first: int, last: int, width: int) -> Iterator[NDArray[np.int64]]:
+    def _duplicates_within(self, first: int, last: int, width: int) -> Iterator[Index]:
         cells = np.zeros((last - first) * width, dtype=bool)
         rows = 0
         for _, cell in self._cells(first, last, width):
@@ -184,7 +185,7 @@ class PointLedger:
             cells[cell] = True
             yield row[again]
 
-    def _cells(self, first: int, last: int, width: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    def _cells(self, first: int, last: int, width: int) -> Iterator[tuple[Index, Index]]:
         for start, stop in self.steps():
             pose = self._spool.read("pose", start, stop)
             label = self._spool.read("label", start, stop)

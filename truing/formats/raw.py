@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.formats.faultlog import CellFaults, Records
 
 Kind = Literal["number", "seconds", "identifier", "text"]
@@ -46,7 +46,7 @@ class Unusable(Exception):
         super().__init__(expected)
 
 
-def finite_numbers(text: str, expected: str, row: int, count: int | None = None) -> NDArray[np.float64]:
+def finite_numbers(text: str, expected: str, row: int, count: int | None = None) -> Array:
     """The finite numbers (N,) of a line of text, N as ``count`` where that is given; raises Unusable else."""
     try:
         found = np.array(text.split(), dtype=np.float64)
@@ -86,7 +86,7 @@ def one_batch(
     yield RawBatch({position: pa.array(values[position]) for position in kinds}, records)
 
 
-def whole_numbers(values: NDArray[np.float64], what: str, rows: Sequence[int] | None = None) -> NDArray[np.int64]:
+def whole_numbers(values: Array, what: str, rows: Sequence[int] | None = None) -> Index:
     """Numbers of points, images and cameras, and of pixels, as they are; ``rows`` where each stands in a text, from 1.
 
     Raises Unusable at the first that is none.

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.guess import (
@@ -242,7 +242,7 @@ def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: st
 
 
 def _poses(
-    poses: Poses, names: tuple[str, ...], mapping: dict[str, Any], records: list[list[str]], values: NDArray[np.float64]
+    poses: Poses, names: tuple[str, ...], mapping: dict[str, Any], records: list[list[str]], values: Array
 ) -> Guess:
     """Poses, and the configurations that other columns of the same rows make."""
     keys = dict(poses.mapping)

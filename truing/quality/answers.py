@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure
 from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 FEWEST = 4  # readings of a run that a slope is told by
 _EXACT = 1e-6
 _BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # a stiffness off by that factor is another sensor's
@@ -122,7 +120,7 @@ def turned_round(found: Answers, share: float) -> list[int]:
     return [int(at) for at in signs_flipped(slope, sigma, kind, share).where if at < count]
 
 
-def same_sign(found: Answers, share: float) -> NDArray[np.bool_]:
+def same_sign(found: Answers, share: float) -> Mask:
     """Which answers (G,) clearly have the sign of the simulated, or of another of their kind."""
     sure = signs_sure(found.slope, found.sigma, share)
     if found.simulated:

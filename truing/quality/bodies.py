@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.quality import Scatter
 from truing.estimation.response import keep_consistent
 from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
@@ -15,8 +15,6 @@ from truing.estimation.rigid_poses.rigid import RigidFit
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _LEAST_TARGETS = 3
 _POSES_TO_COMPARE = 2
 _ODD_POSE = 1e-6

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.belonging.counted_times import merely_counts
 from truing.estimation.interferometry.flexible_response import ChannelFit, fit_channel, response_columns
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 TEMPERATURES = ("air_temperature_c", "material_temperature_c")
 UNITS = ("um",) * 3 + ("arcsec",) * 3
 _MAIN = 0.3  # of a channel's largest expected answer: where its sign is beyond doubt

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truing.arrays import Array
+
 ZERO_C_K = 273.15
 _STANDARD_PA, _STANDARD_C = 101325.0, 15.0  # of the dispersion of dry air
 _VAPOUR_PA, _VAPOUR_C = 1333.0, 20.0  # of the dispersion of water vapour
@@ -19,13 +21,13 @@ _EDLEN_D, _EDLEN_E, _EDLEN_F, _EDLEN_G = 96095.43, 0.601, 0.00972, 0.003661
 _COLDEST_WATER_C = 0.0  # over ice below
 
 
-def saturation_vapour_pressure_pa(temperature_c: ArrayLike) -> NDArray[np.float64]:
+def saturation_vapour_pressure_pa(temperature_c: ArrayLike) -> Array:
     """Return the vapour pressure over water (IAPWS), below 0 degrees over ice, in Pa."""
     kelvin = np.asarray(temperature_c, float) + ZERO_C_K
     return np.where(kelvin >= _COLDEST_WATER_C + ZERO_C_K, _over_water(kelvin), _over_ice(kelvin))
 
 
-def _over_water(kelvin: NDArray[np.float64]) -> NDArray[np.float64]:
+def _over_water(kelvin: Array) -> Array:
     omega = kelvin - 2.38555575678e-1 / (kelvin - 6.50175348448e2)
     A = omega**2 + 1.16705214528e3 * omega - 7.24213167032e5
     B = -1.70738469401e1 * omega**2 + 1.20208247025e4 * omega - 3.23255503223e6
@@ -33,13 +35,13 @@ def _over_water(kelvin: NDArray[np.float64]) -> NDArray[np.float64]:
     return 1e6 * (2.0 * C / (-B + np.sqrt(B**2 - 4.0 * A * C))) ** 4
 
 
-def _over_ice(kelvin: NDArray[np.float64]) -> NDArray[np.float64]:
+def _over_ice(kelvin: Array) -> Array:
     theta = kelvin / 273.16
     exponent = -13.928169 * (1.0 - theta**-1.5) + 34.7078238 * (1.0 - theta**-1.25)
     return 611.657 * np.exp(exponent)
 
 
-def vapour_pressure_pa(temperature_c: ArrayLike, relative_humidity: ArrayLike) -> NDArray[np.float64]:
+def vapour_pressure_pa(temperature_c: ArrayLike, relative_humidity: ArrayLike) -> Array:
     """Return the partial pressure of water vapour in Pa; relative humidity from 0 to 1."""
     return np.asarray(relative_humidity, float) * saturation_vapour_pressure_pa(temperature_c)
 
@@ -50,7 +52,7 @@ def ciddor_index(
     pressure_pa: ArrayLike,
     vapour_pa: ArrayLike = 0.0,
     co2_ppm: ArrayLike = 450.0,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the phase index of moist air by Ciddor's equations; vapour_pa is the partial pressure of water vapour."""
     t, p, vapour, co2 = (np.asarray(value, float) for value in (temperature_c, pressure_pa, vapour_pa, co2_ppm))
     s = _wave_number_squared(wavelength_m)
@@ -64,7 +66,7 @@ def ciddor_index(
     )
 
 
-def _wave_number_squared(wavelength_m: ArrayLike) -> NDArray[np.float64]:
+def _wave_number_squared(wavelength_m: ArrayLike) -> Array:
     """Return the square of the wave number in vacuum, 1/um^2."""
     return np.asarray((1e6 * np.asarray(wavelength_m, float)) ** -2.0)
 
@@ -94,7 +96,7 @@ def edlen_index(
 
 def edlen_slopes(
     wavelength_m: ArrayLike, temperature_c: ArrayLike, pressure_pa: ArrayLike, vapour_pa: ArrayLike = 0.0
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the derivatives (..., 3) of the index by temperature (1/K), pressure and vapour pressure (1/Pa)."""
     t, p, vapour = np.broadcast_arrays(*(np.asarray(v, float) for v in (temperature_c, pressure_pa, vapour_pa)))
     dry, wet = _edlen_dispersion(wavelength_m)
@@ -107,13 +109,13 @@ def edlen_slopes(
     return np.stack(np.broadcast_arrays(by_temperature, by_pressure, by_vapour), axis=-1)
 
 
-def _edlen_dispersion(wavelength_m: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _edlen_dispersion(wavelength_m: ArrayLike) -> tuple[Array, Array]:
     """Return the dispersion of standard air, and that of water vapour (K/Pa)."""
     s = _wave_number_squared(wavelength_m)
     return 1e-8 * (8342.54 + 2406147.0 / (130.0 - s) + 15998.0 / (38.9 - s)), 292.75e-10 * (3.7345 - 0.0401 * s)
 
 
-def index_sigma(slopes: ArrayLike, sigma: ArrayLike, equation: float = 1e-8) -> NDArray[np.float64]:
+def index_sigma(slopes: ArrayLike, sigma: ArrayLike, equation: float = 1e-8) -> Array:
     """Return the standard deviation of the index: of temperature, pressure and vapour pressure (..., 3), each by its
     own, and of the equation itself (about 1e-8 in ordinary air, Stone and Zimmerman)."""
     return np.sqrt(np.sum((np.asarray(slopes, float) * np.asarray(sigma, float)) ** 2, axis=-1) + equation**2)

@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.bundle_covariance import BundleCovariance, covariance
 from truing.estimation.bundle.datum import Datum, Freedom, conditions, freedoms, in_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, check_determined
 from truing.estimation.bundle.elimination import Reduced, eliminate_poses, solve, tie_variances, tie_weights
-from truing.estimation.bundle.network import Array, Network, State, project
+from truing.estimation.bundle.network import Network, State, project
 from truing.estimation.bundle.normal_equations import (
     Layout,
     NormalEquations,
@@ -56,12 +57,12 @@ class Adjustment:
     state: State
     datum: Datum
     residuals_px: Array
-    used: NDArray[np.bool_]
+    used: Mask
     weights: Array
     iterations: int
     converged: bool
     redundancy: int
-    defect: NDArray[np.int64]
+    defect: Index
     held: tuple[Array, ...]
     chi2: float
     observed: Observed

@@ -13,14 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dpotri
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.datum import Freedom, freedoms, into_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.elimination import EliminatedPose, Reduced, eliminate_poses, tie_variances, tie_weights
-from truing.estimation.bundle.network import Array, Index, State, linearise
+from truing.estimation.bundle.network import State, linearise
 from truing.estimation.bundle.normal_equations import Layout, Observed, Workspace, normal_equations, spread_interior
 from truing.estimation.one_thread import on_one_thread
 
@@ -99,7 +99,7 @@ class _Datum:
 
     freedoms: Array
     back: Array
-    certain: NDArray[np.bool_]
+    certain: Mask
 
     @classmethod
     def of(cls, free: Freedom, held: Array) -> _Datum:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truing.arrays import Array, Index
 
 PARAMETERS = ("c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 UNITS = ("px", "px", "px", "px^-2", "px^-4", "px^-6", "px^-1", "px^-1", "1", "1")
@@ -42,7 +42,7 @@ class Camera:
     free: tuple[str, ...] = PARAMETERS
 
     @property
-    def centre_px(self) -> NDArray[np.float64]:
+    def centre_px(self) -> Array:
         """The centre (2,) of the format in pixels."""
         return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
 
@@ -83,7 +83,7 @@ def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]
     return by_direction, np.stack([np.stack(of_x, -1), np.stack(of_y, -1)], 1)
 
 
-def directions(cameras: Sequence[Camera], interior: Array, camera: NDArray[np.int64], xy_px: Array) -> Array:
+def directions(cameras: Sequence[Camera], interior: Array, camera: Index, xy_px: Array) -> Array:
     """Return X/Z and Y/Z (N, 2) of image points xy_px (N, 2), each taken by one of the cameras (N,) by number.
 
     Distortion is undone by Newton's method from the undistorted place; image points where it does not settle (a

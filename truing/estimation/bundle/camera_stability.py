@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
-from truing.estimation.bundle.network import Array, Index, Mask, Network, State
+from truing.estimation.bundle.network import Network, State
 from truing.estimation.bundle.network_statistics import holm
 from truing.estimation.rigid_poses.umeyama import umeyama
 

@@ -14,7 +14,8 @@ from typing import Literal
 import numpy as np
 from scipy.linalg import qr
 
-from truing.estimation.bundle.network import Array, Index, State
+from truing.arrays import Array, Index
+from truing.estimation.bundle.network import State
 from truing.estimation.bundle.normal_equations import Layout
 
 Datum = Literal["free", "minimal", "known"]

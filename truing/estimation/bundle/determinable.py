@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truing.estimation.bundle.network import Index, Network
+from truing.arrays import Array, Index, Mask
+from truing.estimation.bundle.network import Network
 
 RAYS_OF_A_POINT = 2
 RAYS_OF_AN_IMAGE = 3
@@ -36,12 +36,12 @@ class UndeterminedNetworkError(ValueError):
 class Determinable:
     """What takes part: rays (N,), points (P,), images (I,), True where it does."""
 
-    rays: NDArray[np.bool_]
-    points: NDArray[np.bool_]
-    images: NDArray[np.bool_]
+    rays: Mask
+    points: Mask
+    images: Mask
 
 
-def determinable(network: Network, used: NDArray[np.bool_] | None = None, *, known: bool = False) -> Determinable:
+def determinable(network: Network, used: Mask | None = None, *, known: bool = False) -> Determinable:
     """Return the largest part of a network in which every point has two rays and every image three, counted to what
     takes part itself; used (N,) are the rays that may, all where not given.
 
@@ -62,7 +62,7 @@ def determinable(network: Network, used: NDArray[np.bool_] | None = None, *, kno
         on = stays
 
 
-def ray_counts(network: Network, used: NDArray[np.bool_]) -> tuple[Index, Index]:
+def ray_counts(network: Network, used: Mask) -> tuple[Index, Index]:
     """Return in how many images each point (P,) is seen, and how many points each image (I,) sees, by the rays used."""
     rays = network.rays
     seen = np.zeros((len(network.image_pose), len(network.point_pose)), bool)
@@ -70,7 +70,7 @@ def ray_counts(network: Network, used: NDArray[np.bool_]) -> tuple[Index, Index]
     return seen.sum(0), seen.sum(1)
 
 
-def check_determined(network: Network, used: NDArray[np.bool_], known: bool) -> None:
+def check_determined(network: Network, used: Mask, known: bool) -> None:
     """Raise `UndeterminedNetworkError` that lists every point and image with some rays, but too few of them, every ray
     and distance that joins what is of different poses, and every covariance that is none."""
     rays, faults = network.rays, []
@@ -103,7 +103,7 @@ def check_determined(network: Network, used: NDArray[np.bool_], known: bool) -> 
         raise UndeterminedNetworkError("; ".join(faults))
 
 
-def _definite(covariance: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _definite(covariance: Array) -> Mask:
     """Mask (n,) of symmetric matrices (n, 2, 2) or (n, 3, 3) that are positive definite: leading minors above 0."""
     c = covariance
     minors = [c[:, 0, 0], c[:, 0, 0] * c[:, 1, 1] - c[:, 0, 1] * c[:, 1, 0]]

@@ -15,10 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import image_coordinates
-from truing.estimation.bundle.network import Array, Index, Network, State, format_centres, linearise, seen
+from truing.estimation.bundle.network import Network, State, format_centres, linearise, seen
 
 _ROUND = 12  # points of an ellipse that are distorted: the fit then is exact to terms of the fifth order
 
@@ -148,7 +148,7 @@ def _shapes(semi_axes: Array, angle: Array) -> Array:
     return (R * semi_axes[:, None, :] ** 2) @ R.swapaxes(1, 2)
 
 
-def _best_start(E: Array, W: Array, weight: Array, point: Index, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _best_start(E: Array, W: Array, weight: Array, point: Index, count: int) -> tuple[Array, Array, Mask]:
     """Return normals (P, 3), squared radii (P,) and whether no other normal fits nearly as well, out of the two that
     each image suggests."""
     values, vectors = np.linalg.eigh(W)

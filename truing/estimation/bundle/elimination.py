@@ -20,8 +20,8 @@ from numpy.lib.stride_tricks import as_strided
 from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dposv, dpotrf, dpotrs
 
+from truing.arrays import Array, Index
 from truing.estimation.bundle.datum import Freedom
-from truing.estimation.bundle.network import Array, Index
 from truing.estimation.bundle.normal_equations import Layout, NormalEquations, Observed, Step, Workspace
 
 # A distance's own information enters directly up to so many times that of its ends; the rest by a multiplier.

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Mask, Network, PoseNetwork, State
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, PoseNetwork, State
 from truing.estimation.bundle.orientation import FEWEST, Bundle, Resection, intersect, resect
 
 _ABREAST = 0.7  # images with so much of the best one's score are oriented in the same round

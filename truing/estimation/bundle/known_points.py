@@ -14,8 +14,9 @@ from itertools import combinations, islice
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.datum import movements
-from truing.estimation.bundle.network import Array, Index, Mask, Network, State
+from truing.estimation.bundle.network import Network, State
 from truing.estimation.bundle.snooping import Snooped
 from truing.estimation.rigid_poses.umeyama import umeyama
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.bundle.network import Array, Index
+from truing.arrays import Array, Index
 
 REFERENCE_TEMPERATURE_C = 20.0
 LINES, LENGTHS_PER_LINE = 7, 5  # what the guideline asks for

@@ -12,11 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.bundle.camera import Camera, derivatives, image_coordinates
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Names = NDArray[np.object_]
 Pose = int | str
 

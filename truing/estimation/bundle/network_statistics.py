@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.growing import format_cells
-from truing.estimation.bundle.network import Array, Index, Mask, Network, State
+from truing.estimation.bundle.network import Network, State
 from truing.estimation.bundle.orientation import sums
 
 

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.network import Array, Index, Network, State, format_centres
+from truing.estimation.bundle.network import Network, State, format_centres
 from truing.estimation.rotation import exp_so3
 
 
@@ -63,7 +64,7 @@ class Layout:
         return len(self.image_start) - 1
 
 
-def lay_out(network: Network, used: NDArray[np.bool_], known: bool) -> Layout:
+def lay_out(network: Network, used: Mask, known: bool) -> Layout:
     """Lay out the unknowns of the rays used (N,); known: whether known points take part."""
     rays = network.rays
     images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, network.poses)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truing.estimation.bundle.network import Array, Index, Mask
+from truing.arrays import Array, Index, Mask
 from truing.estimation.rotation import exp_so3, skew
 
 _TRIALS = 12  # pairs of rays tried per point

@@ -11,12 +11,12 @@ from functools import cached_property
 
 import numpy as np
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.datum import movements
-from truing.estimation.bundle.network import Array, Bars, Index
+from truing.estimation.bundle.network import Bars
 from truing.estimation.bundle.planning import (
     Layout,
     Limits,
-    Mask,
     PlannedNetwork,
     Prediction,
     Stations,

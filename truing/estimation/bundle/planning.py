@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.bundle_covariance import BundleCovariance
 from truing.estimation.bundle.camera import PARAMETERS, Camera, image_coordinates
 from truing.estimation.bundle.determinable import determinable
-from truing.estimation.bundle.network import Array, Bars, Index, KnownPoints, Network, Rays, State, linearise, project
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State, linearise, project
 from truing.estimation.rotation import rigid_motions
-
-Mask = NDArray[np.bool_]
 
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 _BEYOND = 1.2  # half formats from the middle, beyond which the polynomials of the distortion mean nothing

@@ -16,12 +16,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.datum import Freedom, freedoms
-from truing.estimation.bundle.network import Array, Index, Linearised, State, linearise, seen
+from truing.estimation.bundle.network import Linearised, State, linearise, seen
 from truing.estimation.bundle.normal_equations import Distances, Observed, distances_at
 from truing.estimation.rotation import rigid_motions
 
@@ -258,7 +258,7 @@ class RayChannels:
 
     value: Array
     root: Array
-    told: NDArray[np.bool_]
+    told: Mask
 
 
 def ray_channels(information: Array, score: Array) -> RayChannels:

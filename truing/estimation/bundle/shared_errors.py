@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.bundle.network import Array
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.ray_statistics import shared_errors
 from truing.estimation.rigid_poses.points import PointErrors
 from truing.inference.observations import Epochs
@@ -20,7 +20,7 @@ _LEAST_OWN = 0.05
 MOST_PATTERNS, _FEWEST_POINTS = 6, 4
 
 
-def with_shared_errors(poses: Epochs, rows: NDArray[np.int64], common: Array, errors: PointErrors | None) -> Epochs:
+def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointErrors | None) -> Epochs:
     """Return poses whose points share errors, as conditions of theirs, and not in the covariance of single points.
 
     rows (B, K): which of N points each is, -1 for none; common (N, 3, Q), m per standard deviation, errors that all
@@ -54,7 +54,7 @@ def with_shared_errors(poses: Epochs, rows: NDArray[np.int64], common: Array, er
     )
 
 
-def _held(own: Array, whole: NDArray[np.floating], seen: NDArray[np.bool_]) -> Array:
+def _held(own: Array, whole: NDArray[np.floating], seen: Mask) -> Array:
     """Return covariances (B, K, 3, 3) of points by themselves, no less than a share of the whole in any direction."""
     factor = np.linalg.cholesky(np.where(seen[..., None, None], whole, np.eye(3)))
     inverse = np.linalg.inv(factor)

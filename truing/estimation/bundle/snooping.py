@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.network import Array, Index, Mask, Network, State
+from truing.estimation.bundle.network import Network, State
 from truing.estimation.bundle.orientation import Bundle, intersect
 from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, grouped, updated
 

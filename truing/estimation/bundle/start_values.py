@@ -15,6 +15,7 @@ from itertools import islice
 
 import numpy as np
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.growing import (
     Grown,
     grow,
@@ -26,7 +27,7 @@ from truing.estimation.bundle.growing import (
     refined_together,
     reopened,
 )
-from truing.estimation.bundle.network import Array, Index, Markers, Mask, Network, PoseNetwork, State, pose_networks
+from truing.estimation.bundle.network import Markers, Network, PoseNetwork, State, pose_networks
 from truing.estimation.bundle.orientation import (
     FEWEST,
     FEWEST_COMMON,

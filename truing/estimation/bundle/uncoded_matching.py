@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import Camera, directions
-from truing.estimation.bundle.network import Array, Index, Mask
 from truing.estimation.bundle.orientation import Bundle, nearest_points, refine_points, sums
 from truing.estimation.rotation import skew
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment
-from truing.estimation.bundle.network import Array, Index, Mask, Network
+from truing.estimation.bundle.network import Network
 
 POOLED = -1  # instead of a camera's or a kind's number: several were too small
 _FEWEST = 30.0  # redundancy below which a group is pooled: its component would be known to 25 % at best

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from truing.arrays import Array, Index
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
 from truing.estimation.image_targets.marker_codes import dictionary
-from truing.estimation.image_targets.patch_fit import Array, PatchFit, bounded_blur, equations_of, fit_patches
+from truing.estimation.image_targets.patch_fit import PatchFit, bounded_blur, equations_of, fit_patches
 from truing.estimation.image_targets.square_markers import eight_bits
 
 _SEARCHED = 3_000_000  # pixels: in more, searching for a board takes longer than all that follows
@@ -51,7 +52,7 @@ class BoardCorners:
     """Corners of a board: number (N,) row by row from 0, xy_px (N, 2), cov_px2 (N, 2, 2), contrast (N,) in grey levels;
     and how many corners were refused, why. Corners of a chessboard count from the one whose outer square is dark."""
 
-    number: NDArray[np.int64]
+    number: Index
     xy_px: Array
     cov_px2: Array
     contrast: Array
@@ -86,7 +87,7 @@ def measure_board(grey: NDArray, plan: BoardPlan, noise: ImageNoise | None = Non
     return BoardCorners(number[pick], xy[pick], covariance[pick], np.abs(contrast[pick]), rejected)
 
 
-def _chessboard(grey: NDArray, plan: BoardPlan) -> tuple[NDArray[np.int64], Array]:
+def _chessboard(grey: NDArray, plan: BoardPlan) -> tuple[Index, Array]:
     """Numbers (N,) and places (N, 2) of the corners, rows running clockwise from columns; none where it is not seen."""
     import cv2
 
@@ -103,7 +104,7 @@ def _chessboard(grey: NDArray, plan: BoardPlan) -> tuple[NDArray[np.int64], Arra
     return np.arange(plan.columns * plan.rows), places.reshape(-1, 2)
 
 
-def _with_markers(grey: NDArray, plan: BoardPlan) -> tuple[NDArray[np.int64], Array]:
+def _with_markers(grey: NDArray, plan: BoardPlan) -> tuple[Index, Array]:
     """The same of a board with markers, as far as it is seen."""
     import cv2
 
@@ -132,7 +133,7 @@ def _reduced(grey: NDArray) -> tuple[NDArray[np.uint8], float]:
     return cv2.resize(plain, size, interpolation=cv2.INTER_AREA), plain.shape[1] / size[0]
 
 
-def _steps(number: NDArray[np.int64], places: Array, plan: BoardPlan) -> tuple[Array, Array]:
+def _steps(number: Index, places: Array, plan: BoardPlan) -> tuple[Array, Array]:
     """Vectors (N, 2) from each corner to the next along its row and along its column, by the board's homography."""
     import cv2
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.lane_arithmetic import compiled
-
-Array = NDArray[np.float64]
 
 # A pixel is compared with the mean of so many pixels square about it: an edge is told from its two sides at any size of
 # target and under any light, and of a large target a band along its edge remains, whose outline is the same.
@@ -34,7 +33,7 @@ class Candidates:
     centre_px: Array
     semi_axes_px: Array
     axis_angle_rad: Array
-    white: NDArray[np.bool_]
+    white: Mask
     rejected: Counter[str]
 
 

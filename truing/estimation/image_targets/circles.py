@@ -9,14 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.image_targets import edge_kernel as edge
 from truing.estimation.image_targets.candidates import Candidates, find_candidates
 from truing.estimation.image_targets.edge_kernel import SLOPE_X, SLOPE_Y
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
 from truing.estimation.image_targets.ring_codes import ROUND, Reading, RingCode, are_open, read_rings
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Radii are in units of the dot's. A code's ring begins at 2 and ends at 3.
 _INSIDE, _BESIDE = (0.35, 0.5, 0.65), (1.4, 1.5)
@@ -73,8 +71,8 @@ class ImageTargets:
     axis_angle_rad: Array
     contrast: Array
     white: Mask
-    family: NDArray[np.int64]
-    code: NDArray[np.int64]
+    family: Index
+    code: Index
     confidence: Array
     blur_px: Array
     rejected: Counter[str]
@@ -232,7 +230,7 @@ def _code_faults(grey: NDArray, fit: Array, reading: Reading, plan: CirclePlan) 
     return np.select(list(tests.values()), list(tests), "")
 
 
-def _of(reading: Reading, numbers: NDArray[np.int64]) -> Reading:
+def _of(reading: Reading, numbers: Index) -> Reading:
     """Return the readings of some rings, by number."""
     return Reading(*(getattr(reading, each.name)[numbers] for each in fields(Reading)))
 
@@ -275,7 +273,7 @@ def _noise_factor(fit: Array, noise: ImageNoise) -> Array:
     return np.where(arcs > usual * (1 + _WORSE * np.sqrt(2 / freedom)), arcs, usual)
 
 
-def _kept(faults: NDArray[np.str_], rejected: Counter[str]) -> NDArray[np.int64]:
+def _kept(faults: NDArray[np.str_], rejected: Counter[str]) -> Index:
     """Return the numbers of candidates without a fault, and count the others by theirs."""
     rejected.update(faults[faults != ""].tolist())
     return np.flatnonzero(faults == "")
@@ -305,7 +303,7 @@ def sample_ellipses(grey: NDArray, centre: Array, A: Array, radii: tuple[float, 
     return levels.reshape(-1, len(radii), count).astype(np.float64)
 
 
-def inside_image(grey: NDArray, centre: Array, A: Array, radius: float) -> NDArray[np.bool_]:
+def inside_image(grey: NDArray, centre: Array, A: Array, radius: float) -> Mask:
     """Mask (N,) of ellipses of so many times the target's size that lie in the image whole."""
     x, y = _places(centre, A, (radius,), 32)
     rows, columns = grey.shape

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truing.arrays import Array
 
 _TILE = 8
 _TILES = 6000  # of those that cover the picture, so many are looked at

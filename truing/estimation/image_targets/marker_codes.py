@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truing.arrays import Array, Index, Mask
 
 _ARUCO = {f"aruco{n}x{n}_{codes}": f"DICT_{n}X{n}_{codes}" for n in (4, 5, 6, 7) for codes in (50, 100, 250, 1000)}
 _DICTIONARIES = {
@@ -37,10 +37,10 @@ class Codes:
     and light cells (N,)."""
 
     quad: NDArray[np.intp]
-    family: NDArray[np.int64]
-    code: NDArray[np.int64]
-    errors: NDArray[np.int64]
-    first: NDArray[np.int64]
+    family: Index
+    code: Index
+    errors: Index
+    first: Index
     unclear: NDArray[np.float32]
 
 
@@ -116,7 +116,7 @@ def _bits(
     return quad, np.where(inner, np.float32(1.0), np.float32(-1.0)), unclear
 
 
-def _between(grey: NDArray[np.float32], light: NDArray[np.bool_]) -> NDArray[np.float32]:
+def _between(grey: NDArray[np.float32], light: Mask) -> NDArray[np.float32]:
     """Variance (Q,) between the two kinds of cells (Q, n)."""
     share = light.mean(1, dtype=np.float32)
     apart = grey.mean(1, where=light) - grey.mean(1, where=~light)
@@ -164,7 +164,7 @@ def _of_unit_square(corners: Array, at: NDArray[np.float32]) -> tuple[NDArray[np
     return x.reshape(-1, len(at)), y.reshape(-1, len(at))
 
 
-def _light(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _light(grey: NDArray[np.float32]) -> Mask:
     """Which cells (Q, n) are light: above the middle between the means of dark and light."""
     total, count = grey.sum(1), grey.shape[1]
     light = grey > 0.5 * (grey.min(1) + grey.max(1))[:, None]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truing.arrays import Array, Index, Mask
+
 Model = Callable[[Array, NDArray[np.intp]], tuple[Array, Array]]
 """Grey values (n, M) and their derivatives (n, M, U) at unknowns (n, U) of the patches (n,) by number."""
 Equations = Callable[[Array, NDArray[np.intp]], tuple[Array, Array, Array]]
@@ -30,7 +31,7 @@ class PatchFit:
     covariance: Array
     chi2: Array
     freedom: Array
-    settled: NDArray[np.bool_]
+    settled: Mask
 
     @property
     def enlarged(self) -> Array:
@@ -39,7 +40,7 @@ class PatchFit:
         return np.where(ratio > 1.0 + 4.0 * np.sqrt(2.0 / np.maximum(self.freedom, 1.0)), ratio, 1.0)
 
 
-def fit_patches(equations: Equations, start: Array, pixels: NDArray[np.int64]) -> PatchFit:
+def fit_patches(equations: Equations, start: Array, pixels: Index) -> PatchFit:
     """Fit the unknowns (P, U) of P patches with so many pixels (P,), by Levenberg-Marquardt: each patch is damped by
     itself, and done with when it is settled."""
     values = start.copy()

@@ -9,13 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.image_targets.boards import BoardPlan, measure_board
 from truing.estimation.image_targets.circles import CirclePlan, measure_circles
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
 from truing.estimation.image_targets.ring_codes import family_of_rings
 from truing.estimation.image_targets.square_markers import measure_markers
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from truing.arrays import Array, Mask
 from truing.estimation import lane_arithmetic
 from truing.estimation.image_targets import edge_picture
 from truing.estimation.image_targets.edge_picture import INV_SQRT2PI, decay, upper_tail
 from truing.estimation.image_targets.image_noise import ImageNoise
-from truing.estimation.image_targets.patch_fit import SHARPEST, SOFTEST, Array, PatchFit, fit_patches
+from truing.estimation.image_targets.patch_fit import SHARPEST, SOFTEST, PatchFit, fit_patches
 from truing.estimation.lane_arithmetic import compiled, inner, summing
 
 _REACH = 48.0  # px
@@ -176,14 +177,12 @@ def _fit_chunk(
     return fit_patches(equations, start, (weight > 0.0).sum(1))
 
 
-def _mean(picture: Array, mask: NDArray[np.bool_], otherwise: float) -> Array:
+def _mean(picture: Array, mask: Mask, otherwise: float) -> Array:
     count = mask.sum(1)
     return np.where(count > 0, (picture * mask).sum(1) / np.maximum(count, 1), otherwise)
 
 
-def _pixels(
-    grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _pixels(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array) -> tuple[Array, Array, Array, Mask]:
     """Grey values (n, M) in the bands, how far along the edge (0..1) and across it (px, outside positive) they lie, and
     which of them count."""
     start, side = edges.start[chosen], edges.end[chosen] - edges.start[chosen]
@@ -212,7 +211,7 @@ def _pixels(
     return picture, np.ascontiguousarray(t), np.ascontiguousarray(d), np.arange(d.shape[1]) < count[:, None]
 
 
-def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> NDArray[np.bool_]:
+def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> Mask:
     """Edges (E,) that are there: dark inside, light outside, clear of noise, and much like the picture of an edge."""
     values = fit.values
     contrast, ground = values[:, CONTRAST], values[:, GROUND]

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truing.arrays import Array, Index, Mask
 
 _ANY = "_any"
 ROUND = 168  # samples round a ring: each segment of 8, 12 and 14 has a whole number of them
@@ -117,12 +116,12 @@ class Reading:
     (N, ROUND) of the word read, 0 or 1 at every sample; unreadable (N,) where something is there that is no code, and
     ambiguous (N,) where that is because it would be a code of another family as well."""
 
-    family: NDArray[np.int64]
-    number: NDArray[np.int64]
+    family: Index
+    number: Index
     confidence: Array
     ring: Array
-    unreadable: NDArray[np.bool_]
-    ambiguous: NDArray[np.bool_]
+    unreadable: Mask
+    ambiguous: Mask
 
 
 def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = None) -> Reading:
@@ -168,7 +167,7 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
     )
 
 
-def are_open(rims: Array, ring: Array) -> NDArray[np.bool_]:
+def are_open(rims: Array, ring: Array) -> Mask:
     """Mask (N,) of rings, read as ring (N, ROUND), that show nothing near their rims, by levels (N, R, ROUND), where
     they are not set: what hides a segment in the colour of the ground seldom leaves no sliver of it."""
     smooth = (np.roll(rims, 1, axis=-1) + rims + np.roll(rims, -1, axis=-1)) / 3
@@ -183,7 +182,7 @@ class _Fit:
     the mean of a segment's core is off its bit at most, rms of cores about it, mean square of all samples about it, and
     range of the middles of segments that are not set."""
 
-    word: NDArray[np.int64]
+    word: Index
     ring: Array
     off: Array
     rough: Array
@@ -224,7 +223,7 @@ def _fit(levels: Array, bits: int) -> _Fit:
     return _Fit(bit @ (1 << np.arange(bits)[::-1]), ring, off, rough, left[each, phase], uneven)
 
 
-def _look_up(code: RingCode, words: NDArray[np.int64]) -> NDArray[np.int64]:
+def _look_up(code: RingCode, words: Index) -> Index:
     """Return the numbers (N,) of words (N,) at any turn, -1 where a word is no code."""
     table = _numbers_of_turns(code)
     return np.array([table.get(word, -1) for word in words.tolist()], np.int64)

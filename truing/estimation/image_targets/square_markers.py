@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
 from truing.estimation.image_targets.marker_codes import Codes, cells_across, read_codes
 from truing.estimation.image_targets.quad_corners import refine_quads
-
-Array = NDArray[np.float64]
 
 _LARGE = 6_000_000  # pixels; larger images are searched at half their size
 _LEAST_OUTLINE, _LEAST_SHARE = 80.0, 0.03  # px of an outline, or as a share of the image's longer side if that is less
@@ -31,9 +30,9 @@ class MarkerCorners:
     seen; xy_px (N, 2), cov_px2 (N, 2, 2), contrast (N,) in grey levels; and how many markers were refused, why.
     """
 
-    family: NDArray[np.int64]
-    code: NDArray[np.int64]
-    corner: NDArray[np.int64]
+    family: Index
+    code: Index
+    corner: Index
     xy_px: Array
     cov_px2: Array
     contrast: Array
@@ -99,7 +98,7 @@ def _best(read: Codes, corners: Array) -> NDArray[np.intp]:
     return np.flatnonzero(_first_at_its_place(corners, order, read.family))
 
 
-def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: Index) -> Mask:
     """Which of the quadrangles (N, 4, 2) have none about the same place, of their group (N,), before them in order."""
     centre, size = corners.mean(1), np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
     apart = np.linalg.norm(centre[:, None] - centre, axis=2)
@@ -137,7 +136,7 @@ def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.rint(stretched).astype(np.uint8))
 
 
-def _once(corners: Array, read: Codes, rejected: Counter[tuple[int, str]]) -> NDArray[np.bool_]:
+def _once(corners: Array, read: Codes, rejected: Counter[tuple[int, str]]) -> Mask:
     """Markers (Q,) that are read as one code, the clearest, and whose code stands in the image once."""
     # A code may belong to several families: then it is of the first that was asked for.
     order = np.lexsort((read.family, read.unclear))

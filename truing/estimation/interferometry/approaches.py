@@ -8,10 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from truing.arrays import Array, Index, Mask
 
 _BITS = range(8, 41)  # no encoder counts further than 2^40, and 2^7 steps are no overflow but a reversal
 _ROUNDED = 1e-13  # of the positions: as near as their numbers tell two apart
@@ -206,7 +204,7 @@ class RowJump:
     p_value: float
 
 
-def row_jump(deviation: Array, row_order: NDArray[np.int64], floor: float = 0.0) -> RowJump | None:
+def row_jump(deviation: Array, row_order: Index, floor: float = 0.0) -> RowJump | None:
     """Return the step from some row on that explains most of what approaches of one target and direction differ by.
 
     deviation and row_order (P, 2, C): the place of each in the order taken. ``floor``: the smallest scatter, as the

@@ -6,14 +6,13 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, RecordedSteps
 from truing.estimation.response import ResponseFit, birge, fit_response
 from truing.estimation.uncertainty_budget import Budget, Source, beyond_declared, budget, linear_estimate
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _LOST = 1e-9  # share of an entry in directions that the loads leave open, above which it is unknown
 BY_LOADS = Source("applied loads, as declared", "B")
 GEOMETRY = Source("geometry of the beams", "B")
@@ -39,7 +38,7 @@ def fit_compliance(
     wrench: ArrayLike,
     displacement: ArrayLike,
     covariance: ArrayLike,
-    run: NDArray[np.int64],
+    run: Index,
     *,
     form: Literal["linear", "matrix"] = "matrix",
     zero_covariance: Array | None = None,
@@ -72,7 +71,7 @@ def fit_compliance(
     )
 
 
-def _determined(u: Array, seen: Mask, run: NDArray[np.int64], form: str, free_zero: bool) -> Mask:
+def _determined(u: Array, seen: Mask, run: Index, form: str, free_zero: bool) -> Mask:
     """Which entries (6, D) the drives determine: of each component, by the steps in which it was seen."""
     weight = seen.T.astype(float)  # (6, N)
     moved = np.broadcast_to(u, (len(weight), *u.shape))
@@ -93,7 +92,7 @@ def _determined(u: Array, seen: Mask, run: NDArray[np.int64], form: str, free_ze
 
 
 def left_out_runs(
-    wrench: ArrayLike, displacement: ArrayLike, variance: ArrayLike, run: NDArray[np.int64], form: str = "matrix"
+    wrench: ArrayLike, displacement: ArrayLike, variance: ArrayLike, run: Index, form: str = "matrix"
 ) -> Array:
     """Return displacements (N, 6) less what all other runs predict, each run from a zero of its own.
 
@@ -109,7 +108,7 @@ def left_out_runs(
     return found
 
 
-def _by_others(u: Array, y: Array, variance: Array, run: NDArray[np.int64]) -> Array:
+def _by_others(u: Array, y: Array, variance: Array, run: Index) -> Array:
     """Residuals (N,) of each run against the fit to all others, drives (N, D) and responses less their run's mean."""
     runs, number = np.unique(run, return_inverse=True)
     member = (number[:, None] == np.arange(len(runs))) / variance[:, None]
@@ -233,12 +232,12 @@ class Loaded:
     by_loads: Array = field(default_factory=lambda: np.zeros(6))
 
     @property
-    def fitted(self) -> NDArray[np.bool_]:
+    def fitted(self) -> Mask:
         """Which steps (B,) models may be fitted to."""
         return ~self.steps.held_out
 
     @property
-    def data(self) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    def data(self) -> tuple[Array, Array, Array, Index]:
         """Loads (N, 6), readings (N, 6), their covariance (N, 6, 6) and runs (N,) of these steps."""
         rows = self.fitted
         covariance = np.where(np.eye(6, dtype=bool), self.variance[rows][:, None, :], 0.0)
@@ -264,7 +263,7 @@ def reference_fits(loaded: Loaded, simulated: Array | None) -> dict[str, Respons
 class KeptReadings:
     """Which readings (B, 6) were not rejected, their sigma; what geometry adds to them, and one sigma of that; SI."""
 
-    kept: NDArray[np.bool_]
+    kept: Mask
     sigma: Array
     added: Array
     added_sigma: Array
@@ -286,7 +285,7 @@ def with_spread(found: Compliance, spread: Array) -> Compliance:
     return replace(found, sigma=np.hypot(found.sigma, own), covariance=covariance)
 
 
-def from_own_zero(residual: Array, run: NDArray[np.int64]) -> Array:
+def from_own_zero(residual: Array, run: Index) -> Array:
     """Return residuals (N, 6) less the mean of their own run, which no model can predict."""
     left = np.array(residual)
     for one in np.unique(run):

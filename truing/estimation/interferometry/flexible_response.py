@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
+from truing.arrays import Array, Index, Mask
+
 _CREEP_PACES = (2.0, 10.0)  # time constants in steps: what creeps faster or slower shows in these or in the drift
 _MOST_COLUMNS = 0.6  # of the readings
 _GROSS = 6.0

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 
-Array = NDArray[np.float64]
 _FAR = 6.0  # sigmas of a reading from zero at which a run cannot have begun, were it to count from its own start
 _BY_CHANCE = 1e-4  # that the starts of a channel's runs scatter as they do
 _FEWEST = 6  # runs whose starts a column may explain
@@ -27,7 +27,7 @@ PLAIN: tuple[Term, ...] = ("zero", "drift", "response")
 _OPEN = 1e-8  # share of a column, squared, that the others have to leave of it
 
 
-def start_rows(steps: RecordedSteps) -> NDArray[np.int64]:
+def start_rows(steps: RecordedSteps) -> Index:
     """(R, 6) the row of the first reading of each run and channel; -1 where it was taken under load, or none was."""
     found = np.full((len(steps.runs), 6), -1)
     empty = np.asarray(~steps.load.any(axis=1))
@@ -38,12 +38,12 @@ def start_rows(steps: RecordedSteps) -> NDArray[np.int64]:
     return found
 
 
-def at_starts(values: Array, rows: NDArray[np.int64]) -> Array:
+def at_starts(values: Array, rows: Index) -> Array:
     """Values (B, 6) of the rows (R, 6) that runs begin with; NaN where there is none."""
     return np.where(rows < 0, np.nan, values[rows, np.arange(6)])
 
 
-def begun_far(start: Array, sigma: Array) -> NDArray[np.bool_]:
+def begun_far(start: Array, sigma: Array) -> Mask:
     """Which runs (R, 6) begin so far from zero that they cannot count from there; sigma (6,) or (R, 6) of a reading."""
     with np.errstate(invalid="ignore"):
         return np.abs(start) > _FAR * sigma
@@ -55,11 +55,11 @@ class Zeros:
     than noise lets them; and which runs (R, 6) begin far off by themselves."""
 
     start: Array
-    scatter: NDArray[np.bool_]
-    far: NDArray[np.bool_]
+    scatter: Mask
+    far: Mask
 
     @property
-    def wrong(self) -> NDArray[np.bool_]:
+    def wrong(self) -> Mask:
         """Channels (6,) with a run that cannot count from its own start."""
         return np.asarray(self.scatter | self.far.any(axis=0))
 
@@ -98,7 +98,7 @@ def _by_chance(squares: Array, freedom: int) -> float:
     return float(chdtrc(freedom, squares.sum())) if freedom > 0 else 1.0
 
 
-def _follows(z: Array, steps: RecordedSteps, rows: NDArray[np.int64]) -> bool:
+def _follows(z: Array, steps: RecordedSteps, rows: Index) -> bool:
     """Whether a straight line in a column of the steps' rows (N,) leaves no more than chance of so many sigmas (N,)."""
     if len(z) < _FEWEST:
         return False
@@ -111,7 +111,7 @@ def _follows(z: Array, steps: RecordedSteps, rows: NDArray[np.int64]) -> bool:
     return False
 
 
-def branches(load: ArrayLike) -> NDArray[np.int64]:
+def branches(load: ArrayLike) -> Index:
     """Return for steps (N,) in the order in which they were taken: 1 where the load grew away from zero (or changed
     its sign), -1 where it came back, and the branch before where it stayed; 0 until it first moves.
 
@@ -257,9 +257,7 @@ def branch_gap(load: ArrayLike, reading: ArrayLike, sigma: float) -> BranchGap:
     return BranchGap(levels[met], (np.sign(levels) * (means[0] - means[1]))[met], spread[met])
 
 
-def widest_gaps(
-    load: Array, run: NDArray[np.int64], reading: Array, sigma: Array
-) -> dict[tuple[int, int], tuple[float, float]]:
+def widest_gaps(load: Array, run: Index, reading: Array, sigma: Array) -> dict[tuple[int, int], tuple[float, float]]:
     """By axis of load and channel: the widest mean gap over the runs that load this axis alone, and the probability of
     such gaps by chance.
 

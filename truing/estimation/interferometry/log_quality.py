@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.load_run import RunFit
 from truing.estimation.interferometry.quadrature import Jump, find_jump
 from truing.estimation.quality import Scatter
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
 
 _SAME_SIZE = 0.5  # of the logarithm of a factor: within a factor of 1.6, responses are of a size
 _FEWEST_AT_WALL, _FEWEST_AT_DRIVES = 8, 3

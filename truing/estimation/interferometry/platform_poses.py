@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.load_run import at_starts, begun_far, branches, start_rows
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import RunCurves, run_curves
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _RELATIVE = 1e-10  # eigenvalue of the information, its diagonal scaled to one, below which a direction is unknown
 BRANCHES = ("unloading", "unloaded", "loading")
 # Of the largest load of its axis: loads that differ by less are the same.
@@ -44,12 +43,12 @@ class PlatformDisplacement:
         return self.gain[first] @ self.shared_covariance @ self.gain[second].T
 
 
-def zero_columns(run: NDArray[np.int64]) -> Array:
+def zero_columns(run: Index) -> Array:
     """Return columns (N, G) of the zeros that readings of runs 0 .. G-1 count from."""
     return (np.asarray(run)[:, None] == np.arange(int(np.max(run, initial=-1)) + 1)).astype(float)
 
 
-def drift_columns(run: NDArray[np.int64], time_s: ArrayLike) -> Array:
+def drift_columns(run: Index, time_s: ArrayLike) -> Array:
     """Return columns (N, G) of the drifts of runs 0 .. G-1, per second since the first reading of each."""
     member = zero_columns(run)
     time = np.asarray(time_s, float)
@@ -61,7 +60,7 @@ def platform_displacement(
     rows: Array,
     reading: ArrayLike,
     sigma: ArrayLike,
-    case: NDArray[np.int64],
+    case: Index,
     shared: Array,
     shared_sigma: ArrayLike,
 ) -> PlatformDisplacement:
@@ -121,7 +120,7 @@ def _inverse_of_shared(told: Array) -> Array:
     return np.linalg.inv(scaled) / np.outer(scale, scale)
 
 
-def _inverse_where_known(information: Array) -> tuple[Array, Mask, NDArray[np.int64]]:
+def _inverse_where_known(information: Array) -> tuple[Array, Mask, Index]:
     """Pseudo-inverses (K, 6, 6), which components (K, 6) lie wholly in what is known, and its rank (K,)."""
     size = np.sqrt(np.einsum("kii->ki", information))
     scale = np.where(size > 0.0, size, 1.0)
@@ -210,8 +209,8 @@ def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
 
 
 def _of_channel(
-    steps: RecordedSteps, cases: LoadCases, sigma: Array, rows: NDArray[np.int64], k: int
-) -> tuple[PlatformDisplacement, NDArray[np.int64], Mask]:
+    steps: RecordedSteps, cases: LoadCases, sigma: Array, rows: Index, k: int
+) -> tuple[PlatformDisplacement, Index, Mask]:
     """Displacements by one channel, its runs, and which of them tell their own drift: they came back to a load.
 
     The zero of a run is one reading. Nothing is known of its drift before.
@@ -236,7 +235,7 @@ def _rescaled(found: PlatformDisplacement, factor: Array) -> PlatformDisplacemen
     return replace(found, shared=found.shared * factor, shared_covariance=covariance, gain=found.gain / factor)
 
 
-def _comes_back(case: NDArray[np.int64], time: Array) -> bool:
+def _comes_back(case: Index, time: Array) -> bool:
     """Whether a run visits a load case at two times at least."""
     visits = np.unique(case, return_inverse=True)[1]
     low, high = np.full(visits.max() + 1, np.inf), np.full(visits.max() + 1, -np.inf)
@@ -250,11 +249,11 @@ class LoadCases:
     """K load cases: which one each of B steps belongs to, the loads (K, 6), the branch (K,) of BRANCHES, and whether
     nothing may be fitted to it (K,). ``branch_of_step`` (B,)."""
 
-    of_step: NDArray[np.int64]
+    of_step: Index
     load: Array
-    branch: NDArray[np.int64]
-    held_out: NDArray[np.bool_]
-    branch_of_step: NDArray[np.int64]
+    branch: Index
+    held_out: Mask
+    branch_of_step: Index
 
 
 def load_cases(steps: RecordedSteps) -> LoadCases:

@@ -12,10 +12,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.least_squares.solver import SolverStatus, least_squares
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 PARAMETERS = ("x0", "y0", "a", "b", "lag")
 _NEAREST_STEPS = 6  # of Newton, to the nearest point of the ellipse
 _MOST_ITERATIONS = 40  # an arc that fixes the ellipse needs some ten
@@ -328,7 +327,7 @@ class Jump:
     p_value (G,): over all onsets; left (G, N): what the design does not explain, with the jump taken out.
     """
 
-    onset: NDArray[np.int64]
+    onset: Index
     size: Array
     sigma: Array
     p_value: Array
@@ -382,8 +381,8 @@ class Slip:
     such series.
     """
 
-    onset: NDArray[np.int64]
-    count: NDArray[np.int64]
+    onset: Index
+    count: Index
     size: Array
     sigma: Array
     p_value: Array

@@ -9,16 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from truing.arrays import Array, Index, Mask
+
 LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 ARCSECOND = np.pi / 180.0 / 3600.0
 # What one unit of a channel's readings is in SI.
 READING_SI = np.array([1e-6] * 3 + [ARCSECOND] * 3)
 READING_UNITS = ("um",) * 3 + ("arcsec",) * 3
-Index = NDArray[np.int64]
 REFERENCE_C = 20.0  # ISO 1
 
 
@@ -32,14 +32,14 @@ class RecordedSteps:
     """
 
     runs: tuple[int | str, ...]
-    run: NDArray[np.int64]
-    step: NDArray[np.int64]
+    run: Index
+    step: Index
     time_s: Array
     load: Array
     reading: Array
     sigma: Array
     signal: Array
-    held_out: NDArray[np.bool_]
+    held_out: Mask
     covariates: Mapping[str, Array]
 
     @property
@@ -47,7 +47,7 @@ class RecordedSteps:
         """The names of the signal channels: v1, v2, .."""
         return tuple(f"v{number + 1}" for number in range(self.signal.shape[1]))
 
-    def chosen(self, rows: NDArray[np.bool_]) -> RecordedSteps:
+    def chosen(self, rows: Mask) -> RecordedSteps:
         """Some of the steps; runs keep their numbers."""
         own = ("run", "step", "time_s", "load", "reading", "sigma", "signal", "held_out")
         covariates = {name: values[rows] for name, values in self.covariates.items()}

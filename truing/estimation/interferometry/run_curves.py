@@ -9,12 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.load_run import branches
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _FALSE_REJECTIONS = 0.05  # expected in a whole campaign
 _NORMAL_MEDIAN = 0.6745
@@ -38,7 +35,7 @@ class RunCurves:
     sigma: Array
 
 
-def run_curves(load: Array, time_s: Array, run: NDArray[np.int64], reading: Array, sigma: Array) -> RunCurves:
+def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Array) -> RunCurves:
     """Fit a curve to every run and channel of readings (B, K) under loads (B, 6); sigma NaN where undeclared.
 
     Of at most 0.05 good readings in a campaign it is expected that they are rejected.
@@ -96,11 +93,11 @@ class _Batch:
     columns: Array
     y: Array
     seen: Mask
-    terms: NDArray[np.int64]
-    channel: NDArray[np.int64]
+    terms: Index
+    channel: Index
 
     @classmethod
-    def of(cls, pieces: list[tuple[NDArray[np.int64], int]], columns: list[Array], reading: Array) -> _Batch:
+    def of(cls, pieces: list[tuple[Index, int]], columns: list[Array], reading: Array) -> _Batch:
         width = max((len(rows) for rows, _ in pieces), default=0)
         size = max((one.shape[1] for one in columns), default=0)
         held, y = np.zeros((len(pieces), width, size)), np.zeros((len(pieces), width))

@@ -6,20 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.covariance import apply_rotation, relative_slope
 from truing.estimation.rigid_poses.correlated_poses import PointsOfBodies, by_survey, joint_motions
 from truing.estimation.rigid_poses.points import PointErrors, PosePoints
 from truing.estimation.rotation import rigid_motions
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
 _FEWEST = 3
 
 
-def frame_covariance(points: Array, noise: Array, used: NDArray[np.bool_]) -> Array:
+def frame_covariance(points: Array, noise: Array, used: Mask) -> Array:
     """(B, 6, 6) covariance of a frame (p, theta; body axes) fitted to the used targets.
 
     points (T, 3) in the body frame; noise (B, T, 3, 3) per target in body axes; used (B, T). Directions that the
@@ -32,7 +29,7 @@ def frame_covariance(points: Array, noise: Array, used: NDArray[np.bool_]) -> Ar
     return np.linalg.pinv(information, rcond=1e-12, hermitian=True)
 
 
-def residual_covariance(points: Array, noise: Array, used: NDArray[np.bool_], seen: NDArray[np.bool_]) -> Array:
+def residual_covariance(points: Array, noise: Array, used: Mask, seen: Mask) -> Array:
     """(B, 3T, 3T) covariance of the residuals of all targets, those used for the frame and those judged in it.
 
     points (T, 3), noise (B, T, 3, 3) in body axes, used and seen (B, T). A residual is ``e_a - J_a delta``
@@ -51,7 +48,7 @@ def residual_covariance(points: Array, noise: Array, used: NDArray[np.bool_], se
     return (covariance * both[:, :, None, :, None]).reshape(batch, 3 * count, 3 * count)
 
 
-def redundancy(points: Array, used: NDArray[np.bool_]) -> Array:
+def redundancy(points: Array, used: Mask) -> Array:
     """(B, T, 3) share of each coordinate's own error that a fit to the used targets (B, T), equally weighted,
     leaves in its residual (Baarda's redundancy number); zero where not used. Sums to 3 n - 6 per entry of the batch.
     """

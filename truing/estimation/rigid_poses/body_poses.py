@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.covariance import relative, relative_of_pair, survey_frame_covariance
 from truing.estimation.rigid_poses.haralick import haralick
 from truing.estimation.rigid_poses.points import FittedPoints, PosePoints, SurveyPoints
@@ -18,8 +19,6 @@ from truing.estimation.rigid_poses.robust_pose import robust_poses, sigma_from_d
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.uncertainty_budget import Source
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 NOT_A_REFERENCE = "attachment: not part of the frame"
 NOT_SURVEYED = "not in the survey"
 # Share of the coordinates below which points are not told apart, where no noise was declared and none shows.
@@ -49,7 +48,7 @@ class BodyPoses:
     residual: Array
     used: Mask
     rejected: Mask
-    rejections: dict[str, NDArray[np.int64]]
+    rejections: dict[str, Index]
     reason: NDArray[np.object_]
     noise_ratio: float
     source: Array
@@ -292,7 +291,7 @@ def _noise(source: Array, points: PosePoints, usable: Mask) -> Array:
 
 
 def seen_from(
-    base: BodyPoses, fit: RigidFit, method: str, cross: NDArray[np.float64] | None = None
+    base: BodyPoses, fit: RigidFit, method: str, cross: Array | None = None
 ) -> tuple[Any, Any, Any, NDArray[np.object_]]:
     """R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body seen from the base, and the status (B,) of the pair.
 
@@ -328,7 +327,7 @@ def largest_motion(body: BodyPoses, other: BodyPoses) -> Array:
     return np.where(body.points.seen, distance, 0.0).max(axis=1)
 
 
-def _scatter(residual: Array, used: NDArray[np.bool_], R: Array, points: PosePoints) -> tuple[float, float]:
+def _scatter(residual: Array, used: Mask, R: Array, points: PosePoints) -> tuple[float, float]:
     """How much residuals scatter about their targets' means, over the declared noise of the points, and its freedom;
     1 where it is no larger than chance makes it.
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.special import chdtri
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.covariance import apply_rotation, fit_gain, survey_frame_covariance, symmetric
 from truing.estimation.rigid_poses.body_poses import BodyPoses
 from truing.estimation.rigid_poses.points import PointErrors
@@ -30,9 +31,6 @@ _SETTLED = 1e-12
 _CONTROLLED = 1e-6
 # Share of the mean variance below which nothing is known.
 _EXACT = 1e-10
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 _MEDIAN_TEST = float(chdtri(3, 0.5))
 _WORTH_A_RATIO = 1.2
 _FEWEST = 3
@@ -302,7 +300,7 @@ class _Filled:
     R: Array
     t: Array
     covariance: Array
-    n_used: NDArray[np.int64]
+    n_used: Index
     used: Mask
     dropped: Mask
     cross: dict[str, Array]

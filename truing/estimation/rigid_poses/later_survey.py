@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FALSE_ALARM = 0.01  # of a body in which nothing moved: that any of its targets is said to have
 _CONTRADICTED = 0.01  # the others' scatter: rarer by chance, and it takes the place of the declared noise
@@ -128,7 +126,7 @@ def _held_against(x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: f
     )
 
 
-def _p_values(square: Array, others: Array, freedom: NDArray[np.int64]) -> Array:
+def _p_values(square: Array, others: Array, freedom: Index) -> Array:
     """(T,) by the declared noise, or by the scatter of the others where that contradicts it."""
     from scipy.special import chdtrc, fdtrc
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from truing.arrays import Array, Index, Mask
+
 LEAST_FRAME = 3  # targets that make a frame
 _ROUNDING = 1e-6  # of a variance, below which a difference of two is none
 
@@ -21,10 +20,10 @@ class SurveyPoints:
     targets: tuple[str, ...]
     points: Array
     cov: Array
-    leg: NDArray[np.int64]
+    leg: Index
 
     @property
-    def frame(self) -> NDArray[np.bool_]:
+    def frame(self) -> Mask:
         """(T,) which targets make the body's frame: those away from the legs, or all where these are too few."""
         away = self.leg == 0
         return away if away.sum() >= LEAST_FRAME else np.ones_like(away)
@@ -39,7 +38,7 @@ class PosePoints:
     targets: tuple[str, ...]
     points: Array
     cov: Array
-    seen: NDArray[np.bool_]
+    seen: Mask
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class FittedPoints:
 
     points: PosePoints
     residual: Array
-    used: NDArray[np.bool_]
+    used: Mask
     R: Array
     t: Array
 
@@ -120,11 +119,11 @@ class PointResiduals:
     none; which it rejected, and which a person excluded."""
 
     values: Array
-    rejected: NDArray[np.bool_]
-    excluded: NDArray[np.bool_]
+    rejected: Mask
+    excluded: Mask
 
     @property
-    def fitted(self) -> NDArray[np.bool_]:
+    def fitted(self) -> Mask:
         """Return which points have a residual and were not rejected."""
         return np.asarray(np.isfinite(self.values).all(-1) & ~self.rejected)
 

@@ -8,15 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import Calibration, MatrixEstimate, calibration_matrix, wrenches
 from truing.estimation.sensor.contenders import by_cases, contenders, covariance_by_case, hold_out
 from truing.estimation.sensor.load_table import LoadTable, Recorded
 from truing.estimation.uncertainty_budget import Budget, Source, budget, linear_estimate
 
-Array = NDArray[np.float64]
 BY_LOADS = Source("applied loads, as declared", "B")
 _BY_CHANCE = 0.01
 
@@ -107,7 +106,7 @@ def budget_of_matrix(made: Calibrated) -> tuple[Array, Budget]:
     return calibration_matrix(made.fit, cov).value, told.beside(made.cases, more).filled()
 
 
-def budget_of_loads(made: Calibrated, loads: Array, axes: NDArray[np.int64]) -> tuple[Array, Budget]:
+def budget_of_loads(made: Calibrated, loads: Array, axes: Index) -> tuple[Array, Budget]:
     """Loads (N,), each along the axis (N,) alone that loads (N, W) name, as one reading of the signals tells them."""
     fit, table = made.fit, made.table
     none = np.zeros((len(axes), table.covariates.shape[1]))

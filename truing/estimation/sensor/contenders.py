@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.held_out import Choice, Contender, choose_model
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.least_squares.solver import SolverStatus
@@ -28,7 +29,6 @@ from truing.estimation.sensor.calibration import (
 )
 from truing.estimation.sensor.load_table import LoadTable, Recorded
 
-Array = NDArray[np.float64]
 AS_PRINTED = CalibrationModel()
 _RIDGE = 1.0
 _MOST_CASES = 48  # more runs are left out some at a time
@@ -311,7 +311,7 @@ def contenders(found: Recorded) -> list[CalibrationModel]:
     return list(dict.fromkeys([*models, CalibrationModel(zero=zero, powers="products")]))
 
 
-def by_cases(found: Recorded, rows: NDArray[np.bool_]) -> tuple[LoadTable, str]:
+def by_cases(found: Recorded, rows: Mask) -> tuple[LoadTable, str]:
     """The table with the largest load cases that can be left out: runs, else either sign of the load in a run, else
     all readings of one load."""
     steps = found.steps

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array
 from truing.estimation.sensor.load_table import Recorded
 
 _CHANCE = 0.05
 _SAME = 1e-9  # of the largest load: loads that differ by less are the same step
 Combinations = tuple[NDArray, NDArray]  # (M, N) of readings, and the load (M,) that each is about
-Array = NDArray[np.float64]
 CREEP_S = (30.0, 300.0)  # ISO 376, by common account
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
 
-Array = NDArray[np.float64]
 _UNLIKELY = 1e-3  # of zeros that differ so much from run to run by noise alone
 
 
@@ -139,7 +139,7 @@ class Recorded:
     excluded: int
     put_right: int
 
-    def table(self, rows: NDArray[np.bool_], case: NDArray) -> LoadTable:
+    def table(self, rows: Mask, case: NDArray) -> LoadTable:
         """Some steps as a table of calibration loads, with the case of every step (B,)."""
         return load_table(
             self.signal[rows],
@@ -155,7 +155,7 @@ class Recorded:
 
 
 def zeros_of_runs(
-    steps: RecordedSteps, signal: Array, sigma: Array, covariate: Array, good: NDArray[np.bool_]
+    steps: RecordedSteps, signal: Array, sigma: Array, covariate: Array, good: Mask
 ) -> tuple[Array, bool]:
     """Mean unloaded signal (R, C) of every run, and whether runs differ in it by more than noise and temperature do.
 

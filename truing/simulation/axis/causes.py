@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Index, Mask
 from truing.inference.model import ChannelCandidates
 from truing.simulation.axis.rows import (
     LINEAR,
@@ -153,7 +154,7 @@ class ZeroShift(AxisCause):
         """Return every element whose zero readings would show, after each event; other onsets are told by profiles."""
         found: list[ZeroShift] = []
         for event, start in scene.rows.events:
-            late: NDArray[np.bool_] = np.greater_equal(scene.rows.time_s, start)
+            late: Mask = np.greater_equal(scene.rows.time_s, start)
             first = int(np.argmin(np.where(late, scene.rows.time_s, np.inf)))
             if late.any() and _both_sides(scene, late[None])[0].any():
                 found += [self._of(scene, name, first, start, event) for name in shown_elements(scene.axis)]
@@ -164,7 +165,7 @@ class ZeroShift(AxisCause):
         elements, onsets = shown_elements(scene.axis), onset_rows(scene.rows, _FEWEST)
         if not len(onsets) or not elements:
             return ()
-        late: NDArray[np.bool_] = np.greater_equal(scene.rows.order, scene.rows.order[onsets][:, None])
+        late: Mask = np.greater_equal(scene.rows.order, scene.rows.order[onsets][:, None])
         usable = np.repeat(np.asarray(_both_sides(scene, late).any(1))[:, None], len(elements), 1)
         each = np.tile(np.arange(len(scene.axis.encoders)), (len(elements), 1))
         patterns = np.stack([scene.axis.response(name) for name in elements])[..., None, None]
@@ -205,7 +206,7 @@ def shown_elements(axis: Axis, elements: Sequence[str] = ELEMENTS) -> list[str]:
     return [name for name in elements if axis.response(name).any()]
 
 
-def onset_rows(rows: AxisRows, fewest: int) -> NDArray[np.int64]:
+def onset_rows(rows: AxisRows, fewest: int) -> Index:
     """Return the rows (S,), in the order of time, from which something may begin: with so many before and from it."""
     in_time = np.argsort(rows.order, kind="stable")
     return in_time[fewest : len(in_time) - fewest + 1 : 1 + len(in_time) // _MOST_ONSETS]

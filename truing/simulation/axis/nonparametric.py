@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Index
 from truing.inference.model import ChannelCandidates
 from truing.simulation.axis.causes import ELEMENTS, SUBJECTS, AxisCause, AxisScene, onset_rows, shown_elements
 from truing.simulation.axis.rows import (
@@ -176,7 +177,7 @@ def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
             yield (DIRECTION, SINCE_TURN), LOOP, degree
 
 
-def _stretches(rows: AxisRows) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _stretches(rows: AxisRows) -> tuple[Index, Index]:
     """Return the first and last rows (S,) of stretches with rows before and after them."""
     starts = onset_rows(rows, _FEWEST)
     in_time = np.argsort(rows.order, kind="stable")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Mask
 from truing.simulation.inputs import ORDER, TIME
 
 MOTOR, LOAD, MEASURED = "motor", "load", "measured"
@@ -90,7 +91,7 @@ class AxisRows:
         """Return what predictions are made from: the commands (B, 1)."""
         return self.command[:, None]
 
-    def chosen(self, rows: NDArray[np.bool_]) -> AxisRows:
+    def chosen(self, rows: Mask) -> AxisRows:
         """Return some of the rows."""
         return AxisRows(
             tuple(pose for pose, own in zip(self.poses, rows, strict=True) if own),

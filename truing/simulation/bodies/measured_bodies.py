@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.arrays import Array, Index, Mask
 from truing.estimation.labels.judged_points import Judged, judged_points
 from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, with_declared_noise
 from truing.estimation.rigid_poses.umeyama import umeyama
@@ -24,9 +24,6 @@ from truing.simulation.bodies.model import FIRST_BODY, BodyConditions
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped, markers_of, swapped_targets
 from truing.simulation.mechanisms.recording import FREE_LENGTH_M
 from truing.simulation.targets import Targets
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FEWEST_TARGETS = 3
 _FEWEST_POSES = 3
@@ -180,7 +177,7 @@ class Standing:
     """
 
     levels: int
-    level: NDArray[np.int64]
+    level: Index
     jitter: Array
     R: Array
     t: Array
@@ -276,7 +273,7 @@ def not_standing(body: BodyTargets) -> Standing:
     return Standing(0, np.zeros(len(body.ok), np.int64), np.eye(6), body.R, body.t)
 
 
-def standing_at(body: BodyTargets, level: NDArray[np.int64], order: Array) -> Standing:
+def standing_at(body: BodyTargets, level: Index, order: Array) -> Standing:
     """Stand a body at the middle of what was found at each of its places, of which each pose has one (B,)."""
     R, t, middle = body.R.copy(), body.t.copy(), body.shape.mean(0)
     centre = body.t + body.R @ middle
@@ -290,7 +287,7 @@ def standing_at(body: BodyTargets, level: NDArray[np.int64], order: Array) -> St
     return Standing(int(level.max()) + 1, level, _jitter(body, level, order), R, t)
 
 
-def _jitter(body: BodyTargets, level: NDArray[np.int64], order: Array) -> Array:
+def _jitter(body: BodyTargets, level: Index, order: Array) -> Array:
     """A square root (6, 6) of the covariance of a body's pose from one pose to the next, beyond its targets' noise.
 
     Shift of the targets' middle (m), then rotation vector (rad), in the axes of the measurement. Robust.
@@ -306,7 +303,7 @@ def _jitter(body: BodyTargets, level: NDArray[np.int64], order: Array) -> Array:
     return _root(share * own + (1.0 - share) * alike - _of_noise(body), body)
 
 
-def _steps(body: BodyTargets, level: NDArray[np.int64], order: Array) -> Array:
+def _steps(body: BodyTargets, level: Index, order: Array) -> Array:
     """Steps (n, 6) of the pose between poses at the same place, one after the other in time, over the root of two."""
     centre, found = body.t + body.R @ body.shape.mean(0), []
     in_time = np.argsort(order, kind="stable")

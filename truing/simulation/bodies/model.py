@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Mask
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, rigid_motions
 from truing.simulation.cause import OBSERVED, Step
 from truing.simulation.effects_model import Prediction
@@ -56,7 +57,7 @@ class BodyConditions(Conditions):
     t: NDArray = field(default_factory=lambda: np.empty((0, 0, 3)))
     level: NDArray = field(default_factory=lambda: np.empty((0, 0), int))
 
-    def chosen(self, rows: NDArray[np.bool_]) -> Self:
+    def chosen(self, rows: Mask) -> Self:
         """Return the conditions at some poses (mask B)."""
         return replace(
             self,
