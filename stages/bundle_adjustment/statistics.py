@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array
-from truing.estimation.bundle.camera_stability import image_stability, moved_by_settings
+from truing.estimation.bundle.image_stability import image_stability, moved_by_settings
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network import State
 from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions

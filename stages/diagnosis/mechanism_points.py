@@ -19,8 +19,7 @@ from truing.simulation.mechanisms.extended_model import extended, some_of, write
 from truing.simulation.mechanisms.legs.kinematics import reaches
 from truing.simulation.mechanisms.measured_mechanism import MeasuredTargets, SeatedLegs, seated_legs
 from truing.simulation.mechanisms.model import Known, PointModel
-from truing.simulation.mechanisms.recording import FREE_DIRECTION, FREE_LENGTH_M
-from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
+from truing.simulation.targets import BASE, FREE_DIRECTION, FREE_LENGTH_M, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import (
     default_motions,

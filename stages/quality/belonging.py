@@ -30,7 +30,7 @@ from truing.report.belonging import message
 from truing.schemas.columns import COLUMNS
 from truing.schemas.interferometer import LINEAR
 from truing.simulation.bench.six_upur.influence import influence_matrix
-from truing.simulation.mechanisms.recording import FREE_DIRECTION, FREE_LENGTH_M
+from truing.simulation.targets import FREE_DIRECTION, FREE_LENGTH_M
 from truing.stages.common.point_arrays import number_column, pose_points, positions
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.common.sensor_elements import elastic_parts, sensor_joints

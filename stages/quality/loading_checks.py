@@ -16,7 +16,7 @@ from truing.arrays import Array
 from truing.quality.answers import answers, signal_answers, turned_round
 from truing.quality.loading import ExpectedReadings, LoadingView
 from truing.report.numbers import count, percent
-from truing.stages.common.declared_optics import channel_rows
+from truing.stages.common.beam_rows import channel_rows
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.sensor_elements import declared_compliance
 from truing.stages.quality.belonging import belonging_checks, relations_of_loads, without_contradiction

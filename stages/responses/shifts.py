@@ -35,7 +35,7 @@ from truing.estimation.response import (
     significant_rank,
     symmetry,
 )
-from truing.estimation.rigid_poses.body_frames import FramedBody, FramedPoints, mean_shape
+from truing.estimation.rigid_poses.joint_frames import FramedBody, FramedPoints, mean_shape
 from truing.report.numbers import count as counted
 from truing.report.numbers import gross_errors
 from truing.schemas.artifacts import ARTIFACTS

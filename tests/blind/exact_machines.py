@@ -29,8 +29,8 @@ from truing.simulation.cause import Cause
 from truing.simulation.inputs import APPROACH, ORDER, approach, order_in_time
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.model import Known, PointModel
-from truing.simulation.mechanisms.recording import FREE_ANGLE_RAD, Conditions
-from truing.simulation.targets import ShapeUnknowns
+from truing.simulation.mechanisms.recording import Conditions
+from truing.simulation.targets import FREE_ANGLE_RAD, ShapeUnknowns
 
 TENTH_OF_NOISE_M, ROUNDING_M = 0.5e-6, 5e-9
 WARM = Surroundings(frame_turn_rad=0.0, frame_shift_mm=0.0, temperature_step_c=1.0)

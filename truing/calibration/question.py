@@ -15,8 +15,8 @@ from truing.estimation.measured_numbers import pose_numbers, shift_number
 from truing.simulation.mechanisms.calibration_problem import AttachmentShifts, CalibrationProblem, CommonErrors
 from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegPoses, seated
 from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
-from truing.simulation.mechanisms.recording import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 from truing.simulation.mechanisms.structures.structure import Machine, Structure
+from truing.simulation.targets import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
 DEFORMATIONS = ("none", "linear", "matrix")
 # What nothing is known of: a deformation coefficient may still be this large.

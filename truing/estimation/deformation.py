@@ -10,13 +10,13 @@ import numpy as np
 from truing.arrays import Array, Mask
 from truing.estimation.measured_numbers import pose_numbers
 from truing.estimation.response import ResponseFit, fit_models, fit_response, gain_p_value, keep_consistent
-from truing.estimation.rigid_poses.body_frames import (
+from truing.estimation.rigid_poses.body_frames import residual_covariance
+from truing.estimation.rigid_poses.joint_frames import (
     FramedPoints,
     by_shapes,
     follows_frame,
     joint_frame,
     relative_gain,
-    residual_covariance,
     residual_gain,
     survey_gain,
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
+from truing.estimation.rotation import rigid_motions
 
 
 @dataclass(frozen=True)
@@ -172,10 +173,7 @@ def body_shape(points: Array) -> Shape:
     target (0..1)."""
     centred = points - points.mean(axis=0)
     extents = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(points))
-    x, y, z = centred.T
-    zero = np.zeros_like(x)
-    lever = np.stack([np.stack([zero, z, -y], 1), np.stack([-z, zero, x], 1), np.stack([y, -x, zero], 1)], 1)
-    design = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), lever], axis=2)
+    design = rigid_motions(centred)
     inverse = np.linalg.pinv(np.einsum("tia,tib->ab", design, design), rcond=1e-9, hermitian=True)
     return Shape(extents, np.einsum("tia,ab,tib->t", design, inverse, design) / 3.0)
 
@@ -213,3 +211,12 @@ def isolated(values: Array, sigma: Array, kept: Mask, limit: float = 10.0) -> Ma
             middle = running_median(np.concatenate([series[:2][::-1], series, series[-2:][::-1]]), 5)
             far[rows, target] = (np.abs(series - middle) > limit * sigma[rows, target]).any(axis=1)
     return far
+
+
+def holm_adjusted(p_value: Array) -> Array:
+    """P-values (N,) adjusted so that none of many true nulls falls below a level but at that level (Holm 1979)."""
+    order = np.argsort(p_value, kind="stable")
+    scaled = np.minimum(np.maximum.accumulate(p_value[order] * np.arange(len(order), 0, -1)), 1.0)
+    adjusted = np.empty_like(scaled)
+    adjusted[order] = scaled
+    return adjusted

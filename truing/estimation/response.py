@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
+from truing.estimation.quality import holm_adjusted
 
 Form = Literal["none", "linear", "matrix"]
 _NORMAL_MEDIAN = 0.6745  # median of |z| of a standard normal
@@ -313,14 +314,10 @@ def entry_p_values(fit: ResponseFit, widened: float = 1.0) -> Array:
 
 def holm_significant(p: Array, false_alarm: float) -> Mask:
     """Which of many tests hold together at the stated family-wise false-alarm rate (Holm 1979); NaN is never one."""
-    flat = np.where(np.isfinite(p), p, 1.0).ravel()
-    order = np.argsort(flat)
-    m = int(np.isfinite(p).sum())
-    rank = np.arange(len(flat))
-    passed = flat[order] * np.maximum(m - rank, 1) <= false_alarm
-    significant = np.zeros(len(flat), bool)
-    significant[order] = np.logical_and.accumulate(passed)
-    return significant.reshape(p.shape)
+    tested = np.isfinite(p)
+    significant = np.zeros(p.shape, bool)
+    significant[tested] = holm_adjusted(p[tested]) <= false_alarm
+    return significant
 
 
 def gain_p_value(smaller: ResponseFit, larger: ResponseFit) -> float:

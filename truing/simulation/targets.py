@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import rigid_motions
 
 BASE, PLATFORM, LEG = 0, 1, 2
+# One standard deviation of what nothing is known of: wide enough not to pull, narrow enough for well-scaled equations.
+FREE_LENGTH_M, FREE_ANGLE_RAD, FREE_DIRECTION = 0.01, 0.1, 0.05
 
 
 @dataclass(frozen=True)

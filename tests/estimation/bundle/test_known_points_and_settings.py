@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.estimation.bundle.camera_stability import _settings
+from truing.estimation.bundle.image_stability import _settings
 from truing.estimation.bundle.known_points import known_point_errors
 from truing.estimation.rotation import exp_so3
 

@@ -7,10 +7,10 @@ from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
 from truing.estimation.bundle.network_statistics import (
     camera_coverage,
-    holm,
     intersections,
     residual_regions,
 )
+from truing.estimation.quality import holm_adjusted
 
 CAMERAS = (Camera("left", 100, 100),)
 
@@ -78,4 +78,4 @@ def test_residuals_that_a_region_has_in_common_are_found():
 
 
 def test_p_values_are_adjusted_for_their_number():
-    assert holm(np.array([0.01, 0.04, 0.03])) == pytest.approx([0.03, 0.06, 0.06])
+    assert holm_adjusted(np.array([0.01, 0.04, 0.03])) == pytest.approx([0.03, 0.06, 0.06])

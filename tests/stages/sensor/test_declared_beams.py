@@ -18,7 +18,8 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.schemas.interferometer import Interferometer
 from truing.simulation.bench.known_readings import BeamGeometry, Optics
-from truing.stages.common.declared_optics import channel_rows, declared_optics
+from truing.stages.common.beam_rows import channel_rows
+from truing.stages.common.declared_optics import declared_optics
 
 ANGLE = 0.02
 ASIDE = across(1, 0.7)

@@ -14,6 +14,7 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.growing import format_cells
 from truing.estimation.bundle.network import Network, State
 from truing.estimation.bundle.orientation import sums
+from truing.estimation.quality import holm_adjusted
 
 
 @dataclass(frozen=True)
@@ -132,14 +133,5 @@ def residual_regions(network: Network, residuals_px: Array, cofactor_px2: Array,
     cov = sums(number, cofactor_px2[used], every)[kept] / rays[kept, None, None] ** 2
     chi2 = np.einsum("gi,gi->g", mean, np.linalg.solve(cov, mean[..., None])[..., 0])
     of_camera, cell = np.divmod(kept, per_side**2)
-    p_value = holm(chdtrc(2, chi2))
+    p_value = holm_adjusted(chdtrc(2, chi2))
     return ResidualRegions(of_camera, cell // per_side, cell % per_side, rays[kept], mean, chi2, p_value)
-
-
-def holm(p_value: Array) -> Array:
-    """Return p-values adjusted so that none of many true nulls falls below a level but at that level (Holm 1979)."""
-    order = np.argsort(p_value)
-    scaled = np.minimum(np.maximum.accumulate(p_value[order] * np.arange(len(order), 0, -1)), 1.0)
-    adjusted = np.empty_like(scaled)
-    adjusted[order] = scaled
-    return adjusted

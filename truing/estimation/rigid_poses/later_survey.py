@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truing.arrays import Array, Index, Mask
+from truing.estimation.quality import holm_adjusted
 from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.rotation import rigid_motions, skew
 
 FALSE_ALARM = 0.01  # of a body in which nothing moved: that any of its targets is said to have
 _CONTRADICTED = 0.01  # the others' scatter: rarer by chance, and it takes the place of the declared noise
@@ -42,7 +44,7 @@ class SurveyComparison:
         """Points (N, 3) of the later survey in the first frame, and their covariance (N, 3, 3) with that of the frame;
         cov (N, 3, 3) of the points."""
         at = (np.asarray(points, float) - self.t) @ self.R
-        arm = _arms(at)
+        arm = rigid_motions(at)
         return at, self.R.T @ np.asarray(cov, float) @ self.R + arm @ self.frame_cov @ np.swapaxes(arm, 1, 2)
 
 
@@ -94,7 +96,7 @@ def _held_against(x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: f
     R, t = fit.R[0], fit.t[0]
     off = (y - t) @ R - x
     V = Vx + R.T @ Vy @ R
-    arm, weight = _arms(x), np.linalg.inv(V) * kept[:, None, None]
+    arm, weight = rigid_motions(x), np.linalg.inv(V) * kept[:, None, None]
     frame = np.linalg.inv(np.einsum("tia,tij,tjb->ab", arm, weight, arm))
     moved_frame = frame @ np.einsum("tia,tij,tj->a", arm, weight, off)
     left = off - arm @ moved_frame
@@ -109,9 +111,10 @@ def _held_against(x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: f
     restored = np.where(kept[:, None, None], V @ inverse, np.eye(3))
     shift = (restored @ left[..., None])[..., 0]
     cov = np.where(kept[:, None, None], V @ inverse @ V, own)
-    moved = said | _holm(p, ~said, alarm)
+    moved = said.copy()
+    moved[~said] = holm_adjusted(p[~said]) <= alarm
     small = moved_frame[3:]
-    turn = R @ (np.eye(3) + _cross(small))
+    turn = R @ (np.eye(3) + skew(small))
     return SurveyComparison(
         shift,
         cov,
@@ -134,27 +137,6 @@ def _p_values(square: Array, others: Array, freedom: Index) -> Array:
     scatter = np.maximum(others, 0.0) / safe
     contradicted = (freedom > 0) & (chdtrc(safe, np.maximum(others, 0.0)) < _CONTRADICTED)
     return np.where(contradicted, fdtrc(3, safe, square / 3.0 / np.maximum(scatter, 1.0)), chdtrc(3, square))
-
-
-def _holm(p: Array, tested: Mask, alarm: float) -> Mask:
-    """Which of the tested p-values are too small for chance, all of them together (Holm)."""
-    order = np.flatnonzero(tested)[np.argsort(p[tested], kind="stable")]
-    passes = p[order] > alarm / np.arange(len(order), 0, -1)
-    out = np.zeros(len(p), bool)
-    out[order[: int(passes.argmax()) if passes.any() else len(order)]] = True
-    return out
-
-
-def _arms(points: Array) -> Array:
-    """(T, 3, 6) by how much points move with a small shift and a small turn of the frame."""
-    return np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -_cross(points)], axis=-1)
-
-
-def _cross(v: Array) -> Array:
-    """(..., 3, 3) the matrices of the cross product."""
-    x, y, z = np.moveaxis(np.asarray(v, float), -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
 
 
 def _nearest_rotation(matrix: Array) -> Array:

@@ -22,8 +22,7 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.bodies.causes.terms import place_columns
 from truing.simulation.bodies.model import FIRST_BODY, BodyConditions
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped, markers_of, swapped_targets
-from truing.simulation.mechanisms.recording import FREE_LENGTH_M
-from truing.simulation.targets import Targets
+from truing.simulation.targets import FREE_LENGTH_M, Targets
 
 FEWEST_TARGETS = 3
 _FEWEST_POSES = 3

@@ -24,8 +24,6 @@ from truing.simulation.mechanisms.legs.closures import Closure, Legs
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene, applied
 from truing.simulation.mechanisms.recording import (
     COMMON,
-    FREE_ANGLE_RAD,
-    FREE_LENGTH_M,
     Conditions,
     LegFrames,
     RecordedModel,
@@ -34,7 +32,7 @@ from truing.simulation.mechanisms.recording import (
     record,
 )
 from truing.simulation.mechanisms.state import State
-from truing.simulation.targets import ShapeUnknowns
+from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M, ShapeUnknowns
 
 # Bodies without a mechanism are numbered from here: what concerns base, platform or legs alone passes them by.
 FIRST_BODY = 3

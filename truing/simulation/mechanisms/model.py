@@ -32,8 +32,6 @@ from truing.simulation.mechanisms.legs.kinematics import (
 )
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.recording import (
-    FREE_ANGLE_RAD,
-    FREE_LENGTH_M,
     LegFrames,
     RecordedModel,
     Recording,
@@ -44,7 +42,7 @@ from truing.simulation.mechanisms.recording import (
     turns,
 )
 from truing.simulation.mechanisms.state import State
-from truing.simulation.targets import LEG, ShapeUnknowns
+from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M, LEG, ShapeUnknowns
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from truing.estimation.rotation import rigid_motions, skew
 from truing.simulation.mechanisms.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.point_causes import PointCause
-from truing.simulation.mechanisms.recording import FREE_LENGTH_M
 from truing.simulation.prior_campaign import (
     CampaignPrior,
     Part,
@@ -27,7 +26,7 @@ from truing.simulation.prior_campaign import (
     marginal,
     persistent_causes,
 )
-from truing.simulation.targets import BASE, PLATFORM
+from truing.simulation.targets import BASE, FREE_LENGTH_M, PLATFORM
 
 _SAME_M = 1e-9
 _GEOMETRY = ("a", "b", "u", "l")

@@ -33,9 +33,6 @@ from truing.simulation.mechanisms.point_causes import Photographed, PointCause, 
 from truing.simulation.mechanisms.state import State
 from truing.simulation.targets import LEG, PLATFORM, Targets
 
-# What nothing is known of: wide enough not to pull, narrow enough to keep the equations well scaled.
-FREE_LENGTH_M, FREE_ANGLE_RAD, FREE_DIRECTION = 0.01, 0.1, 0.05
-
 
 @dataclass(frozen=True)
 class Conditions:

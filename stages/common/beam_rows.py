@@ -1,0 +1,34 @@
+"""Rows by which channels follow the platform's motion, from the beams that campaign.toml declares."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.arrays import Array
+from truing.estimation.interferometry.recorded_steps import CHANNELS, angular_rows, linear_rows
+
+if TYPE_CHECKING:
+    from truing.schemas.interferometer import Axis, Beams
+
+_MM = 1e-3
+LINEAR = 3  # channels ahead of the angular ones
+
+
+def channel_rows(beams: Beams) -> Array:
+    """Rows (6, 6) by which channels follow displacement (m) and rotation vector (rad) of the platform's origin."""
+    found = []
+    for k, name in enumerate(CHANNELS):
+        beam = getattr(beams, name)
+        found.append(
+            linear_rows(beam_direction(k, beam), _MM * np.array(beam.arm_mm))
+            if k < LINEAR
+            else angular_rows(beam_direction(k, beam))
+        )
+    return np.stack(found)
+
+
+def beam_direction(k: int, beam: Axis) -> Array:
+    """The direction (3,) in which a channel, by number, counts positive."""
+    return np.eye(LINEAR)[k % LINEAR] if beam.direction is None else np.array(beam.direction)

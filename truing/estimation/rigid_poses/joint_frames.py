@@ -1,0 +1,186 @@
+"""Frames of bodies whose points have errors in common: how residuals and poses follow these errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from truing.arrays import Array, Index, Mask
+from truing.estimation.covariance import apply_rotation, relative_slope
+from truing.estimation.rigid_poses.correlated_poses import PointsOfBodies, by_survey, joint_motions
+from truing.estimation.rigid_poses.points import PointErrors, PosePoints
+from truing.estimation.rotation import rigid_motions
+
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class FramedBody:
+    """One body over all poses, and the parent that it is seen from: targets (T names), source (T, 3) and cov_source
+    (T, 3, 3) that its poses are relative to, frame (T,) those that make the frame of that, cov_shape (T, 3, 3) how well
+    that is known, which the poses of a body without a survey tell themselves; motion R (B, 3, 3), t
+    (B, 3), points (B, T, 3) as measured, used (B, T) for its frame, row (B, T) of the observations, -1 where not seen.
+    In m, NaN where a pose has none."""
+
+    name: str
+    parent: str
+    targets: tuple[str, ...]
+    source: Array
+    cov_source: Array
+    cov_shape: Array
+    frame: Mask
+    R: Array
+    t: Array
+    points: Array
+    used: Mask
+    row: Index
+
+
+@dataclass(frozen=True)
+class FramedPoints:
+    """Bodies over all poses, what the errors of their points have in common, and the correlations (K, K) of parameters
+    common to all poses."""
+
+    bodies: Sequence[FramedBody]
+    errors: PointErrors
+    correlation: Array
+
+
+@dataclass(frozen=True)
+class JointFrame:
+    """The bodies, by number, that were fitted together in a pose, and the points (N,), by body and target, that were
+    weighed: gain (6b, 3N) of their errors on the motions (t, theta), body by body."""
+
+    bodies: tuple[int, ...]
+    body: Index
+    target: Index
+    gain: Array
+
+
+@dataclass(frozen=True)
+class PointGain:
+    """How numbers (Q) of a pose follow the errors of points (n,), by body and target: gain (Q, 3n)."""
+
+    body: Index
+    target: Index
+    gain: Array
+
+    def rows(self, p: int, bodies: Sequence[FramedBody]) -> Index:
+        """The rows (n,) of the observations of a pose."""
+        return np.array([bodies[b].row[p, t] for b, t in zip(self.body, self.target, strict=True)], np.int64)
+
+
+def joint_frame(p: int, bodies: Sequence[FramedBody], errors: PointErrors) -> JointFrame | None:
+    """The joint fit of the bodies of a pose once more; None where there was none."""
+    fitted = [b for b, own in enumerate(bodies) if np.isfinite(own.t[p]).all() and own.used[p].sum() >= _FEWEST]
+    if not fitted:
+        return None
+    each = [(bodies[b], np.flatnonzero(bodies[b].used[p])) for b in fitted]
+    place = np.repeat(np.arange(len(fitted)), [len(own) for _, own in each])
+    points = PointsOfBodies(
+        np.concatenate([body.source[own] for body, own in each]),
+        np.concatenate([body.points[p, own] for body, own in each]),
+        place,
+        np.concatenate([body.cov_source[own] for body, own in each]),
+        errors.covariance(np.concatenate([body.row[p, own] for body, own in each])),
+    )
+    R, t = (np.array([getattr(body, name)[p] for body, _ in each]) for name in "Rt")
+    motions = joint_motions(points, R, t)
+    if not motions.converged:
+        return None
+    return JointFrame(tuple(fitted), np.array(fitted)[place], np.concatenate([own for _, own in each]), motions.gain)
+
+
+def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> PointGain:
+    """How sums of a body's residuals, weight (Q, T, 3) in the axes of the measurement, follow the errors of points.
+
+    A residual follows the error of its own point, and those of all points that made its frame.
+    """
+    own = bodies[body]
+    judged = np.flatnonzero(weight.any(axis=(0, 2)) & ~own.used[p])
+    by_frame = follows_frame(p, own, weight) @ _rows(frame.gain, frame, body)
+    weighed = len(frame.body)
+    gain = np.zeros((len(weight), weighed + len(judged), 3))
+    gain[:, :weighed] = -by_frame.reshape(len(weight), -1, 3)
+    at_body = np.concatenate([frame.body, np.full(len(judged), body)])
+    target = np.concatenate([frame.target, judged])
+    mine = np.flatnonzero(at_body == body)
+    gain[:, mine] += weight[:, target[mine]]
+    return PointGain(at_body, target, gain.reshape(len(weight), -1))
+
+
+def follows_frame(p: int, body: FramedBody, weight: Array) -> Array:
+    """How sums of what lies at a body's targets, weight (Q, T, 3), follow its motion (t, theta), (Q, 6)."""
+    return np.einsum("qti,tij->qj", weight, rigid_motions(apply_rotation(body.R[p], body.source)))
+
+
+def by_shapes(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> Array:
+    """How such sums follow, through the frame, one standard deviation of each coordinate of the shapes of all bodies:
+    (Q, T, 3)."""
+    first = np.cumsum([0, *(len(one.targets) for one in bodies)])
+    by_frame = (follows_frame(p, bodies[body], weight) @ _rows(frame.gain, frame, body)).reshape(len(weight), -1, 3)
+    turned = by_frame[:, :, None] @ np.array([one.R[p] for one in bodies])[frame.body]
+    moved = np.zeros((len(weight), first[-1], 3))
+    moved[:, first[frame.body] + frame.target] = turned[:, :, 0]
+    return np.asarray((moved[:, :, None] @ np.concatenate([_shape_roots(one) for one in bodies]))[:, :, 0])
+
+
+def _shape_roots(body: FramedBody) -> Array:
+    """Roots (T, 3, 3) of the covariances of a body's shape."""
+    values, vectors = np.linalg.eigh(body.cov_shape)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None])
+
+
+def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Array:
+    """How the motions (t, theta) of the bodies of a pose follow the errors of the survey of all targets of all bodies,
+    (6b, T, 3), as `by_survey` counts them."""
+    first = np.cumsum([0, *(len(body.targets) for body in bodies)])
+    gain = np.zeros((len(frame.gain), first[-1], 3))
+    gain[:, first[frame.body] + frame.target] = frame.gain.reshape(len(gain), -1, 3)
+    moved = np.zeros_like(gain)
+    each = [(k, first[b] + np.arange(len(bodies[b].targets))) for k, b in enumerate(frame.bodies)]
+    rows = np.concatenate([own for _, own in each])
+    body = np.concatenate([np.full(len(own), k) for k, own in each])
+    source, makes = (np.concatenate([getattr(bodies[b], name) for b in frame.bodies]) for name in ("source", "frame"))
+    R = np.array([bodies[b].R[p] for b in frame.bodies])
+    moved[:, rows] = by_survey(source, body, makes, gain[:, rows].reshape(len(gain), -1), R)
+    return moved
+
+
+def relative_gain(
+    p: int, bodies: Sequence[FramedBody], frame: JointFrame, gain: Array
+) -> tuple[tuple[str, ...], Array]:
+    """The bodies of a pose but those that others are seen from, and how their poses (6 each), as their parents see
+    them, follow what the motions of the bodies follow by gain (6b, n): (6c, n)."""
+    place = {bodies[b].name: b for b in frame.bodies}
+    parents = {bodies[b].parent for b in frame.bodies}
+    names, rows = [], []
+    for name, b in place.items():
+        above = place.get(bodies[b].parent)
+        if name in parents or (above is None and bodies[b].parent in [other.name for other in bodies]):
+            continue
+        own = _rows(gain, frame, b)
+        if above is not None:
+            slope = relative_slope(bodies[above].R[p], bodies[above].t[p], bodies[b].t[p])
+            own = slope @ np.concatenate([_rows(gain, frame, above), own])
+        names.append(name)
+        rows.append(own)
+    return tuple(names), np.concatenate(rows) if rows else np.zeros((0, gain.shape[1]))
+
+
+def _rows(gain: Array, frame: JointFrame, body: int) -> Array:
+    first = 6 * frame.bodies.index(body)
+    return gain[first : first + 6]
+
+
+def mean_shape(R: Array, t: Array, used: Mask, points: PosePoints, residual: Array) -> tuple[Array, Array]:
+    """Return where targets (T, 3) are in their body: as measured, less the residual (B, T, 3); zero for those that no
+    pose used. And the covariances (T, 3, 3) of means over the poses that used them (B, T)."""
+    local = np.einsum("bji,btj->bti", R, points.points - t[:, None]) - residual
+    told = used & np.isfinite(local).all(axis=-1)
+    count = np.maximum(told.sum(axis=0), 1)
+    mean = np.where(told[..., None], np.nan_to_num(local), 0.0).sum(axis=0) / count[:, None]
+    turned = np.einsum("bji,btjk,bkl->btil", np.nan_to_num(R), points.cov, np.nan_to_num(R))
+    return mean, np.where(told[..., None, None], turned, 0.0).sum(axis=0) / count[:, None, None] ** 2
