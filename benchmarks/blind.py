@@ -2,6 +2,7 @@
 
     python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed 2] [--results F] [--write]
     python -m benchmarks.blind --instrument sensor --unforeseen [...]: effects thought of when the diagnosis stood
+    python -m benchmarks.blind [--instrument sensor] --foreign [...]: several effects at once whose form nobody wrote down
 
 Campaigns come from the generator of the blind tests, which shares no code with truing, and go through the command line.
 Each is drawn from the seed and its own number, so that a run that was cut short goes on where it stopped; results are
@@ -27,7 +28,8 @@ from tests.blind.rates import clear_from, told
 RUNS = Path("runs")
 # Of twenty campaigns: nothing, one effect, two, one of no catalogue.
 CYCLE = ("nothing",) * 5 + ("one",) * 9 + ("two",) * 3 + ("unknown",) * 3
-UNFORESEEN = "unforeseen"
+UNFORESEEN, FOREIGN = "unforeseen", "foreign"
+FOREIGN_SNR = 10.0, 40.0  # of each effect of a foreign world
 BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
 OBVIOUS = (3.0, 30.0)  # times clear, where an instrument's share of them is drawn
 PER_CALL = 4
@@ -47,12 +49,12 @@ class Drawn:
     instrument: str
 
 
-def drawn(number: int, seed: int, instrument: str = "photogrammetry", *, unforeseen: bool = False) -> Drawn:
-    """The campaign of a number: groups and causes take turns, all else is drawn."""
+def drawn(number: int, seed: int, instrument: str = "photogrammetry", group: str | None = None) -> Drawn:
+    """The campaign of a number: groups (or the one given) and causes take turns, all else is drawn."""
     own = INSTRUMENTS[instrument]
     rng = np.random.default_rng([seed, 6, number])
     place = number * 7 % len(CYCLE)  # 7 and 20 have no divisor in common: groups are mixed
-    group = UNFORESEEN if unforeseen else CYCLE[place]
+    group = group or CYCLE[place]
     names = _names(group, own, rng)
     kinds = own.layouts_for(names)
     strength = _strength(group, names, own.obvious, rng)
@@ -68,6 +70,8 @@ def _names(group: str, own: Instrument, rng: np.random.Generator) -> tuple[str, 
         return (str(rng.choice(sorted(own.strange))),)
     if group == UNFORESEEN:
         return (str(rng.choice(sorted(own.unforeseen))),)
+    if group == FOREIGN:
+        return tuple(rng.choice(sorted(own.foreign), int(rng.integers(2, 5)), replace=False).tolist())
     return ()
 
 
@@ -75,6 +79,8 @@ def _strength(group: str, names: Sequence[str], obvious: float, rng: np.random.G
     """From where the effects must be found up to three times that; of single ones some are weaker, some obvious."""
     if not names:
         return 1.0
+    if group == FOREIGN:
+        return float(np.exp(rng.uniform(*np.log(FOREIGN_SNR))))
     clear = max(clear_from(name, two=group == "two") for name in names)
     if group == "one" and rng.random() < BELOW_CLEAR:
         return float(clear * rng.uniform(0.4, 1.0))
@@ -130,21 +136,24 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--results", type=Path, help="default: runs/<name of the instrument's results>.jsonl")
-    parser.add_argument("--unforeseen", action="store_true", help="effects thought of when the diagnosis stood alone")
+    groups = parser.add_mutually_exclusive_group()
+    groups.add_argument("--unforeseen", dest="group", action="store_const", const=UNFORESEEN, help="effects thought of later")
+    groups.add_argument("--foreign", dest="group", action="store_const", const=FOREIGN, help="worlds that nobody described")
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
     own = INSTRUMENTS[options.instrument]
-    results = options.results or RUNS / f"{own.short}{'-unforeseen' if options.unforeseen else ''}.jsonl"
+    results = options.results or RUNS / f"{own.short}{f'-{options.group}' if options.group else ''}.jsonl"
     numbers = range(options.first, options.first + options.campaigns)
-    cases = [drawn(number, options.seed, options.instrument, unforeseen=options.unforeseen) for number in numbers]
+    cases = [drawn(number, options.seed, options.instrument, options.group) for number in numbers]
     for record in run_missing(cases, results, options.workers):
         print(_line(record), flush=True)
     from benchmarks import blind_page
 
     campaigns = [Judged(record) for record in kept(results)]
-    print(blind_page.unknown(campaigns) if options.unforeseen else blind_page.goals(campaigns, own))
+    tables = {None: lambda: blind_page.goals(campaigns, own), UNFORESEEN: lambda: blind_page.unknown(campaigns)}
+    print(tables.get(options.group, lambda: blind_page.foreign(campaigns))())
     if options.write:
-        write = blind_page.write_unforeseen if options.unforeseen else blind_page.write_page
+        write = {None: blind_page.write_page, UNFORESEEN: blind_page.write_unforeseen}[options.group]
         write(kept(results), own)
 
 

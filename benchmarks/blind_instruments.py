@@ -31,8 +31,8 @@ class Instrument:
     """Causes of its catalogue, effects of none, layouts; how two effects and a campaign are drawn.
 
     ``subjects``: what effects concern, in words. ``obvious``: the share of single effects that are many times as large
-    as must be found. ``unforeseen``: further effects of no catalogue, thought of when the diagnosis stood. ``told_in``:
-    its page in docs; ``short``: what results that are kept and figures are called.
+    as must be found. ``unforeseen``: further effects of no catalogue, thought of when the diagnosis stood;
+    ``foreign``: those of worlds that nobody described. ``told_in``: its page in docs; ``short``: what results that are kept and figures are called.
     """
 
     catalogue: Sequence[str]
@@ -46,6 +46,7 @@ class Instrument:
     subjects: str
     obvious: float = 0.0
     unforeseen: Sequence[str] = ()
+    foreign: Sequence[str] = ()
 
     @property
     def page(self) -> Path:
@@ -78,6 +79,7 @@ INSTRUMENTS = {
         "how-well-does-it-diagnose",
         "blind",
         "legs or targets",
+        foreign=tuple(hidden.FOREIGN),
     ),
     "sensor": Instrument(
         tuple(sensor_hidden.CATALOGUE),
@@ -91,6 +93,7 @@ INSTRUMENTS = {
         "loads, channels, runs or signals",
         obvious=0.2,
         unforeseen=tuple(sensor_hidden.UNFORESEEN),
+        foreign=tuple(sensor_hidden.FOREIGN),
     ),
     "photographs": Instrument(
         tuple(photographed.CATALOGUE),

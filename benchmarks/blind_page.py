@@ -173,6 +173,20 @@ def unknown(campaigns: Sequence[Judged]) -> str:
     return table(["effect", "campaigns", "told with what drives it", "given a name", "which"], rows)
 
 
+def foreign(campaigns: Sequence[Judged]) -> str:
+    """The table of worlds that nobody described: wrong names, what is told to drive them, what is left."""
+    wrong = [one for one in campaigns if one.misnamed]
+    drives = [(one, effect) for one in campaigns for effect in one.hidden if effect.follows]
+    told = [one.follows_right(effect) for one, effect in drives]
+    ratios = [one.floor_ratio for one in campaigns if one.floor_ratio]
+    rows = [
+        ("campaigns with a wrong name said as found", f"{len(wrong)} of {len(campaigns)}", "1 in 20"),
+        ("effects told as unexplained with all that drives them", f"{sum(told)} of {len(told)}", "8 in 10"),
+        ("held-out error over what noise leaves, median", f"{np.median(ratios):.2f}" if ratios else "none", "1.2"),
+    ]
+    return "\n".join(f"| {name} | {value} | {goal} |" for name, value, goal in rows)
+
+
 def unforeseen(campaigns: Sequence[Judged]) -> str:
     """Return the table of effects that were thought of when the diagnosis stood, all together in its last row."""
     driven, misnamed = rates.driven(campaigns), rates.misnamed(campaigns)

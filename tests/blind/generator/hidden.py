@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.blind.generator import strange
+from tests.blind.generator import foreign, strange
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.effects import (
     ActuatorGain,
@@ -271,7 +271,8 @@ STRANGE: Mapping[str, Kind] = {
     "noise grows with temperature": Kind(_growing_noise),
     "a target trembles": Kind(_vibrating),
 }
-KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE}
+FOREIGN: Mapping[str, Kind] = {name: Kind(draw, frozenset({"even"})) for name, draw in foreign.FOREIGN.items()}
+KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE, **FOREIGN}
 
 BENDING = frozenset({"platform-deformation-linear", "platform-deformation-matrix", "platform-deformation-nonlinear"})
 # Of two effects of a family one holds the other, or what is left of it when the other is there: two of them are one.

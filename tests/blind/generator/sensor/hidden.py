@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.blind.generator.sensor import effects, recording, strange, unforeseen
+from tests.blind.generator.sensor import effects, foreign, recording, strange, unforeseen
 from tests.blind.generator.sensor.campaign import Campaign
 from tests.blind.generator.sensor.effects import Effect, Elastic
 from tests.blind.generator.sensor.layout import AXES
@@ -291,7 +291,8 @@ UNFORESEEN: Mapping[str, Kind] = {
     "bends with warmth": Kind(_of_channel(_bimetal), WEATHER),
     "restless hours": Kind(_restless),
 }
-KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE, **UNFORESEEN}
+FOREIGN: Mapping[str, Kind] = {name: Kind(draw) for name, draw in foreign.FOREIGN.items()}
+KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE, **UNFORESEEN, **FOREIGN}
 
 # Of two effects of a family one holds the other, or what is left of it when the other is there: two of them are one.
 FAMILIES = (
