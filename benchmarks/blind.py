@@ -2,7 +2,7 @@
 
     python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed 2] [--results F] [--write]
     python -m benchmarks.blind --instrument sensor --unforeseen [...]: effects thought of when the diagnosis stood
-    python -m benchmarks.blind [--instrument sensor] --foreign [...]: several effects at once whose form nobody wrote down
+    python -m benchmarks.blind [--instrument sensor] --foreign [...]: worlds that nobody described
 
 Campaigns come from the generator of the blind tests, which shares no code with truing, and go through the command line.
 Each is drawn from the seed and its own number, so that a run that was cut short goes on where it stopped; results are
@@ -137,8 +137,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--results", type=Path, help="default: runs/<name of the instrument's results>.jsonl")
     groups = parser.add_mutually_exclusive_group()
-    groups.add_argument("--unforeseen", dest="group", action="store_const", const=UNFORESEEN, help="effects thought of later")
-    groups.add_argument("--foreign", dest="group", action="store_const", const=FOREIGN, help="worlds that nobody described")
+    for group, what in ((UNFORESEEN, "effects thought of later"), (FOREIGN, "worlds that nobody described")):
+        groups.add_argument(f"--{group}", dest="group", action="store_const", const=group, help=what)
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
     own = INSTRUMENTS[options.instrument]

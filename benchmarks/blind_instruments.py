@@ -32,7 +32,8 @@ class Instrument:
 
     ``subjects``: what effects concern, in words. ``obvious``: the share of single effects that are many times as large
     as must be found. ``unforeseen``: further effects of no catalogue, thought of when the diagnosis stood;
-    ``foreign``: those of worlds that nobody described. ``told_in``: its page in docs; ``short``: what results that are kept and figures are called.
+    ``foreign``: those of worlds that nobody described. ``told_in``: its page in docs; ``short``: what results that are
+    kept and figures are called.
     """
 
     catalogue: Sequence[str]

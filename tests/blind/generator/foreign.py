@@ -133,7 +133,7 @@ class NobodyRecorded(Foreign):
 
 
 class ForeignPoints(Foreign):
-    """Every recorded point is off by a field over the room that it was seen in: an instrument with errors of its own."""
+    """Every recorded point is off by a field over the room: an instrument with errors of its own."""
 
     @property
     def drivers(self) -> tuple[str, ...]:

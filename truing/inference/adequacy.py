@@ -1,0 +1,144 @@
+"""Whether a final model holds as a whole: what it leaves is tested against plain noise, whatever causes it holds.
+
+A search asks which of its forms is best; it does not ask whether the truth is among them. A wrong picture leaves more
+noise than was declared, of observations or of inputs (which stretch to swallow what no cause explains), or residuals
+that are alike where something is alike, in time or in any input.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.noise import NOISE_PRIOR_FREEDOM
+
+_PERMUTATIONS = 499
+_NEIGHBOURS = 2
+# With fewer epochs no order of them says anything; with more, pairs of a sample of them say all that is to be said.
+_FEWEST_EPOCHS, _MOST_EPOCHS = 8, 2_000
+_RESOLVED = 10  # permutations beyond which a share of them is a p-value by itself
+
+
+class Lack(StrEnum):
+    """What kind of misfit was looked for."""
+
+    OBSERVATION_NOISE = "observation-noise"  # more noise of observations than declared
+    INPUT_NOISE = "input-noise"  # more noise of inputs than declared
+    LIKE_NEIGHBOURS = "like-neighbours"  # residuals are alike where something is alike
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """One test of the final model: what was looked for, along which column, how much was found, the chance of so much.
+
+    ``value`` is noise over the declared one, or the correlation of neighbours; ``along`` is empty for noise.
+    """
+
+    lack: Lack
+    along: str
+    value: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """All tests of a final model."""
+
+    tests: tuple[LackOfFit, ...]
+
+    @property
+    def worst(self) -> LackOfFit | None:
+        """The test that speaks most against the model, None where nothing could be tested."""
+        return min(self.tests, key=self.corrected, default=None)
+
+    @property
+    def p_value(self) -> float:
+        """Chance that an adequate model does as badly in the worst of all tests."""
+        return 1.0 if self.worst is None else self.corrected(self.worst)
+
+    def corrected(self, test: LackOfFit) -> float:
+        """A test's p-value, corrected for the kinds of misfit and for the tests of its kind (Bonferroni)."""
+        kinds = len({other.lack for other in self.tests})
+        return min(1.0, test.p_value * kinds * sum(other.lack == test.lack for other in self.tests))
+
+
+def noise_excess(lack: Lack, ratio: float, freedom: float) -> LackOfFit:
+    """Test noise found over declared noise, from so many degrees of freedom; declared noise is known to about 10 %."""
+    spread = math.sqrt(0.5 / NOISE_PRIOR_FREEDOM + 0.5 / freedom)
+    return LackOfFit(lack, "", ratio, 0.5 * math.erfc(math.log(ratio) / spread / math.sqrt(2.0)))
+
+
+def like_neighbours(
+    rest: NDArray, columns: Mapping[str, NDArray], rng: np.random.Generator, groups: NDArray | None = None
+) -> Iterator[LackOfFit]:
+    """Yield how alike residuals (B, K, d) of epochs are that are neighbours along each of the columns (B,) or (B, D).
+
+    Residuals have unit noise, and are NaN where nothing was seen. Epochs are compared with the nearest ones, channel by
+    channel; the chance of as much is told from epochs in random orders, within their ``groups`` (B,) where only these
+    are exchangeable: noise that is the same throughout is as likely in any order.
+    """
+    rows = rest.reshape(len(rest), -1)
+    kept = np.isfinite(rows).any(1)
+    if kept.sum() < _FEWEST_EPOCHS:
+        return
+    chosen = np.flatnonzero(kept)
+    if len(chosen) > _MOST_EPOCHS:
+        chosen = np.sort(rng.choice(chosen, _MOST_EPOCHS, replace=False))
+    products = _products(rows[chosen])
+    orders = _orders(len(chosen), None if groups is None else groups[chosen], rng)
+    for name, values in columns.items():
+        own = np.asarray(values, float).reshape(len(values), -1)[chosen]
+        if np.isfinite(own).all() and np.ptp(own, axis=0).any():
+            yield LackOfFit(Lack.LIKE_NEIGHBOURS, name, *_likeness(products, _neighbours(own), orders))
+
+
+def _products(rows: NDArray) -> NDArray:
+    """Mean products (B, B) of epochs' residuals (B, C), channel by channel where both were seen, of unit variance."""
+    seen = np.isfinite(rows)
+    count = np.maximum(seen.sum(0), 1)
+    centred = np.where(seen, rows - np.where(seen, rows, 0.0).sum(0) / count, 0.0)
+    centred = centred / np.maximum(np.sqrt((centred**2).sum(0) / count), 1e-12)
+    return np.asarray(centred @ centred.T / np.maximum(seen.astype(float) @ seen.T, 1.0))
+
+
+def _orders(count: int, groups: NDArray | None, rng: np.random.Generator) -> list[NDArray]:
+    if groups is None:
+        return [rng.permutation(count) for _ in range(_PERMUTATIONS)]
+    by_group = np.argsort(groups, kind="stable")
+    found = []
+    for _ in range(_PERMUTATIONS):
+        order = np.empty(count, int)
+        order[by_group] = np.lexsort((rng.random(count), groups))
+        found.append(order)
+    return found
+
+
+def _likeness(products: NDArray, pairs: tuple[NDArray, NDArray], orders: list[NDArray]) -> tuple[float, float]:
+    """Mean product of neighbours, and the chance of a larger one: the normal tail beyond what permutations resolve."""
+    from scipy.special import ndtr
+
+    found = float(np.mean(products[pairs]))
+    drawn = np.array([np.mean(products[order[pairs[0]], order[pairs[1]]]) for order in orders])
+    larger = int(np.sum(drawn >= found))
+    if larger > _RESOLVED:
+        return found, (larger + 1) / (len(drawn) + 1)
+    score = (found - float(drawn.mean())) / max(float(drawn.std()), 1e-12)
+    return found, float(max(ndtr(-score), 1e-12))
+
+
+def _neighbours(columns: NDArray) -> tuple[NDArray, NDArray]:
+    """Pairs of epochs nearest to each other in columns (B, D), each column over its range."""
+    from scipy.spatial import KDTree
+
+    spread = np.ptp(columns, axis=0)
+    scaled = columns / np.where(spread > 0.0, spread, 1.0)
+    near = KDTree(scaled).query(scaled, k=_NEIGHBOURS + 1)[1]
+    first = np.repeat(np.arange(len(scaled)), _NEIGHBOURS)
+    # Of several epochs in one place an epoch may come behind another as its own neighbour.
+    others = np.array([row[row != own][:_NEIGHBOURS] for own, row in enumerate(near)])
+    return first, others.ravel()
