@@ -15,7 +15,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.noise import NOISE_PRIOR_FREEDOM
+from truing.inference.fitted_model import FittedModel
+from truing.inference.model import CauseT
+from truing.inference.noise import NOISE_PRIOR_FREEDOM, NoiseLevel
 
 _PERMUTATIONS = 499
 _NEIGHBOURS = 2
@@ -65,6 +67,19 @@ class Adequacy:
         """A test's p-value, corrected for the kinds of misfit and for the tests of its kind (Bonferroni)."""
         kinds = len({other.lack for other in self.tests})
         return min(1.0, test.p_value * kinds * sum(other.lack == test.lack for other in self.tests))
+
+
+def adequacy_of(final: FittedModel[CauseT], noise: NoiseLevel, rng: np.random.Generator) -> Adequacy:
+    """Test what a final model leaves, beside the level of its noise over what was declared."""
+    tests = [LackOfFit(Lack.OBSERVATION_NOISE, "", noise.ratio, noise.p_value)]
+    ratio, freedom = final.input_noise
+    if freedom >= _FEWEST_EPOCHS:
+        tests.append(noise_excess(Lack.INPUT_NOISE, ratio, freedom))
+    inputs = dict(final.scene.inputs)
+    columns = {name: values for name, values in final.scene.covariates.items() if np.ndim(values) == 1} | inputs
+    if len(inputs) > 1:
+        columns[" ".join(inputs)] = np.column_stack(list(inputs.values()))
+    return Adequacy((*tests, *like_neighbours(final.standardised, columns, rng, final.model.error_groups)))
 
 
 def noise_excess(lack: Lack, ratio: float, freedom: float) -> LackOfFit:

@@ -21,6 +21,7 @@ from truing.inference.noise import (
     drivers,
     estimated_share,
     input_ratio,
+    input_squares,
     noise_dependence,
     rescaled_noise,
     standardised,
@@ -87,6 +88,18 @@ class FittedModel(Generic[CauseT]):
         """Return the noise found over the one used in the fit, declared knowledge included."""
         found = self.noise
         return float(np.sqrt((found.observed_total + found.inputs_total) / (found.observed + found.inputs)))
+
+    @property
+    def standardised(self) -> Array:
+        """Residuals (B, K, d) brought to unit noise, NaN where nothing was seen or the fit leaves too little."""
+        rest, told = told_residuals(self.fit.whitened, self.measured.values.shape)
+        return np.where(self.measured.seen[..., None], standardised(rest, told), np.nan)
+
+    @property
+    def input_noise(self) -> tuple[float, float]:
+        """Noise found in the inputs over the declared one, and the degrees of freedom that tell it; none where 0."""
+        squares, freedom = input_squares(self.fit.whitened, _height(self.measured), self.input_rows)
+        return (self.learned[0] * float(np.sqrt(squares / freedom)), freedom) if freedom > 0.0 else (1.0, 0.0)
 
     def covariance(self) -> Array:
         """Return the covariance (G, G) of the shared unknowns in prior sigmas, at the estimated noise level."""
@@ -265,10 +278,8 @@ class Fitter(Generic[CauseT]):
 
     def noise_dependence(self, fitted: FittedModel[CauseT], level: float) -> NoiseDependence | None:
         """Return what the noise that a fit leaves follows, None where p exceeds the level."""
-        measured, scene = self.calibration.measured, fitted.scene
-        seen = measured.seen
-        rest, told = told_residuals(fitted.fit.whitened, measured.values.shape)
-        known = np.where(seen[..., None], standardised(rest, told), np.nan)
+        seen, scene = self.calibration.measured.seen, fitted.scene
+        known = np.where(seen[..., None], fitted.standardised, np.nan)
         columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
         return noise_dependence(known, drivers(columns, scene.shape, fitted.model.channel_groups), level)
 

@@ -120,6 +120,10 @@ class Scene(Protocol[CauseT]):
         """Columns (B,) or (B, L) known at every epoch; of these, ``order`` ranks the epochs in time."""
 
     @property
+    def inputs(self) -> Mapping[str, Array]:
+        """Columns (B,) of what was asked at every epoch, by name."""
+
+    @property
     def shape(self) -> Array:
         """Places (K, 0 to 3) of the channels on their groups, m."""
 

@@ -84,13 +84,18 @@ def _by_row(whitened: Whitened) -> tuple[Array, Array]:
     return np.where(present, whitened.rest**2, 0.0), np.where(present, 1.0 - whitened.leverage, 0.0)
 
 
-def input_ratio(whitened: Whitened, observed: int, inputs: slice, used: float) -> float:
-    """Return the inputs' noise over the declared one (Foerstner's estimate), ``used`` times which was used."""
+def input_squares(whitened: Whitened, observed: int, inputs: slice) -> tuple[float, float]:
+    """Sum of squares of the inputs' residuals, in units of the noise used for whitening, and its degrees of freedom."""
     squares, freedom = _by_row(whitened)
     epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
     rows = np.s_[observed + inputs.start : observed + inputs.stop]
     own = [values[: epochs * height].reshape(epochs, height)[:, rows].sum() for values in (squares, freedom)]
-    return _ratio(float(own[0]), float(own[1]), used)
+    return float(own[0]), float(own[1])
+
+
+def input_ratio(whitened: Whitened, observed: int, inputs: slice, used: float) -> float:
+    """Return the inputs' noise over the declared one (Foerstner's estimate), ``used`` times which was used."""
+    return _ratio(*input_squares(whitened, observed, inputs), used)
 
 
 def survey_ratio(whitened: Whitened, places: Integers, used: float) -> float:

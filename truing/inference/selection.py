@@ -14,6 +14,7 @@ from typing import Generic
 
 import numpy as np
 
+from truing.inference.adequacy import Adequacy, adequacy_of
 from truing.inference.arrays import Array, Mask
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
 from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT
@@ -22,11 +23,21 @@ from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_form_of_a_subject, score_round
 from truing.inference.search import Candidate, Search
-from truing.inference.verdicts import FOUND, INDISTINGUISHABLE, REJECTED, Reason, Verdict, certain, first_order, fitted
+from truing.inference.verdicts import (
+    FOUND,
+    INDISTINGUISHABLE,
+    REJECTED,
+    SUSPECTED,
+    Reason,
+    Verdict,
+    certain,
+    first_order,
+    fitted,
+)
 
 # Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
-# that is larger than declared, and of noise that follows something.
-_CAUSES, _NOISE, _FOLLOWING = 0.45, 0.05, 0.1
+# that is larger than declared, of noise that follows something, and of a model that is doubted as a whole.
+_CAUSES, _NOISE, _FOLLOWING, _DOUBTED = 0.45, 0.05, 0.1, 0.4
 _MOST_ROUNDS = 8
 _MOST_FOLLOWED = 2
 _MOST_SUBJECTS = 3
@@ -57,6 +68,11 @@ class Settings:
         """Return the p-value below which noise follows something."""
         return _FOLLOWING * self.false_alarm
 
+    @property
+    def doubted_level(self) -> float:
+        """The p-value below which the final model does not hold as a whole."""
+        return _DOUBTED * self.false_alarm
+
 
 @dataclass(frozen=True)
 class Diagnosis(Generic[CauseT]):
@@ -71,6 +87,7 @@ class Diagnosis(Generic[CauseT]):
     noise: NoiseLevel  # what the final model leaves, over what was declared
     noisy: tuple[tuple[int, NoiseLevel], ...]  # single channels with noise of their own that is larger than declared
     noise_dependences: tuple[NoiseDependence, ...]  # what the noise follows; observations were weighted accordingly
+    adequacy: Adequacy  # whether the final model holds as a whole
     held_out: Epochs[Conditions] | None
 
 
@@ -133,18 +150,30 @@ class Acceptance(Generic[CauseT]):
             noise_dependences += more
             searched = self._searched(kinds)
         fitter, final = self._fitter, searched.final
+        noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
+        adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, _MOST_ROUNDS]))
+        verdicts = self._verdicts(searched)
+        if adequacy.p_value <= self._settings.doubted_level:
+            verdicts = [self._doubted(verdict) for verdict in verdicts]
         return Diagnosis(
-            tuple(sorted(self._verdicts(searched), key=lambda verdict: verdict.rank)),
+            tuple(sorted(verdicts, key=lambda verdict: verdict.rank)),
             searched.plain,
             final,
             tuple(searched.rounds),
             searched.search,
             tuple(fitter.screened),
-            noise_level(final.fit.whitened, final.measured, fitter.declared),
+            noise,
             tuple(self._noisy_channels(final)),
             tuple(noise_dependences),
+            adequacy,
             fitter.held_out,
         )
+
+    def _doubted(self, verdict: Verdict[CauseT]) -> Verdict[CauseT]:
+        """A verdict in a model that does not hold as a whole: a name that was found is only suspected."""
+        if verdict.verdict != FOUND or not verdict.cause.catalogued or verdict.cause in self._given:
+            return verdict
+        return replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
 
     def _noisy_channels(self, final: FittedModel[CauseT]) -> Iterator[tuple[int, NoiseLevel]]:
         """Yield the channels of an instrument whose noise is larger than declared, p-values corrected for their number;

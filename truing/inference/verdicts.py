@@ -17,11 +17,11 @@ from truing.inference.rounds import Round
 from truing.inference.search import LEAST_P, Candidate
 from truing.inference.signatures import Signature
 
-FOUND, INDISTINGUISHABLE, REJECTED = "found", "indistinguishable", "rejected"
+FOUND, SUSPECTED, INDISTINGUISHABLE, REJECTED = "found", "suspected", "indistinguishable", "rejected"
 
 
 class Reason(StrEnum):
-    """Why a candidate was not found."""
+    """Why a candidate was not found, or is only suspected."""
 
     CHANCE = "chance"
     HELD_OUT = "held-out"
@@ -29,6 +29,7 @@ class Reason(StrEnum):
     CONTAINED = "contained"
     UNSEEN = "unseen"
     RIVAL = "rival"
+    INADEQUATE = "inadequate"
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Verdict(Generic[CauseT]):
     """One candidate cause: what was decided, on what grounds, and what predictions miss without and with it."""
 
     cause: CauseT
-    verdict: str  # found, indistinguishable, rejected
+    verdict: str  # found, suspected, indistinguishable, rejected
     p_value: float
     probability: float
     log_odds: float  # over the model without it: where it was found, or where it first competed
@@ -58,8 +59,8 @@ class Verdict(Generic[CauseT]):
 
     @property
     def rank(self) -> tuple[int, float]:
-        """Return what verdicts are sorted by: found ones in order of acceptance, the others by probability."""
-        order = (FOUND, INDISTINGUISHABLE, REJECTED).index(self.verdict)
+        """What verdicts are sorted by: accepted ones in order of acceptance, the others by probability."""
+        order = {FOUND: 0, SUSPECTED: 0, INDISTINGUISHABLE: 1, REJECTED: 2}[self.verdict]
         return order, (0.0 if order == 0 else -self.probability)
 
 

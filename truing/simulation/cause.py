@@ -68,6 +68,11 @@ class Scene(Generic[CauseT]):
 
     seen: NDArray | None = field(default=None, kw_only=True)
 
+    @property
+    def inputs(self) -> Mapping[str, NDArray]:
+        """The columns (B,) of what was asked of the machine, by name: none where nothing was."""
+        return {}
+
     def with_seen(self, seen: NDArray) -> Self:
         """The scene of which so many observations (B, K) were seen."""
         return replace(self, seen=seen)

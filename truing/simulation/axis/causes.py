@@ -52,6 +52,11 @@ class AxisScene(ChannelScene["AxisCause"]):
         """The number of rows B and of encoders K."""
         return len(self.rows.poses), len(self.axis.encoders)
 
+    @property
+    def inputs(self) -> Mapping[str, NDArray]:
+        """The commands (B,)."""
+        return {"command": self.rows.command}
+
 
 @dataclass(frozen=True)
 class AxisCause(Cause[AxisScene]):

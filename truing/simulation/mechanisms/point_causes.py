@@ -56,6 +56,11 @@ class PointScene(Scene["PointCause"]):
     photographed: Photographed | None = None  # None where points were not computed from photographs
 
     @property
+    def inputs(self) -> Mapping[str, NDArray]:
+        """The readings (B,) of each actuator."""
+        return {f"rho{leg}_mm": values for leg, values in enumerate(self.readings.T, 1)}
+
+    @property
     def legs(self) -> int:
         """Return the number of legs L."""
         return len(self.rho0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.load_steps import CHANNELS, LINEAR, LoadSteps, ReadingState
+from truing.simulation.bench.load_steps import CHANNELS, LINEAR, LOADS, LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Cause, ChannelScene, Step
 
@@ -34,6 +34,12 @@ class BenchScene(ChannelScene["ReadingCause"]):
     def size(self) -> tuple[int, int]:
         """The number of load steps B and of channels K."""
         return len(self.steps.run), len(self.steps.channels)
+
+    @property
+    def inputs(self) -> Mapping[str, NDArray]:
+        """The loads (B,) along the axes that were loaded."""
+        loads = zip(LOADS, self.steps.load.T, strict=True)
+        return {name: values for name, values in loads if values.any()}
 
 
 class ReadingCause(Cause[BenchScene]):
