@@ -45,7 +45,7 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
     ``noise_level`` is the p-value below which it is.
     """
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
-    found = sum(row["verdict"] == "found" for row in rows)
+    found = sum(row["verdict"] in ("found", "suspected") for row in rows)
     rows[found:found] = _noise_rows(diagnosis, words.shown, noise_level)
     return ranked_table(rows)
 
@@ -121,7 +121,9 @@ def _facts(verdict: Verdict, diagnosis: Diagnosis, words: Words, claim: Claim) -
         words.remark,
         subject=cause.subject,
         odds=_odds(verdict, diagnosis),
-        largest=shown.largest_motion(verdict.before, verdict.after) if verdict.verdict == "found" else None,
+        largest=shown.largest_motion(verdict.before, verdict.after)
+        if verdict.verdict in ("found", "suspected")
+        else None,
         subjects=verdict.subjects,
         unit=shown.unit,
         fitted_words=shown.fitted,

@@ -24,6 +24,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 UNLUCKY = 1e-3  # a correct diagnosis fails a judgement at most once in a thousand draws
 WITHIN_95 = 1.959964
 TOLD = ("found", "indistinguishable")
+SUSPECTED = "suspected"  # no claim: it counts neither for nor against a name
 KEPT = ("cause", "verdict", "subject", "parameters", "follows", "p_value", "probability")
 KEPT_NUMBERS = ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
 
@@ -68,7 +69,11 @@ class Judged:
 
     @cached_property
     def told(self) -> tuple[Finding, ...]:
-        return tuple(_finding(row, self._legs) for row in self.record["findings"])
+        return tuple(_finding(row, self._legs) for row in self.record["findings"] if row["verdict"] in TOLD)
+
+    @cached_property
+    def suspected(self) -> tuple[Finding, ...]:
+        return tuple(_finding(row, self._legs) for row in self.record["findings"] if row["verdict"] == SUSPECTED)
 
     @cached_property
     def hidden(self) -> tuple[Hidden, ...]:
@@ -281,11 +286,15 @@ def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
         log = out / "defect.log"
         return record | {"failed": log.read_text(encoding="utf-8")[-1500:] if log.exists() else said}
     rows = pq.read_table(out / "diagnosis.parquet").to_pylist()
-    others = [row for row in rows if row["verdict"] not in TOLD and row.get("log_evidence") is not None]
+    others = [row for row in rows if row["verdict"] not in (*TOLD, SUSPECTED) and row.get("log_evidence") is not None]
     others.sort(key=lambda row: -row["log_evidence"])
     sums = out / "pull_sums.parquet"
     return record | {
-        "findings": [{key: row.get(key) for key in (*KEPT, *KEPT_NUMBERS)} for row in rows if row["verdict"] in TOLD],
+        "findings": [
+            {key: row.get(key) for key in (*KEPT, *KEPT_NUMBERS)}
+            for row in rows
+            if row["verdict"] in (*TOLD, SUSPECTED)
+        ],
         "rejected": [[row["cause"], row["subject"], row["log_evidence"]] for row in others[:3]],
         "pull_sums": pq.read_table(sums).to_pylist() if sums.exists() else [],
     }

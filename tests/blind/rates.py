@@ -68,7 +68,8 @@ def told(campaign: Judged) -> str:
         ", ".join(f"{e.kind} {' '.join(sorted(e.subject))} at {e.strength:.1f}" for e in campaign.hidden) or "nothing"
     )
     found = ", ".join(
-        f"{row.verdict} {row.cause} {' '.join(sorted(row.subject | row.follows))}" for row in campaign.told
+        f"{row.verdict} {row.cause} {' '.join(sorted(row.subject | row.follows))}"
+        for row in (*campaign.told, *campaign.suspected)
     )
     return f"{campaign.name} ({campaign.record['truth'].get('layout')}): {hidden} -> {found or 'nothing'}"
 

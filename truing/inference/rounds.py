@@ -48,6 +48,25 @@ def is_form_of_a_subject(cause: Cause) -> bool:
     return not cause.catalogued and bool(cause.subject)
 
 
+def is_beside_unnamed(final: FittedModel[CauseT], cause: CauseT) -> bool:
+    """Whether forms that nobody declared act where a cause of the model acts, and are together not small beside it."""
+    unnamed = [other for other in final.causes if not other.catalogued]
+    if not unnamed:
+        return False
+    pathways = final.pathways()
+    own, squares = _acting(final, pathways, cause)
+    others = [_acting(final, pathways, other) for other in unnamed]
+    beside = sum(held for form, held in others if own.share_on(pathways, form) > _SAME_GROUND)
+    return beside > _OF_ITS_SIZE * squares
+
+
+def _acting(fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT) -> tuple[Signature, float]:
+    """How a cause of a model acts, and its squares over those of its own uncertainty."""
+    values, covariance = fitted.values(cause)
+    squares = float(values @ np.linalg.solve(covariance, values))
+    return signature(pathways, fitted.design_matrix(cause)), squares
+
+
 @dataclass(frozen=True)
 class Pair(Generic[CauseT]):
     """Two candidates that together explain what no single one does, the one to be accepted first before the other.
@@ -169,13 +188,11 @@ class Round(Generic[CauseT]):
         their squares.
         """
         assert self.search is not None
-        found = []
-        for cause in self.fitted.causes:
-            if not cause.catalogued and cause.subject:
-                values, covariance = self.fitted.values(cause)
-                squares = float(values @ np.linalg.solve(covariance, values))
-                found.append((signature(self.search.pathways, self.fitted.design_matrix(cause)), squares))
-        return found
+        return [
+            _acting(self.fitted, self.search.pathways, cause)
+            for cause in self.fitted.causes
+            if is_form_of_a_subject(cause)
+        ]
 
     @cached_property
     def _rests(self) -> dict[str, float]:

@@ -21,7 +21,7 @@ from truing.inference.model import CampaignModel, CauseT, Conditions, Conditions
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
-from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_form_of_a_subject, score_round
+from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_beside_unnamed, is_form_of_a_subject, score_round
 from truing.inference.search import Candidate, Search
 from truing.inference.verdicts import (
     FOUND,
@@ -153,8 +153,8 @@ class Acceptance(Generic[CauseT]):
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, _MOST_ROUNDS]))
         verdicts = self._verdicts(searched)
-        if adequacy.p_value <= self._settings.doubted_level:
-            verdicts = [self._doubted(verdict) for verdict in verdicts]
+        holds = adequacy.p_value > self._settings.doubted_level
+        verdicts = [self._doubted(verdict, final, holds) for verdict in verdicts]
         return Diagnosis(
             tuple(sorted(verdicts, key=lambda verdict: verdict.rank)),
             searched.plain,
@@ -169,11 +169,16 @@ class Acceptance(Generic[CauseT]):
             fitter.held_out,
         )
 
-    def _doubted(self, verdict: Verdict[CauseT]) -> Verdict[CauseT]:
-        """A verdict in a model that does not hold as a whole: a name that was found is only suspected."""
+    def _doubted(self, verdict: Verdict[CauseT], final: FittedModel[CauseT], holds: bool) -> Verdict[CauseT]:
+        """A verdict in the whole picture: a name that was found is only suspected where the final model does not hold,
+        or where something acts on the same observations that has no name and is not small beside it."""
         if verdict.verdict != FOUND or not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
-        return replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
+        if not holds:
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
+        if is_beside_unnamed(final, verdict.cause):
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.UNNAMED)
+        return verdict
 
     def _noisy_channels(self, final: FittedModel[CauseT]) -> Iterator[tuple[int, NoiseLevel]]:
         """Yield the channels of an instrument whose noise is larger than declared, p-values corrected for their number;

@@ -30,6 +30,7 @@ class Reason(StrEnum):
     UNSEEN = "unseen"
     RIVAL = "rival"
     INADEQUATE = "inadequate"
+    UNNAMED = "unnamed"
 
 
 @dataclass(frozen=True)

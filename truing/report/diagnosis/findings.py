@@ -10,6 +10,12 @@ from truing.report.diagnosis.effect_units import plain_size, told_size
 from truing.report.numbers import plain, two_decimals, with_uncertainty
 
 UNNAMED = ", and no cause of the catalogue explains it"
+# Why a cause is suspected and not found, by its reason code.
+DOUBTS = {
+    "inadequate": "the model with everything that was accepted leaves more than noise, so the picture is incomplete",
+    "unnamed": "something that no cause of the catalogue explains acts on the same measurements and is not small "
+    "beside it, so this may be a part of that",
+}
 # What an empty subject stands for, beside one of this kind.
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
 # How many parameters a sentence names before it says how many more there are.
@@ -52,7 +58,13 @@ class Facts:
 
 def explanation(facts: Facts) -> str:
     """Return what the diagnosis has to say of one candidate cause."""
-    said = {"found": _found, "indistinguishable": _indistinguishable, "rejected": _rejected}[facts.verdict](facts)
+    of_verdict = {
+        "found": _found,
+        "suspected": _suspected,
+        "indistinguishable": _indistinguishable,
+        "rejected": _rejected,
+    }
+    said = of_verdict[facts.verdict](facts)
     return " ".join(f"{said} {facts.remark}".split())
 
 
@@ -99,6 +111,13 @@ def _elsewhere(facts: Facts) -> str:
     whole = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole")
     told = [f"{subject_words(subject) or whole} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
     return f" That it concerns {' or '.join(told)} instead is less probable by these odds only."
+
+
+def _suspected(facts: Facts) -> str:
+    return (
+        f"It may be that {facts.clause}{_sizes(facts)}.{_reach(facts)} This is suspected, and not found: "
+        f"{DOUBTS[facts.reason_code]}. {_improvement(facts)}{_elsewhere(facts)}"
+    )
 
 
 def _indistinguishable(facts: Facts) -> str:
