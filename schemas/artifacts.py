@@ -307,6 +307,12 @@ _DIAGNOSIS = (
         optional="signal_to_noise log_evidence scale_holds reason_code rival settings clause largest_motion "
         "advice_kind next_in_short",
     ),
+    parquet(
+        "adequacy",
+        "whether the final model holds as a whole: what it leaves, tested against plain noise; p-values are corrected "
+        "for the number of tests",
+        "subject* test* along* value p_value limit state",
+    ),
     Artifact("model", "model.toml", "the extended model: nominal, identified parameters, accepted effects"),
     parquet(
         "detectable",

@@ -191,12 +191,22 @@ _MEASURED = (
     real("limit", "", "the limit that the verdict rests on, in the unit of its row", nullable=True),
     text("accepted", "who accepted the verdict and why; empty where nobody did", nullable=True),
     text("relation", "the tested relation between two parts of the campaign: the name of its check"),
-    text("state", "result of the test of a relation", choices=("ok", "attention", "fails", "not tested")),
+    text(
+        "test",
+        "what is looked for in what a model leaves: more noise of observations or of inputs than declared, or residuals "
+        "that are alike where the values of a column are",
+        choices=("observation-noise", "input-noise", "like-neighbours"),
+    ),
+    text("along", "the column along which neighbours are compared; several, separated by blanks; empty for noise"),
+    text(
+        "state", "result of the test of a relation, or of a model", choices=("ok", "attention", "fails", "not tested")
+    ),
     text(
         "reason_code",
         "code of the reason for the state or the verdict; of a cause: found, noise, rival, chance, held-out (predicts "
-        "it worse), dropped (not needed next to others), contained (in what was found) or unseen (the campaign cannot "
-        "show it)",
+        "it worse), dropped (not needed next to others), contained (in what was found), unseen (the campaign cannot "
+        "show it), or, of one that is suspected, inadequate (the model does not hold as a whole) or unnamed (something "
+        "without a name acts on the same measurements)",
     ),
     real("misfit", "", "rms of what the relation leaves as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "the same with the slips undone; empty where no slip explains it", nullable=True),
@@ -313,7 +323,7 @@ _CONCLUDED = (
     text("cause", "an id of the catalogue, or unexplained"),
     text(
         "verdict",
-        "the finding: pass, warn, fail; found, indistinguishable, rejected; or agrees, differs",
+        "the finding: pass, warn, fail; found, suspected, indistinguishable, rejected; or agrees, differs",
         nullable=True,
     ),
     share("probability", "among the candidates, given the data", nullable=True),

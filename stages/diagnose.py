@@ -24,7 +24,7 @@ DECLARATION = Stage(
     name="diagnose",
     reads=(*_POINTS, "start?", *_LOADS, "qa?", *_RAYS),
     leaves=(
-        *("diagnosis", "model?", "detectable?", "pulls?", "pull_sums?"),
+        *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
         *("prediction?", "reading_errors?", "axis_errors?", "next_poses?", "next_loads?"),
         *("changes?", "cause_uncertainty?", "diagnosis_left_out?"),
     ),

@@ -11,7 +11,7 @@ from truing.report.numbers import count as counted
 from truing.report.numbers import gross_errors, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.declaration import Outcome
-from truing.stages.diagnosis.cause_tables import detectable_table, detectable_words, uncertainty_table
+from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
 from truing.stages.diagnosis.left_tables import left_out_table
 from truing.stages.diagnosis.ray_findings import with_rays
 from truing.stages.diagnosis.rows import Words, diagnosis_table
@@ -38,7 +38,7 @@ def outcome(diagnosis: Diagnosis, gathered: Gathered[Any], rays: RayFindings | N
     if rays is not None:
         artifacts = with_rays(artifacts, rays, rule)
         read, left_out = f"{read}; {rays.read}", [*left_out, rays.left_out]
-    figure = _figure(artifacts["diagnosis"], diagnosis, shown)
+    figure = _figure(artifacts["diagnosis"], diagnosis, shown, rule)
     return Outcome(artifacts, read, "; ".join(filter(None, left_out)) or "nothing", figure)
 
 
@@ -64,6 +64,7 @@ def artifacts_of(
     words = Words(detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown)
     left = {
         "diagnosis": diagnosis_table(diagnosis, words, rule.noise_level),
+        "adequacy": adequacy_table(diagnosis.adequacy, rule.doubted_level, gathered.shown.what),
         "detectable": detectable_table(last, rule.level, legs),
         "cause_uncertainty": uncertainty_table(diagnosis, legs),
         "diagnosis_left_out": left_out_table(diagnosis, gathered) if diagnosis.screened else None,
@@ -92,21 +93,25 @@ def _read(gathered: Gathered[Any], shown: Shown) -> str:
     return f"{counted(seen, shown.what)} of {used}, {counted(held, shown.epoch)} held out"
 
 
-def _figure(table: pa.Table, diagnosis: Diagnosis, shown: Shown) -> str:
+def _figure(table: pa.Table, diagnosis: Diagnosis, shown: Shown, rule: Settings) -> str:
     final = diagnosis.final
     rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
     left = f"{two_decimals(rms)} {shown.unit} rms, noise alone leaves {two_decimals(floor)}"
-    if not any(verdict == "found" for verdict in table.column("verdict").to_pylist()):
+    if diagnosis.adequacy.p_value <= rule.doubted_level:
+        left += "; the model does not hold as a whole"
+    if not {"found", "suspected"} & set(table.column("verdict").to_pylist()):
         return f"nothing found: {left}"
     before = shown.rms(diagnosis.plain.error) or 0.0
     return f"{_found(table)}: {two_decimals(before)} -> {left}"
 
 
 def _found(table: pa.Table) -> str:
-    """What was found, in words."""
-    found = [row for row in table.to_pylist() if row["verdict"] == "found"]
-    # What is found of the noise has no name of its own among the causes.
-    names = [
-        "noise not as declared" if "noise_ratio" in json.loads(row["parameters"]) else row["cause"] for row in found
-    ]
-    return f"found {', '.join(dict.fromkeys(names))}" if names else "nothing found"
+    """What was found and what is suspected, in words."""
+    names: dict[str, list[str]] = {"found": [], "suspected": []}
+    for row in table.to_pylist():
+        if row["verdict"] in names:
+            # What is found of the noise has no name of its own among the causes.
+            is_noise = "noise_ratio" in json.loads(row["parameters"])
+            names[row["verdict"]].append("noise not as declared" if is_noise else row["cause"])
+    said = [f"{verdict} {', '.join(dict.fromkeys(own))}" for verdict, own in names.items() if own]
+    return "; ".join(said) or "nothing found"

@@ -16,6 +16,7 @@ from truing.simulation.detection_trials import told_size
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
+    from truing.inference.adequacy import Adequacy
     from truing.inference.fitted_model import FittedModel
     from truing.inference.linear_problem import Contribution
     from truing.inference.search import Search
@@ -96,6 +97,25 @@ def _ordered(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     listed = list(rows)
     causes = list(dict.fromkeys(row["cause"] for row in listed))
     return sorted(listed, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))
+
+
+def adequacy_table(adequacy: Adequacy, level: float, subject: str) -> pa.Table:
+    """Rows of every test of the final model, and of what could not be tested; ``subject`` is what was measured."""
+    rows = Rows("adequacy")
+    for test in adequacy.tests:
+        p_value = adequacy.corrected(test)
+        rows.add(
+            subject=subject,
+            test=str(test.lack),
+            along=test.along,
+            value=test.value,
+            p_value=p_value,
+            limit=level,
+            state="ok" if p_value > level else "fails",
+        )
+    for lack in adequacy.untested:
+        rows.add(subject=subject, test=str(lack), along="", value=None, p_value=None, limit=level, state="not tested")
+    return rows.table()
 
 
 def uncertainty_table(diagnosis: Diagnosis, legs: int) -> pa.Table:

@@ -171,7 +171,7 @@ def _asked(
     diagnosis: Diagnosis, fitted: Callable[[FittedModel], Fitted]
 ) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those that cannot be told from their rivals."""
-    found = {verdict.cause.key: verdict for verdict in diagnosis.verdicts if verdict.verdict == "found"}
+    found = {verdict.cause.key: verdict for verdict in diagnosis.verdicts if verdict.verdict in ("found", "suspected")}
     rivals = [
         Rivals(own.cause, fitted(own.own), other.cause, fitted(other.own), own.log_odds - other.log_odds)
         for other in diagnosis.verdicts

@@ -28,7 +28,7 @@ from truing.simulation.photographs.ray_poses import BAR
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.point_errors import point_errors
 from truing.stages.common.ray_statistics import effects_on_points
-from truing.stages.diagnosis.cause_tables import detectable_table, detectable_words, uncertainty_table
+from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
 from truing.stages.diagnosis.gathered import Gathered
 from truing.stages.diagnosis.ray_points import gather_rays, scale_height
 from truing.stages.diagnosis.rows import Words, diagnosis_table, ranked_table
@@ -45,7 +45,7 @@ Recorded = PointModel | BodyModel
 
 _SI = 1e-3
 _UM = 1e6
-_ORDER = ("found", "indistinguishable", "rejected")
+_ORDER = ("found", "suspected", "indistinguishable", "rejected")
 
 
 @dataclass(frozen=True)
@@ -168,11 +168,12 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     own = diagnosis_table(diagnosis, words, own_rule.noise_level).to_pylist()
     of_causes = [row for row in own if "noise_ratio" not in json.loads(row["parameters"])]
     for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):
-        if verdict.cause.key in rays.moves and row["verdict"] == "found":
+        if verdict.cause.key in rays.moves and row["verdict"] in ("found", "suspected"):
             row["explanation"] += _on_points(rays.moves[verdict.cause.key])
     found["diagnosis"] = _ranked(own, found["diagnosis"])
     for name, table in (
         ("detectable", detectable_table(diagnosis.search, level, 0)),
+        ("adequacy", adequacy_table(diagnosis.adequacy, own_rule.doubted_level, rays.gathered.shown.what)),
         ("cause_uncertainty", uncertainty_table(diagnosis, 0)),
     ):
         found[name] = _together(name, [found[name], table] if name in found else [table])

@@ -7,7 +7,7 @@ import pandas as pd
 from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.gain import gained
 from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import found_of, judged
+from truing.report.diagnosis.judged import accepted_of, judged
 from truing.report.diagnosis.next_measurements import following
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.section import diagnosis, sizes
@@ -17,7 +17,7 @@ Frames = dict[str, pd.DataFrame]
 PARTS = {
     "evidence": lambda tables: evidence(judged(tables)),
     "gain": lambda tables: gained(judged(tables), tables),
-    "sizes": lambda tables: sizes(found_of(judged(tables))),
+    "sizes": lambda tables: sizes(accepted_of(judged(tables))),
     "pulls": pulls,
     "hidden": lambda tables: hidden(judged(tables), tables),
     "next": lambda tables: following(judged(tables), tables),

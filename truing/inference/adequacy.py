@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truing.inference.arrays import Array, Integers
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT
 from truing.inference.noise import NOISE_PRIOR_FREEDOM, NoiseLevel
@@ -27,7 +27,7 @@ _RESOLVED = 10  # permutations beyond which a share of them is a p-value by itse
 
 
 class Lack(StrEnum):
-    """What kind of misfit was looked for."""
+    """What kind of misfit is looked for."""
 
     OBSERVATION_NOISE = "observation-noise"  # more noise of observations than declared
     INPUT_NOISE = "input-noise"  # more noise of inputs than declared
@@ -63,6 +63,11 @@ class Adequacy:
         """Chance that an adequate model does as badly in the worst of all tests."""
         return 1.0 if self.worst is None else self.corrected(self.worst)
 
+    @property
+    def untested(self) -> list[Lack]:
+        """Kinds of misfit that nothing was there to test."""
+        return [lack for lack in Lack if all(test.lack != lack for test in self.tests)]
+
     def corrected(self, test: LackOfFit) -> float:
         """A test's p-value, corrected for the kinds of misfit and for the tests of its kind (Bonferroni)."""
         kinds = len({other.lack for other in self.tests})
@@ -89,7 +94,7 @@ def noise_excess(lack: Lack, ratio: float, freedom: float) -> LackOfFit:
 
 
 def like_neighbours(
-    rest: NDArray, columns: Mapping[str, NDArray], rng: np.random.Generator, groups: NDArray | None = None
+    rest: Array, columns: Mapping[str, Array], rng: np.random.Generator, groups: Integers | None = None
 ) -> Iterator[LackOfFit]:
     """Yield how alike residuals (B, K, d) of epochs are that are neighbours along each of the columns (B,) or (B, D).
 
@@ -112,7 +117,7 @@ def like_neighbours(
             yield LackOfFit(Lack.LIKE_NEIGHBOURS, name, *_likeness(products, _neighbours(own), orders))
 
 
-def _products(rows: NDArray) -> NDArray:
+def _products(rows: Array) -> Array:
     """Mean products (B, B) of epochs' residuals (B, C), channel by channel where both were seen, of unit variance."""
     seen = np.isfinite(rows)
     count = np.maximum(seen.sum(0), 1)
@@ -121,7 +126,7 @@ def _products(rows: NDArray) -> NDArray:
     return np.asarray(centred @ centred.T / np.maximum(seen.astype(float) @ seen.T, 1.0))
 
 
-def _orders(count: int, groups: NDArray | None, rng: np.random.Generator) -> list[NDArray]:
+def _orders(count: int, groups: Integers | None, rng: np.random.Generator) -> list[Integers]:
     if groups is None:
         return [rng.permutation(count) for _ in range(_PERMUTATIONS)]
     by_group = np.argsort(groups, kind="stable")
@@ -133,7 +138,7 @@ def _orders(count: int, groups: NDArray | None, rng: np.random.Generator) -> lis
     return found
 
 
-def _likeness(products: NDArray, pairs: tuple[NDArray, NDArray], orders: list[NDArray]) -> tuple[float, float]:
+def _likeness(products: Array, pairs: tuple[Integers, Integers], orders: list[Integers]) -> tuple[float, float]:
     """Mean product of neighbours, and the chance of a larger one: the normal tail beyond what permutations resolve."""
     from scipy.special import ndtr
 
@@ -146,7 +151,7 @@ def _likeness(products: NDArray, pairs: tuple[NDArray, NDArray], orders: list[ND
     return found, float(max(ndtr(-score), 1e-12))
 
 
-def _neighbours(columns: NDArray) -> tuple[NDArray, NDArray]:
+def _neighbours(columns: Array) -> tuple[Integers, Integers]:
     """Pairs of epochs nearest to each other in columns (B, D), each column over its range."""
     from scipy.spatial import KDTree
 

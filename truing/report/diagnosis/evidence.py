@@ -7,8 +7,8 @@ import math
 import numpy as np
 import plotly.graph_objects as go
 
-from truing.report.diagnosis.judged import EQUAL_ODDS, FOUND, REJECTED, RIVAL, Judged
-from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
+from truing.report.diagnosis.judged import EQUAL_ODDS, FOUND, REJECTED, RIVAL, SUSPECTED, Judged, accepted_of
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
 from truing.report.numbers import count, p_value, plain, rough, sign
 from truing.report.page import Listing, Section
 from truing.report.parameter_names import UNBROKEN
@@ -16,9 +16,11 @@ from truing.report.wordings.catalogue import cause_words
 
 _VERDICTS = {
     FOUND: ("found", BLUE),
+    SUSPECTED: ("suspected", GREEN),
     RIVAL: ("explains the data as well", ORANGE),
     REJECTED: ("rejected", GREY),
 }
+_MARKS = {FOUND: "fail", SUSPECTED: "warn", RIVAL: "warn", REJECTED: "none"}
 # Candidates that a figure shows; the table has them all.
 _SHOWN = 16
 _RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
@@ -32,9 +34,7 @@ _DECADES = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000, 100000)
 def evidence(rows: list[Judged]) -> Section:
     """How strongly the data speak for each candidate, with rivals of what was found marked."""
     causes = [row for row in rows if not row.is_noise]
-    title = (
-        "Evidence against every rival" if any(row.verdict == FOUND for row in causes) else "Evidence, cause by cause"
-    )
+    title = "Evidence against every rival" if accepted_of(causes) else "Evidence, cause by cause"
     return Section("evidence", title, _lead(causes), tuple(_figures(causes)), (_candidates(rows),))
 
 
@@ -49,7 +49,7 @@ def _figures(causes: list[Judged]) -> list[tuple[object, str]]:
 def _lead(rows: list[Judged]) -> str:
     """Who comes next to what was found, and whether that depends on which sizes were called plausible."""
     rivals = [row for row in rows if row.verdict == RIVAL]
-    found = [row for row in rows if row.verdict == FOUND]
+    found = accepted_of(rows)
     if not found:
         return "No candidate beats chance by more than the rate of false alarms allows."
     said = f"{count(len(rivals), 'candidate')} within a factor {EQUAL_ODDS:g} of what was found" if rivals else ""
@@ -95,7 +95,7 @@ def _position(evidence: float) -> float:
 
 def _best(rows: list[Judged]) -> list[Judged]:
     """What the figure shows, found ones whatever their evidence, by evidence."""
-    order = sorted(rows, key=lambda row: (row.verdict != FOUND, -(row.evidence or 0.0)))
+    order = sorted(rows, key=lambda row: (row.verdict not in (FOUND, SUSPECTED), -(row.evidence or 0.0)))
     return sorted(order[:_SHOWN], key=lambda row: -(row.evidence or 0.0))
 
 
@@ -247,6 +247,6 @@ def _candidates(rows: list[Judged]) -> Listing:
         )
         for row in rows
     )
-    marks = tuple("fail" if row.verdict == FOUND else "warn" if row.verdict == RIVAL else "none" for row in rows)
+    marks = tuple(_MARKS[row.verdict] for row in rows)
     title = f"All {len(rows)} candidates; rms before and after each is accepted"
     return Listing(_HEADS, cells, marks, title, len(cells) > 12, "diagnosis.parquet")

@@ -9,7 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
-from truing.report.diagnosis.judged import Judged, found_of, share_removed
+from truing.report.diagnosis.judged import Judged, accepted_of, share_removed
 from truing.report.diagnosis.misses import (
     AT_THE_FLOOR,
     POINTS,
@@ -68,7 +68,7 @@ def gained(rows: list[Judged], tables: Tables) -> Section:
 
     ``rows``: all candidates; where none was found, how far the simulation misses as it is.
     """
-    found = [row for row in found_of(rows) if not row.is_noise]
+    found = [row for row in accepted_of(rows) if not row.is_noise]
     of = compared(tables)
     missed = _missed(rows, found, tables, of)
     told = [*_cause_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]

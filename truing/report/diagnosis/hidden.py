@@ -8,7 +8,7 @@ import pandas as pd
 
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
-from truing.report.diagnosis.judged import Judged
+from truing.report.diagnosis.judged import FOUND, SUSPECTED, Judged
 from truing.report.numbers import count, printed
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled
@@ -30,7 +30,7 @@ def hidden(rows: list[Judged], tables: Tables) -> Section:
     table = table.assign(subject=table["subject"].map(cell), told=size_words(table))
     held = {row.cause for row in rows if row.reason_code == "contained"}
     table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
-    found = {row.cause for row in rows if row.verdict == "found"}
+    found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
     table.loc[table["cause"].isin(found) & table["size"].isna(), "told"] = _BEYOND
     return Section("hidden", _TITLE, _lead(table), listings=(_by_cause(table, rows), _all(table)))
 

@@ -15,7 +15,7 @@ from truing.report.wordings.claim import Claim, Size
 from truing.report.wordings.followed import columns_words
 from truing.schemas.covariates import named
 
-FOUND, RIVAL, REJECTED = "found", "indistinguishable", "rejected"
+FOUND, SUSPECTED, RIVAL, REJECTED = "found", "suspected", "indistinguishable", "rejected"
 # Odds below which two causes count as explaining the data equally well.
 EQUAL_ODDS = 20.0
 
@@ -64,9 +64,9 @@ def judged(tables: Tables) -> list[Judged]:
     return [_judged(row) for row in table.sort_values("rank").to_dict("records")]
 
 
-def found_of(rows: list[Judged]) -> list[Judged]:
-    """What was found, in the order of acceptance."""
-    return [row for row in rows if row.verdict == FOUND]
+def accepted_of(rows: list[Judged]) -> list[Judged]:
+    """What the extended model holds, found or suspected, in the order of acceptance."""
+    return [row for row in rows if row.verdict in (FOUND, SUSPECTED)]
 
 
 def _judged(row: Mapping[Any, Any]) -> Judged:

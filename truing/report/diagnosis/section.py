@@ -13,12 +13,14 @@ import plotly.graph_objects as go
 from truing.report.absorption import absorbed_by, swallowed
 from truing.report.calibration.calibrations import shown_calibration
 from truing.report.deformation_section import coefficient_map
+from truing.report.diagnosis.adequacy import adequacy
 from truing.report.diagnosis.effect_units import handy_unit, stem, told_size
 from truing.report.diagnosis.evidence import evidence
+from truing.report.diagnosis.findings import DOUBTS
 from truing.report.diagnosis.gain import gained
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import RIVAL, Judged, found_of, judged
+from truing.report.diagnosis.judged import RIVAL, SUSPECTED, Judged, accepted_of, judged
 from truing.report.diagnosis.next_measurements import following
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.unwritten_loads import unwritten_loads
@@ -45,13 +47,15 @@ def diagnosis(tables: Tables) -> Section | None:
     if not rows:
         why = why_no_diagnosis(tables)
         return Section("diagnosis", _TITLE, why[:1].upper() + why[1:], state="not evaluated")
-    found = found_of(rows)
+    found = accepted_of(rows)
+    of_whole = adequacy(tables)
     rivals = [row for row in rows if row.verdict == RIVAL]
-    told = [("warn" if row.is_noise else "found", _finding(row, tables)) for row in found]
+    told = [_accepted(row, tables) for row in found]
     told += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
     listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
-    parts = tuple(part for part in _parts(rows, found, tables) if part is not None)
-    state = "fail" if any(not row.is_noise for row in found) else "pass"
+    parts = tuple(part for part in (of_whole, *_parts(rows, found, tables)) if part is not None)
+    is_whole = of_whole is None or of_whole.state != "fail"
+    state = "pass" if is_whole and all(row.is_noise for row in found) else "fail"
     return Section("diagnosis", _TITLE, counted(rows, tables), (), listings, state, tuple(told), parts)
 
 
@@ -67,6 +71,13 @@ def _parts(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Sect
         following(rows, tables),
         changes(tables),
     ]
+
+
+def _accepted(row: Judged, tables: Tables) -> tuple[str, str]:
+    """A finding with its mark; of what is only suspected, that and why."""
+    if row.verdict == SUSPECTED:
+        return "warn", f"Suspected, not found: {lower(_finding(row, tables))} Why: {DOUBTS[row.reason_code]}."
+    return "warn" if row.is_noise else "found", _finding(row, tables)
 
 
 def _finding(row: Judged, tables: Tables) -> str:

@@ -6,7 +6,7 @@ import re
 
 import pandas as pd
 
-from truing.report.diagnosis.judged import FOUND, Judged
+from truing.report.diagnosis.judged import Judged, accepted_of
 from truing.report.numbers import rough
 from truing.report.page import Section
 from truing.report.tables import Tables, filled, load_steps
@@ -44,7 +44,7 @@ def load_warning(rows: list[Judged], tables: Tables) -> str:
 
 def _acted(rows: list[Judged], tables: Tables) -> str:
     steps = load_steps(tables)
-    return "; beside ".join(beside for row in rows if row.verdict == FOUND for beside in _beside(row, steps))
+    return "; beside ".join(beside for row in accepted_of(rows) for beside in _beside(row, steps))
 
 
 def _taken_in(tables: Tables) -> bool:

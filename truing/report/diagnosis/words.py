@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pandas as pd
 
+from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
-from truing.report.diagnosis.judged import REJECTED, RIVAL, Judged, found_of, judged
+from truing.report.diagnosis.judged import REJECTED, RIVAL, SUSPECTED, Judged, accepted_of, judged
 from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, as_it_is
 from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.numbers import count, printed, rough, sign
@@ -19,6 +20,7 @@ from truing.report.wordings.claim import AdviceKind
 
 # Findings that the first line tells, and causes whose smallest detectable size it tells.
 _TOLD, _SIZES = 3, 3
+_INCOMPLETE = "The picture is incomplete"
 _COUNTED = {2: "Two", 3: "Three"}
 # What a reader asks for first, of causes that stayed hidden.
 _ASKED = (
@@ -42,7 +44,7 @@ def diagnosis_verdicts(tables: Tables) -> list[Verdict]:
     rows = judged(tables)
     if not rows:
         return [("none", f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")]
-    found = found_of(rows)
+    found = accepted_of(rows)
     warning = ("warn", load_warning(rows, tables))
     told = [_first(found, rows, tables), *_rivals(found, rows, tables), warning, *_next(found, tables)]
     return [line for line in told if line[1]]
@@ -52,17 +54,31 @@ def _first(found: list[Judged], rows: list[Judged], tables: Tables) -> Verdict:
     """The line that a busy person acts on."""
     effects = [row for row in found if not row.is_noise]
     noise = [row for row in found if row.is_noise]
+    short = shortcoming(tables)
+    if not effects and short:
+        beside = f"; {lower(clause(noise[0], tables))}" if noise else ""
+        return ("warn", f"{_INCOMPLETE}: no cause of the catalogue was found, and yet {short}{beside}.")
     if not found:
         return _nothing(rows, tables)
     if not effects:
         left = "; beyond that the simulation agrees with the measurement: no cause moves it."
         return ("warn", clause(noise[0], tables) + left)
     brings = gain(found, tables)
-    said = _listed([clause(row, tables) for row in [*effects, *noise][:_TOLD]], len(found))
-    more = len(found) - _TOLD
-    said += f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""
+    sure = [row for row in [*effects, *noise] if row.verdict != SUSPECTED]
+    doubted = [row for row in effects if row.verdict == SUSPECTED]
+    said = [f"{_INCOMPLETE}: {short}"] if short else []
+    said += [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _further(sure)] if sure else []
+    if doubted:
+        names = "; ".join(lower(clause(row, tables)) for row in doubted[:_TOLD])
+        said.append(f"Suspected, not found: {names}{_further(doubted)}")
     modelling = "modelling it" if len(effects) == 1 else f"modelling {'both' if len(effects) == 2 else 'all of it'}"
-    return ("found", f"{said}; {modelling} {brings}." if brings else f"{said}.")
+    told = ". ".join(said)
+    return ("warn" if short or doubted else "found", f"{told}; {modelling} {brings}." if brings else f"{told}.")
+
+
+def _further(rows: list[Judged]) -> str:
+    more = len(rows) - _TOLD
+    return f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""
 
 
 def _nothing(rows: list[Judged], tables: Tables) -> Verdict:
@@ -189,10 +205,13 @@ def _probability(p: float) -> str:
 def counted(rows: list[Judged], tables: Tables) -> str:
     """How many candidates were judged, and what became of them; bodies without legs leave no model."""
     rivals, out = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
-    found = sum(not row.is_noise for row in found_of(rows))
+    accepted = [row for row in accepted_of(rows) if not row.is_noise]
+    found, suspected = len(accepted), sum(row.verdict == SUSPECTED for row in accepted)
     causes = [row for row in rows if not row.is_noise]
     judged_words = f"{count(len(causes), 'candidate cause')} judged"
     if not found:
+        if short := shortcoming(tables):
+            return f"{judged_words}, none found; yet the model does not hold as a whole: {short}."
         if len(causes) == len(rows) and _beyond_noise(rows, tables):
             return f"{judged_words}, none found; yet predictions miss by more than noise, and nothing judged tells why."
         noise = "" if len(causes) == len(rows) else ", which is not as declared"
@@ -202,6 +221,11 @@ def counted(rows: list[Judged], tables: Tables) -> str:
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "accepted into the extended model (model.toml)"
     return (
-        f"{judged_words}: {found} found and {into}{other}, {out} rejected. "
+        f"{judged_words}: {_accepted_words(found - suspected, suspected)} and {into}{other}, {out} rejected. "
         f"Each is held against the others by all that was measured, with every other parameter left free."
     )
+
+
+def _accepted_words(found: int, suspected: int) -> str:
+    told = [f"{found} found"] if found or not suspected else []
+    return ", ".join([*told, *([f"{suspected} suspected"] if suspected else [])])
