@@ -193,8 +193,8 @@ _MEASURED = (
     text("relation", "the tested relation between two parts of the campaign: the name of its check"),
     text(
         "test",
-        "what is looked for in what a model leaves: more noise of observations or of inputs than declared, or residuals "
-        "that are alike where the values of a column are",
+        "what is looked for in what a model leaves: more noise of observations or of inputs than declared, or "
+        "residuals that are alike where the values of a column are",
         choices=("observation-noise", "input-noise", "like-neighbours"),
     ),
     text("along", "the column along which neighbours are compared; several, separated by blanks; empty for noise"),
@@ -354,6 +354,12 @@ _CONCLUDED = (
     ),
     text("next_in_short", "next_measurement without the settings that a table holds; else empty", nullable=True),
     text("next_measurement", "what to measure to confirm it, or to tell it from its rivals", nullable=True),
+    share(
+        "share_explained",
+        "the share of a named cause in what it and effects without a name explain together, in squares; empty where no "
+        "effect without a name competed",
+        nullable=True,
+    ),
     size("signal_to_noise", "", "the effect over its noise, all nuisances taken out of it", nullable=True),
     real("log_evidence", "", "logarithm of the odds against the model without it", nullable=True),
     text(

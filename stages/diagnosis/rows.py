@@ -79,6 +79,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         "clause": facts.clause,
         "largest_motion": facts.largest,
         "signal_to_noise": verdict.signal_to_noise,
+        "share_explained": verdict.share_explained,
         "log_evidence": verdict.log_odds,
         "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
     }
@@ -120,6 +121,7 @@ def _facts(verdict: Verdict, diagnosis: Diagnosis, words: Words, claim: Claim) -
         not cause.catalogued,
         words.remark,
         subject=cause.subject,
+        share=verdict.share_explained,
         odds=_odds(verdict, diagnosis),
         largest=shown.largest_motion(verdict.before, verdict.after)
         if verdict.verdict in ("found", "suspected")

@@ -32,6 +32,8 @@ _OF_A_KIND = 3
 # Beside a form that nobody declared, on most of what it acts on, a name explains at least this share of its squares:
 # half its amplitude.
 _OF_ITS_SIZE, _SAME_GROUND = 0.25, 0.5
+# A name that explains less than this share of what acts on the same is no more than suspected.
+LEAST_SHARE = 1.0 / (1.0 + _OF_ITS_SIZE)
 # A cause of the catalogue is named unless a dependence in no declared form is more probable by this factor.
 NAMED = float(np.log(3.0))
 # Rivals within this factor of the best in evidence cannot be told from it.
@@ -48,16 +50,17 @@ def is_form_of_a_subject(cause: Cause) -> bool:
     return not cause.catalogued and bool(cause.subject)
 
 
-def is_beside_unnamed(final: FittedModel[CauseT], cause: CauseT) -> bool:
-    """Whether forms that nobody declared act where a cause of the model acts, and are together not small beside it."""
+def share_explained(final: FittedModel[CauseT], cause: CauseT) -> float:
+    """The share (0 to 1) of a cause of the model in what it explains together with forms that nobody declared and that
+    act on most of what it acts on, in squares."""
     unnamed = [other for other in final.causes if not other.catalogued]
     if not unnamed:
-        return False
+        return 1.0
     pathways = final.pathways()
     own, squares = _acting(final, pathways, cause)
     others = [_acting(final, pathways, other) for other in unnamed]
     beside = sum(held for form, held in others if own.share_on(pathways, form) > _SAME_GROUND)
-    return beside > _OF_ITS_SIZE * squares
+    return squares / (squares + beside)
 
 
 def _acting(fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT) -> tuple[Signature, float]:

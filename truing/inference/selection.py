@@ -21,7 +21,15 @@ from truing.inference.model import CampaignModel, CauseT, Conditions, Conditions
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
-from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_beside_unnamed, is_form_of_a_subject, score_round
+from truing.inference.rounds import (
+    LEAST_SHARE,
+    NAMED,
+    RIVAL_FACTOR,
+    Round,
+    is_form_of_a_subject,
+    score_round,
+    share_explained,
+)
 from truing.inference.search import Candidate, Search
 from truing.inference.verdicts import (
     FOUND,
@@ -99,6 +107,7 @@ class _Accepted(Generic[CauseT]):
     round: Round[CauseT]
     cause: CauseT  # in the form that was fitted
     after: FittedModel[CauseT]
+    is_outdone: bool  # a form that nobody declared was more probable, but was refused
 
     @property
     def candidate(self) -> Candidate[CauseT]:
@@ -154,7 +163,8 @@ class Acceptance(Generic[CauseT]):
         adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, _MOST_ROUNDS]))
         verdicts = self._verdicts(searched)
         holds = adequacy.p_value > self._settings.doubted_level
-        verdicts = [self._doubted(verdict, final, holds) for verdict in verdicts]
+        outdone = {step.cause.key for step in searched.kept if step.is_outdone}
+        verdicts = [self._doubted(verdict, final, holds, outdone) for verdict in verdicts]
         return Diagnosis(
             tuple(sorted(verdicts, key=lambda verdict: verdict.rank)),
             searched.plain,
@@ -169,14 +179,18 @@ class Acceptance(Generic[CauseT]):
             fitter.held_out,
         )
 
-    def _doubted(self, verdict: Verdict[CauseT], final: FittedModel[CauseT], holds: bool) -> Verdict[CauseT]:
+    def _doubted(
+        self, verdict: Verdict[CauseT], final: FittedModel[CauseT], holds: bool, outdone: set[str]
+    ) -> Verdict[CauseT]:
         """A verdict in the whole picture: a name that was found is only suspected where the final model does not hold,
-        or where something acts on the same observations that has no name and is not small beside it."""
+        where something acts on the same observations that has no name and is not small beside it, or where a form
+        without a name explained more but did not predict."""
         if verdict.verdict != FOUND or not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
+        verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
         if not holds:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
-        if is_beside_unnamed(final, verdict.cause):
+        if (verdict.share_explained or 0.0) < LEAST_SHARE or verdict.cause.key in outdone:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.UNNAMED)
         return verdict
 
@@ -247,7 +261,8 @@ class Acceptance(Generic[CauseT]):
             if not pairs:
                 continue
             rounds[-1] = current.closed()
-            found.append(_Accepted(chosen.light(), rounds[-1], cause, after))
+            outdone = is_outdone(current, chosen.candidate, refused)
+            found.append(_Accepted(chosen.light(), rounds[-1], cause, after, outdone))
             rounds.append(next_round)
         return found, worse
 
@@ -406,6 +421,13 @@ def is_real(current: Round[CauseT], candidate: Candidate[CauseT], level: float) 
     """
     speaks = current.scores[candidate.key].log_evidence > 0.0
     return speaks and current.p_value(candidate) <= level
+
+
+def is_outdone(current: Round[CauseT], chosen: Candidate[CauseT], refused: set[str]) -> bool:
+    """Whether a form that nobody declared is more probable than a name, though one of its kind was refused."""
+    unnamed = (c for c in current.candidates if not c.cause.catalogued and c.kind in refused)
+    least = current.posterior(chosen) + NAMED
+    return chosen.cause.catalogued and any(current.posterior(candidate) > least for candidate in unnamed)
 
 
 def _equals(current: Round[CauseT], level: float, refused: set[str]) -> list[Candidate[CauseT]]:

@@ -56,6 +56,7 @@ class Verdict(Generic[CauseT]):
     )
     reason: Reason | None = None
     rival: CauseT | None = None  # the cause from which it is indistinguishable
+    share_explained: float | None = None  # of what acts on the same as a name, in squares
     subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
 
     @property

@@ -18,6 +18,8 @@ DOUBTS = {
 }
 # What an empty subject stands for, beside one of this kind.
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
+# From this share on a name explains all that it competes for.
+_ALL_OF_IT = 0.995
 # How many parameters a sentence names before it says how many more there are.
 _NAMED = 6
 
@@ -47,6 +49,7 @@ class Facts:
     unnamed: bool  # whether no cause of the catalogue explains it
     remark: str  # what limits the statement; empty where nothing does
     subject: str = ""
+    share: float | None = None  # of a name in what it and effects without a name explain together
     odds: float | None = None  # indistinguishable: of the other over this one
     largest: float | None = None
     subjects: tuple[tuple[str, float], ...] = ()  # found: others that may be the subject, with the odds against each
@@ -95,10 +98,17 @@ def _and(names: Sequence[str]) -> str:
     return names[-1] if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
+def _share(facts: Facts) -> str:
+    """What a name leaves to effects without a name, where that is worth a sentence."""
+    if facts.share is None or facts.share >= _ALL_OF_IT:
+        return ""
+    return f" It explains {100.0 * facts.share:.0f} % of it; the rest follows no cause of the catalogue."
+
+
 def _found(facts: Facts) -> str:
     unnamed = UNNAMED if facts.unnamed else ""
     return (
-        f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_reach(facts)} {_improvement(facts)} "
+        f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_reach(facts)}{_share(facts)} {_improvement(facts)} "
         f"By chance this happens with a probability of at most {facts.p_value:.2g}, "
         f"all {facts.candidates} candidates counted.{_elsewhere(facts)}"
     )
@@ -115,7 +125,7 @@ def _elsewhere(facts: Facts) -> str:
 
 def _suspected(facts: Facts) -> str:
     return (
-        f"It may be that {facts.clause}{_sizes(facts)}.{_reach(facts)} This is suspected, and not found: "
+        f"It may be that {facts.clause}{_sizes(facts)}.{_reach(facts)}{_share(facts)} This is suspected, and not found: "
         f"{DOUBTS[facts.reason_code]}. {_improvement(facts)}{_elsewhere(facts)}"
     )
 
