@@ -137,8 +137,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--results", type=Path, help="default: runs/<name of the instrument's results>.jsonl")
     groups = parser.add_mutually_exclusive_group()
-    for group, what in ((UNFORESEEN, "effects thought of later"), (FOREIGN, "worlds that nobody described")):
-        groups.add_argument(f"--{group}", dest="group", action="store_const", const=group, help=what)
+    for option, group, what in (
+        ("--unforeseen", UNFORESEEN, "effects thought of later"),
+        ("--foreign", FOREIGN, "worlds that nobody described"),
+    ):
+        groups.add_argument(option, dest="group", action="store_const", const=group, help=what)
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
     own = INSTRUMENTS[options.instrument]
@@ -153,7 +156,9 @@ def main() -> None:
     tables = {None: lambda: blind_page.goals(campaigns, own), UNFORESEEN: lambda: blind_page.unknown(campaigns)}
     print(tables.get(options.group, lambda: blind_page.foreign(campaigns))())
     if options.write:
-        write = {None: blind_page.write_page, UNFORESEEN: blind_page.write_unforeseen}[options.group]
+        write = {None: blind_page.write_page, UNFORESEEN: blind_page.write_unforeseen}.get(
+            options.group, blind_page.write_foreign
+        )
         write(kept(results), own)
 
 

@@ -64,6 +64,11 @@ class Instrument:
         """Return the results on effects that were thought of when the diagnosis stood."""
         return DOCS / "experiments" / f"{self.short.replace('-', '_')}_unforeseen.jsonl.gz"
 
+    @property
+    def kept_foreign(self) -> Path:
+        """The results on worlds that nobody described."""
+        return DOCS / "experiments" / f"{self.short.replace('-', '_')}_foreign.jsonl.gz"
+
     def figure(self, name: str) -> Path:
         """Return a figure of the page."""
         return DOCS / "figures" / f"{self.short}-{name}.svg"

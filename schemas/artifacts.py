@@ -304,8 +304,8 @@ _DIAGNOSIS = (
         "one row per candidate cause",
         "rank* cause verdict subject p_value probability parameters follows rms_before rms_after heldout_rms_before "
         "heldout_rms_after noise_floor unit explanation next_measurement",
-        optional="signal_to_noise share_explained log_evidence scale_holds reason_code rival settings clause largest_motion "
-        "advice_kind next_in_short",
+        optional="signal_to_noise share_explained log_evidence scale_holds reason_code rival settings clause "
+        "largest_motion advice_kind next_in_short",
     ),
     parquet(
         "adequacy",

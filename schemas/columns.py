@@ -206,7 +206,7 @@ _MEASURED = (
         "code of the reason for the state or the verdict; of a cause: found, noise, rival, chance, held-out (predicts "
         "it worse), dropped (not needed next to others), contained (in what was found), unseen (the campaign cannot "
         "show it), or, of one that is suspected, inadequate (the model does not hold as a whole) or unnamed (something "
-        "without a name acts on the same measurements)",
+        "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it)",
     ),
     real("misfit", "", "rms of what the relation leaves as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "the same with the slips undone; empty where no slip explains it", nullable=True),

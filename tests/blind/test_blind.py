@@ -15,12 +15,13 @@ import pytest
 
 from tests.blind import rates
 from tests.blind.generator.case import hide, layouts_for
-from tests.blind.generator.hidden import CATALOGUE, STRANGE, draw_two
+from tests.blind.generator.hidden import CATALOGUE, FOREIGN, STRANGE, draw_two
 from tests.blind.judging import Judged, run_all
 from tests.blind.rates import clear_from
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
-NOTHING, ONE, TWO, UNKNOWN = 3, 6, 3, 5
+NOTHING, ONE, TWO, UNKNOWN, STRANGERS = 3, 6, 3, 5, 4
+IN_FOREIGN_WORLDS = 20.0  # signal-to-noise of each of the effects there
 # Above what must be found in 95 of 100: a regression shows in few campaigns only where few are missed without one.
 ABOVE_CLEAR = 1.6
 FOUND, NAMED, BOTH, DRIVEN = 0.95, 0.9, 0.95, 0.8  # of these; two so strong are missed as rarely as one that is clear
@@ -38,13 +39,16 @@ def _drawn() -> dict[str, list[tuple[str, ...]]]:
         "one": [(name,) for name in names],
         "two": pairs,
         "unknown": [(name,) for name in strange],
+        "foreign": [tuple(rng.choice(sorted(FOREIGN), 3, replace=False).tolist()) for _ in range(STRANGERS)],
     }
 
 
 def _write(names: Sequence[str], number: int, folder: Path) -> Path:
     seed = int(np.random.SeedSequence([SEED, 5, number]).generate_state(1)[0])
     kinds = layouts_for(names)
-    wanted = ABOVE_CLEAR * max((clear_from(name, two=len(names) > 1) for name in names), default=1.0)
+    foreign = set(names) & set(FOREIGN)
+    clear = max((clear_from(name, two=len(names) > 1) for name in names if not foreign), default=1.0)
+    wanted = IN_FOREIGN_WORLDS if foreign else ABOVE_CLEAR * clear
     return hide(names, kinds[seed % len(kinds)], wanted, seed).write(folder)
 
 
@@ -70,6 +74,16 @@ def test_so_few_campaigns_can_fail_every_judgement() -> None:
 def test_nothing_is_found_where_nothing_is_hidden(judged: dict[str, list[Judged]]) -> None:
     found = rates.alarms(judged["nothing"])
     assert not found.exceeds(WRONG), [rates.told(one) for one in judged["nothing"] if one.found]
+
+
+def test_no_name_is_found_in_a_world_that_nobody_described(judged: dict[str, list[Judged]]) -> None:
+    wrong = [bool(one.misnamed) for one in judged["foreign"]]
+    count = rates.Count(sum(wrong), len(wrong), ())
+    assert not count.exceeds(WRONG), [rates.told(one) for one in judged["foreign"] if one.misnamed]
+
+
+def test_a_world_that_nobody_described_never_reads_as_agreement(judged: dict[str, list[Judged]]) -> None:
+    assert all(one.found or one.suspected for one in judged["foreign"])
 
 
 def test_nothing_is_found_beside_what_was_hidden(judged: dict[str, list[Judged]]) -> None:

@@ -16,7 +16,7 @@ from tests.tolerance import assert_close
 from truing.inference.noise import components
 from truing.inference.rounds import Round, scored
 from truing.inference.search import Candidate, Search
-from truing.inference.selection import Choice, choose, confirmed
+from truing.inference.selection import Choice, choose, confirmed, is_outdone
 from truing.inference.signatures import signature
 
 LEVEL = 0.02
@@ -236,3 +236,10 @@ def test_what_predicts_worse_leaves_the_place_to_what_is_real_and_less_probable(
     assert current.posterior(left.candidate) < current.posterior(first.candidate) - np.log(20.0)
     assert [rival.key for rival, _ in left.rivals] == ["less"]
     assert choose(current, {"refused", "less"}, LEVEL) is None
+
+
+def test_a_name_is_outdone_by_a_more_probable_form_that_was_refused_and_by_no_other(both: Round) -> None:
+    weak, strong = (next(c for c in both.candidates if c.key == key) for key in ("weak", "strong"))
+    assert is_outdone(both, weak, {strong.kind})
+    assert not is_outdone(both, weak, set())
+    assert not is_outdone(both, strong, {weak.kind})

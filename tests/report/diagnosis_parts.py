@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
+from truing.report.diagnosis.adequacy import adequacy
 from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.gain import gained
 from truing.report.diagnosis.hidden import hidden
@@ -15,6 +16,7 @@ from truing.report.page import Section, all_of
 
 Frames = dict[str, pd.DataFrame]
 PARTS = {
+    "adequacy": adequacy,
     "evidence": lambda tables: evidence(judged(tables)),
     "gain": lambda tables: gained(judged(tables), tables),
     "sizes": lambda tables: sizes(accepted_of(judged(tables))),

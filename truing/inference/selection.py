@@ -182,10 +182,17 @@ class Acceptance(Generic[CauseT]):
     def _doubted(
         self, verdict: Verdict[CauseT], final: FittedModel[CauseT], holds: bool, outdone: set[str]
     ) -> Verdict[CauseT]:
-        """A verdict in the whole picture: a name that was found is only suspected where the final model does not hold,
-        where something acts on the same observations that has no name and is not small beside it, or where a form
-        without a name explained more but did not predict."""
-        if verdict.verdict != FOUND or not verdict.cause.catalogued or verdict.cause in self._given:
+        """A verdict in the whole picture.
+
+        What was found is only suspected where predictions miss by no less with it. So is a name where the final model
+        does not hold, where something without a name acts on the same observations and is not small beside it, or where
+        a form without a name explained more but did not predict.
+        """
+        if verdict.verdict != FOUND:
+            return verdict
+        if np.sum(verdict.after.squares) >= np.sum(verdict.before.squares):
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.UNPAID)
+        if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
         if not holds:

@@ -31,6 +31,7 @@ class Reason(StrEnum):
     RIVAL = "rival"
     INADEQUATE = "inadequate"
     UNNAMED = "unnamed"
+    UNPAID = "unpaid"
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ DOUBTS = {
     "inadequate": "the model with everything that was accepted leaves more than noise, so the picture is incomplete",
     "unnamed": "something that no cause of the catalogue explains acts on the same measurements and is not small "
     "beside it, so this may be a part of that",
+    "unpaid": "with it the simulation misses the measurement by no less",
 }
 # What an empty subject stands for, beside one of this kind.
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
@@ -108,8 +109,8 @@ def _share(facts: Facts) -> str:
 def _found(facts: Facts) -> str:
     unnamed = UNNAMED if facts.unnamed else ""
     return (
-        f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_reach(facts)}{_share(facts)} {_improvement(facts)} "
-        f"By chance this happens with a probability of at most {facts.p_value:.2g}, "
+        f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_reach(facts)}{_share(facts)} "
+        f"{_improvement(facts)} By chance this happens with a probability of at most {facts.p_value:.2g}, "
         f"all {facts.candidates} candidates counted.{_elsewhere(facts)}"
     )
 
@@ -125,8 +126,8 @@ def _elsewhere(facts: Facts) -> str:
 
 def _suspected(facts: Facts) -> str:
     return (
-        f"It may be that {facts.clause}{_sizes(facts)}.{_reach(facts)}{_share(facts)} This is suspected, and not found: "
-        f"{DOUBTS[facts.reason_code]}. {_improvement(facts)}{_elsewhere(facts)}"
+        f"It may be that {facts.clause}{_sizes(facts)}.{_reach(facts)}{_share(facts)} "
+        f"This is suspected, and not found: {DOUBTS[facts.reason_code]}. {_improvement(facts)}{_elsewhere(facts)}"
     )
 
 

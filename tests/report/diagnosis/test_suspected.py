@@ -1,0 +1,74 @@
+"""What is only suspected never reads as found, and a model that does not hold never reads as agreement."""
+
+from __future__ import annotations
+
+import pandas as pd
+import pytest
+
+from tests.report.diagnosis_parts import part_of
+from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
+from truing.report.diagnosis.findings import DOUBTS
+from truing.report.diagnosis.section import diagnosis
+from truing.report.head import build_head
+
+GAIN = row("actuator-gain", subject="leg3", parameters=GAIN_3)
+DOUBTED = GAIN | {"verdict": "suspected", "reason_code": "unnamed"}
+DRIFT = row("leg-drift", subject="leg4", parameters={"drift_4": {"value": -0.012, "sigma": 0.001, "unit": "mm"}})
+
+
+def adequacy(*tests: tuple[str, str, float | None, float | None, str]) -> pd.DataFrame:
+    names = ["test", "along", "value", "p_value", "state"]
+    return pd.DataFrame(tests, columns=names).assign(subject="point", limit=0.02)
+
+
+HOLDS = adequacy(("observation-noise", "", 1.01, 0.6, "ok"), ("input-noise", "", None, None, "not tested"))
+FAILS = adequacy(
+    ("observation-noise", "", 1.1, 0.019, "fails"),
+    ("like-neighbours", "temperature_c", 0.31, 1e-5, "fails"),
+    ("input-noise", "", 1.0, 0.8, "ok"),
+)
+
+
+def head(diagnosis_rows: pd.DataFrame, tests: pd.DataFrame) -> tuple[str, str]:
+    return build_head("c", {**diagnosis_tables(diagnosis_rows), "adequacy": tests}).verdicts[0]
+
+
+def test_a_suspected_cause_leads_as_suspected() -> None:
+    mark, said = head(rows(DOUBTED, *rejected()), HOLDS)
+    assert mark == "warn"
+    assert said.startswith("Suspected, not found: actuator 3 moves further than it reads")
+
+
+def test_what_was_found_stands_before_what_is_suspected() -> None:
+    mark, said = head(rows(DRIFT, DOUBTED, *rejected()), HOLDS)
+    assert mark == "warn"
+    assert said.index("Leg 4 shrinks") < said.index("Suspected, not found: actuator 3")
+    assert "things are wrong" not in said
+
+
+@pytest.mark.parametrize("found", [[], [DOUBTED | {"reason_code": "inadequate"}]])
+def test_where_the_model_does_not_hold_the_first_line_says_so_and_by_what(found: list[dict[str, object]]) -> None:
+    mark, said = head(rows(*found, *rejected()), FAILS)
+    assert mark == "warn"
+    assert said.startswith("The picture is incomplete")
+    assert "where the temperature is alike (correlation 0.31)" in said
+    assert "agrees" not in said
+
+
+def test_the_section_is_no_pass_and_gives_the_reason() -> None:
+    section = diagnosis({**diagnosis_tables(rows(DOUBTED, *rejected())), "adequacy": HOLDS})
+    assert section is not None
+    assert section.state != "pass"
+    (mark, said), *_ = section.said
+    assert mark == "warn"
+    assert DOUBTS["unnamed"] in said
+    assert ": 1 suspected and accepted" in section.lead
+
+
+def test_every_test_of_the_model_is_listed_and_what_was_not_tested_is_said() -> None:
+    held = part_of("adequacy", diagnosis_tables() | {"adequacy": HOLDS})
+    assert (held.state, held.listings[0].marks) == ("pass", ("pass", "none"))
+    assert "Not tested, for too few data: noise of the inputs" in held.lead
+    failed = part_of("adequacy", diagnosis_tables() | {"adequacy": FAILS})
+    assert failed.state == "fail"
+    assert "residuals resemble each other" in failed.lead
