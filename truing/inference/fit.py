@@ -79,7 +79,7 @@ def linearise(
     return Linearised(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
         by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
-        by_shared=(turned @ found.by_shared).reshape(epochs, height, -1 if by_shared else 0),
+        by_shared=_turned(turned, found.by_shared).reshape(epochs, height, -1 if by_shared else 0),
         local_value=np.concatenate([np.zeros((epochs, frames.size)), local], 1),
         shared_value=shared,
         extra_residual=found.known_residual,
@@ -88,3 +88,8 @@ def linearise(
         local_known=np.concatenate([np.zeros(frames.size, bool), found.local_known]),
         shared_known=found.shared_known,
     )
+
+
+def _turned(turned: Array, slopes: Array) -> Array:
+    """Return slopes (B, K, d, G) multiplied by matrices (B, K, d, d): numbers where observations are numbers."""
+    return turned * slopes if turned.shape[-1] == 1 else turned @ slopes

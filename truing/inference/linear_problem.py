@@ -13,10 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from truing.inference.arrays import Array, Mask
+from truing.inference.arrays import Array, Integers, Mask
 
 # Zero rows of missing observations are left out of products where more than the rest of them would be.
 _FEW_MISSING = 0.9
+# Columns that act in no more than this share of the epochs are multiplied in these alone: the zeros of runs are many.
+_FEW_EPOCHS = 0.25
 # Sources beside the kinds of shared unknowns, which bring their own names.
 OBSERVATIONS, INPUTS, EARLIER = "observations", "inputs", "earlier"
 PLAUSIBLE, WIDE = "plausible", "wide"
@@ -55,24 +57,51 @@ class Whitened:
     residual: Array  # (N,)
 
     @cached_property
-    def _inverse(self) -> Array:
-        """Return the inverse (G, G) of the rows' triangular factor: all that a step needs of them.
+    def _factor(self) -> Array:
+        """Return the rows' upper triangular factor (G, G): all that a step needs of them.
 
         The priors among the rows keep their products regular; the condition of these is the square of the rows', which
         leaves nine digits.
         """
-        return _inverse_factor(self._telling)
+        return np.linalg.cholesky(self._gram).T
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """Return the inverse (G, G) of the rows' triangular factor."""
+        return _inverse_of(self._factor)
+
+    @cached_property
+    def _gram(self) -> Array:
+        """Return the products (G, G) of the rows' columns; of those that concern few epochs, in these alone."""
+        found = self.problem.extra_by_shared.T @ self.problem.extra_by_shared
+        found[np.diag_indices(len(found))] += 1.0  # the priors
+        epochs, tall = self.local_basis.shape[:2]
+        own = self.rows[: epochs * tall].reshape(epochs, tall, -1)
+        acting = self.problem.by_shared.any(1)
+        dense = acting.mean(0) > _FEW_EPOCHS
+        common = np.flatnonzero(dense)
+        wide = own.reshape(-1, len(dense))
+        wide = wide if len(common) == len(dense) else wide[:, common]
+        found[np.ix_(common, common)] += wide.T @ wide
+        for group, columns in _alike(acting & ~dense):
+            part = own[group].reshape(-1, len(dense))
+            few = part[:, columns]
+            cross = few.T @ part[:, common]
+            found[np.ix_(columns, columns)] += few.T @ few
+            found[np.ix_(columns, common)] += cross
+            found[np.ix_(common, columns)] += cross.T
+        return found
 
     @cached_property
     def _along(self) -> Array:
         """Return the parts (G,) of the residual along the basis."""
-        return self._inverse.T @ (self.rows.T @ self.residual)
+        return _solved(self._factor, self.rows.T @ self.residual, transposed=True)
 
     @cached_property
     def basis(self) -> Array:
         """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
         nearly = _times_upper(self._telling, self._inverse)
-        told = _times_upper(nearly, _inverse_factor(nearly))
+        told = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
         if len(told) == len(self.rows):
             return told
         basis = np.zeros_like(self.rows)
@@ -128,7 +157,7 @@ class Whitened:
 
     def step(self) -> tuple[Array, Array]:
         """Return the least-squares step of the shared (G,) and local (B, H) unknowns, in prior sigmas."""
-        shared = self._inverse @ self._along
+        shared = _solved(self._factor, self._along)
         left = _with_priors(self.problem.residual - self.problem.by_shared @ shared, -self.problem.local_value)
         local = np.linalg.solve(self.local_factor, np.einsum("bmh,bm->bh", self.local_basis, left)[..., None])
         return shared, local[..., 0]
@@ -185,11 +214,27 @@ def _shared_rows(problem: Linearised, basis: Array) -> Array:
     return rows
 
 
-def _inverse_factor(rows: Array) -> Array:
-    """Return the inverse (G, G) of the upper triangular factor of rows (N, G)."""
+def _alike(acting: Mask) -> list[tuple[Integers | slice, Integers]]:
+    """Return the epochs on which the same columns act, acting (B, G), and which columns: those with any."""
+    which = np.unique(np.packbits(acting, axis=1), axis=0, return_inverse=True)[1].ravel()
+    in_group = np.argsort(which, kind="stable")
+    groups = np.split(in_group, np.cumsum(np.bincount(which))[:-1])
+    found = [(group, np.flatnonzero(acting[group[0]])) for group in groups if len(group)]
+    return [(group, columns) for group, columns in found if len(columns)]
+
+
+def _inverse_of(factor: Array) -> Array:
+    """Return the inverse (G, G) of an upper triangular factor."""
     from scipy.linalg.lapack import dtrtri
 
-    return np.asarray(dtrtri(np.linalg.cholesky(rows.T @ rows).T)[0])
+    return np.asarray(dtrtri(factor)[0])
+
+
+def _solved(factor: Array, values: Array, *, transposed: bool = False) -> Array:
+    """Return what an upper triangular factor (G, G), or its transpose, makes values (G,) of."""
+    from scipy.linalg.lapack import dtrtrs
+
+    return np.asarray(dtrtrs(factor, values, trans=int(transposed))[0])
 
 
 def _times_upper(rows: Array, upper: Array) -> Array:
