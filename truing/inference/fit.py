@@ -7,7 +7,8 @@ observation has d coordinates: three, or one where an instrument reads a number;
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -23,6 +24,9 @@ _MOST_HALVINGS = 8
 # A fit has settled when its next step would lower the sum of squares by less than this: nothing moves by more than a
 # hundredth of its standard deviation then.
 _SETTLED = 1e-4
+# After so many iterations, steps that lower the sum of squares by more than this share of what the last one did shrink
+# slowly: then so many of the last ones tell a better one, as far as they are distinct.
+_QUICK, _SLOW, _REMEMBERED, _DISTINCT = 3, 0.05, 5, 1e-6
 
 
 class FitState(StrEnum):
@@ -47,20 +51,52 @@ class Fit:
 def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: Array, local: Array) -> Fit:
     """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
     problem = linearise(predict, measured, frames, shared, local)
+    past = _Past()
     for iteration in range(_MAX_ITERATIONS):
         whitened = whiten(problem)
         if whitened.explained < _SETTLED:
             return Fit(shared, local, frames, whitened, FitState.SETTLED, iteration)
-        of_shared, of_local = whitened.step()
-        for halved in range(_MOST_HALVINGS):
-            part = 0.5**halved
-            own = shared + part * of_shared, local + part * of_local[:, frames.size :]
-            moved = frames.moved(part * of_local[:, : frames.size])
+        for of_shared, of_local in past.steps(whitened, shared):
+            own = shared + of_shared, local + of_local[:, frames.size :]
+            moved = frames.moved(of_local[:, : frames.size])
             problem = linearise(predict, measured, moved, *own)
             if problem.squares <= whitened.problem.squares:
                 break
         (shared, local), frames = own, moved
     return Fit(shared, local, frames, whiten(problem), FitState.NOT_SETTLED, _MAX_ITERATIONS)
+
+
+@dataclass
+class _Past:
+    """Where the last iterations stood, and their steps: what tells better ones where these shrink slowly.
+
+    Anderson acceleration: of the shared unknowns; local ones follow as in any step. Source: Walker and Ni, SIAM
+    J. Numer. Anal. 49 (2011) 1715.
+    """
+
+    places: list[Array] = field(default_factory=list)  # (G,) each
+    taken: list[Array] = field(default_factory=list)  # the least-squares steps there
+    explained: list[float] = field(default_factory=list)
+
+    def steps(self, whitened: Whitened, shared: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield steps of shared (G,) and local (B, H) unknowns, to be tried in turn: the one that the last ones tell
+        where they shrink slowly, then the least-squares step, and shorter and shorter parts of it."""
+        step, of_local = whitened.step()
+        self.places.append(shared)
+        self.taken.append(step)
+        self.explained.append(whitened.explained)
+        if len(self.places) > _QUICK and self.explained[-1] > _SLOW * self.explained[-2]:
+            better = self._better(whitened)
+            yield better, whitened.local_step(better)
+        for halved in range(_MOST_HALVINGS):
+            yield 0.5**halved * step, 0.5**halved * of_local
+
+    def _better(self, whitened: Whitened) -> Array:
+        """Return the step (G,) to where the steps of the last places would be least, were they linear."""
+        places, steps = (np.array(own[-_REMEMBERED - 1 :]) for own in (self.places, self.taken))
+        moved, changed = np.diff(places, axis=0).T, np.diff(steps, axis=0).T
+        weights = np.linalg.lstsq(whitened.in_basis(changed), whitened.in_basis(steps[-1]), rcond=_DISTINCT)[0]
+        return np.asarray(steps[-1] - (moved + changed) @ weights)
 
 
 def linearise(

@@ -158,9 +158,17 @@ class Whitened:
     def step(self) -> tuple[Array, Array]:
         """Return the least-squares step of the shared (G,) and local (B, H) unknowns, in prior sigmas."""
         shared = _solved(self._factor, self._along)
+        return shared, self.local_step(shared)
+
+    def local_step(self, shared: Array) -> Array:
+        """Return the least-squares step of the local unknowns (B, H) beside one (G,) of the shared ones."""
         left = _with_priors(self.problem.residual - self.problem.by_shared @ shared, -self.problem.local_value)
         local = np.linalg.solve(self.local_factor, np.einsum("bmh,bm->bh", self.local_basis, left)[..., None])
-        return shared, local[..., 0]
+        return np.asarray(local[..., 0])
+
+    def in_basis(self, shared: Array) -> Array:
+        """Return the parts (G, ...) along the basis of steps (G, ...) of the shared unknowns: in standard deviations."""
+        return self._factor @ shared
 
     def fitted(self, rows: Array) -> Array:
         """Return the shared unknowns (G, ...) that fit rows (N, ...) best, in prior sigmas."""
