@@ -1,4 +1,4 @@
-"""The fit of a model of numbers: it settles where full steps of Gauss-Newton would leave for ever."""
+"""The fit of a model of numbers: it settles where full steps of Gauss-Newton leave for ever, or shrink slowly."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
@@ -45,3 +46,40 @@ def test_a_step_that_would_make_things_worse_is_halved() -> None:
     fit = fit_model(model.predict, measured, Frames.of_numbers(9), np.array([0.0]), np.zeros((9, 0)))
     assert fit.state == FitState.SETTLED
     assert_close(PRIOR * fit.shared, [TRUE], atol=1e-6)
+
+
+@dataclass(frozen=True)
+class Bent:
+    """Readings that bend, (x, b x^2): where they fit badly, full steps shrink by a constant share each."""
+
+    bend: float
+
+    zeros = None
+
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> SimpleNamespace:
+        x = PRIOR * shared[0]
+        slopes = PRIOR * np.array([1.0, 2.0 * self.bend * x]).reshape(1, 2, 1, 1)
+        return SimpleNamespace(
+            values=np.array([x, self.bend * x**2]).reshape(1, 2, 1),
+            by_shared=slopes if by_shared else np.empty((1, 2, 1, 0)),
+            by_local=np.empty((1, 2, 1, 0)),
+            known_residual=np.empty(0),
+            known_by_shared=np.empty((0, 1)),
+            shared_known=np.ones(1, bool),
+            local_known=np.empty(0, bool),
+        )
+
+
+@pytest.mark.parametrize("away", [-1.0, 1.0])
+def test_a_fit_settles_where_full_steps_shrink_by_a_tenth_each(away: float) -> None:
+    """The share is 2 b r, r the second residual: at x = 0 the slope there is zero. Either sign: to and fro, or on."""
+    bend, sigma = 0.5, 1e-3
+    measured = Observations(
+        np.array([0.1, 0.9 * away]).reshape(1, 2, 1), np.full((1, 2, 1, 1), sigma**2), np.ones((1, 2), bool)
+    )
+    fit = fit_model(Bent(bend).predict, measured, Frames.of_numbers(1), np.array([0.3 / PRIOR]), np.zeros((1, 0)))
+    x = np.roots([2.0 * bend**2, 0.0, 1.0 - 2.0 * bend * 0.9 * away, -0.1])
+    best = x[np.abs(x.imag) < 1e-9].real
+    assert fit.state == FitState.SETTLED
+    assert fit.iterations < 12
+    assert_close(PRIOR * fit.shared, best, atol=0.1 * sigma)

@@ -46,9 +46,19 @@ def dense(problem: Linearised) -> tuple[NDArray, NDArray]:
     return np.vstack(rows), np.concatenate([*right, problem.extra_residual, -problem.shared_value])
 
 
+def of_few_poses(problem: Linearised) -> Linearised:
+    """The problem with unknowns that a single pose, or none, tells of."""
+    by_shared = problem.by_shared.copy()
+    by_shared[np.arange(POSES) != 3, :, 0] = 0.0
+    by_shared[np.arange(POSES) != 1, :, 2] = 0.0
+    by_shared[..., 1] = 0.0
+    return replace(problem, by_shared=by_shared)
+
+
+@pytest.mark.parametrize("few", [False, True])
 @pytest.mark.parametrize("missing", [False, True])
-def test_step_and_covariance_are_those_of_the_dense_problem(missing: bool) -> None:
-    problem = draw(1, missing)
+def test_step_and_covariance_are_those_of_the_dense_problem(missing: bool, few: bool) -> None:
+    problem = of_few_poses(draw(1, missing)) if few else draw(1, missing)
     matrix, right = dense(problem)
     solution = np.linalg.lstsq(matrix, right)[0]
     shared, local = whiten(problem).step()
