@@ -167,7 +167,7 @@ class Whitened:
         return np.asarray(local[..., 0])
 
     def in_basis(self, shared: Array) -> Array:
-        """Return the parts (G, ...) along the basis, in standard deviations, of steps (G, ...) of the shared unknowns."""
+        """Return steps (G, ...) of the shared unknowns along the basis, in standard deviations."""
         return self._factor @ shared
 
     def fitted(self, rows: Array) -> Array:
