@@ -57,7 +57,13 @@ class CampaignFolder:
         """The campaign's settings; raises CampaignFaults with every fault of campaign.toml."""
         from truing.schemas.campaign import read_campaign
 
-        return read_campaign(dict(self.document), str(self.file))
+        settings = read_campaign(dict(self.document), str(self.file))
+        if settings.diagnosis.apply or settings.diagnosis.ignore:
+            from truing.stages.diagnosis.search import cause_faults
+
+            if faults := tuple(cause_faults(settings, str(self.file))):
+                raise CampaignFaults(faults)
+        return settings
 
     def section(self, dotted: str) -> Any:
         """The raw value of a section, by its dotted name; None where campaign.toml does not hold it."""

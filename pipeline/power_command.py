@@ -47,7 +47,15 @@ from truing.stages import power
 from truing.stages.common.why_not import NO_DRAWING
 from truing.stages.diagnosis.ray_points import gather_rays
 from truing.stages.diagnosis.rows import Words, diagnosis_table
-from truing.stages.diagnosis.search import decided, decided_of_rays, gathered_of, kinds_of, rule_of, rule_of_rays
+from truing.stages.diagnosis.search import (
+    decided,
+    decided_of_rays,
+    gathered_of,
+    kinds_of,
+    rule_of,
+    rule_of_rays,
+    searched_for,
+)
 from truing.stages.ingestion.tables import read_configurations, read_survey
 from truing.stages.power import compared, completed, expected_sights, judged_by, reading_plan_of
 from truing.stages.simulated_campaigns.plan import NEEDS, RayPlan, bare_plan
@@ -117,7 +125,7 @@ def _check(wish: PowerWish, out: Path | None, settings: Campaign, of_rays: bool)
 
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
     """Raise CampaignFaults for names that are no causes of this kind of campaign."""
-    known = [name for name, kind in kinds_of(settings).items() if kind.catalogued]
+    known = [kind.id for kind in searched_for(settings, kinds_of(settings).values()) if kind.catalogued]
     strange = [name for name in names if name not in known]
     if strange:
         raise CampaignFaults(Fault("--causes", f"of {', '.join(known)}", value=name) for name in strange)
@@ -237,7 +245,7 @@ def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: T
     """What the diagnosis of a drawn campaign's rays says of what was hidden in them."""
     rule = rule_of(settings)
     gathered, _ = gather_rays(tables, settings)
-    diagnosis = decided_of_rays(gathered, rule, lambda *_: None)
+    diagnosis = decided_of_rays(gathered, settings, lambda *_: None)
     table = diagnosis_table(diagnosis, Words(shown=gathered.shown), rule_of_rays(rule).noise_level)
     return answer(trial, table.to_pylist())
 

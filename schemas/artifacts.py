@@ -274,6 +274,13 @@ _CALIBRATION = (
         optional="subject reason",
     ),
     parquet(
+        "calibrations_compared",
+        "held-out errors of the calibration of the data as recorded and of the one with findings applied; one of them "
+        "is the main one, which all other tables tell of",
+        "data* is_main findings model quantity* tested_on* rms_error largest_error rms_unchanged count unit",
+        optional="deformation noise_rms",
+    ),
+    parquet(
         "error_classes",
         "errors of the calibrated sensor as laboratories report them, per axis; empty, with the reason, where not told",
         "error_class* load* indicated* value sigma limit unit",
@@ -314,6 +321,16 @@ _DIAGNOSIS = (
         "subject* test* along* value p_value limit state",
     ),
     Artifact("model", "model.toml", "the extended model: nominal, identified parameters, accepted effects"),
+    parquet(
+        "diagnosis_choices",
+        "causes that campaign.toml asks to apply or to ignore, and what became of each",
+        "cause* asked outcome",
+    ),
+    Artifact(
+        "applied_model",
+        "applied_model.toml",
+        "the extended model with the applied causes alone, where campaign.toml applies only some of those found",
+    ),
     parquet(
         "detectable",
         "the smallest size of each cause that the campaign would have shown",

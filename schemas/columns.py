@@ -321,6 +321,12 @@ RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "loa
 _CONCLUDED = (
     integer("rank", "1 is the most probable", minimum=1),
     text("cause", "an id of the catalogue, or unexplained"),
+    text("asked", "the key of [diagnosis] that names the cause", choices=("apply", "ignore")),
+    text(
+        "outcome",
+        "what became of it; no effect: found, but nothing that is calibrated depends on it",
+        choices=("applied", "not found", "no effect", "ignored"),
+    ),
     text(
         "verdict",
         "the finding: pass, warn, fail; found, suspected, indistinguishable, rejected; or agrees, differs",
@@ -438,6 +444,26 @@ _CONCLUDED = (
     size("length_m", "m", "over which moments are counted; 1 m leaves them as they are", nullable=True),
     text("error_class", "the error, by the name that laboratories give it"),
     text("indicated", "the component that indicated it", choices=_LOAD_NAMES),
+    # Of calibrations held against each other, and against a second campaign.
+    text("data", "what is calibrated", choices=("as recorded", "with findings")),
+    flag("is_main", "whether the other tables tell of this calibration"),
+    text("findings", "the causes whose effects it holds, with their subjects; empty: none", nullable=True),
+    text(
+        "tested_on",
+        "what the errors are of; held-out load cases are predicted by a fit to all others",
+        choices=("verification poses", "calibration poses", "held-out load cases", "verification runs"),
+    ),
+    size("rms_error", "", "root mean square of measured minus predicted, in the unit of its row"),
+    size("largest_error", "", "the largest of them in size", nullable=True),
+    size(
+        "rms_unchanged",
+        "",
+        "their root mean square over what no finding changes, which is the same in both; empty where a finding changes "
+        "everything",
+        nullable=True,
+    ),
+    size("noise_rms", "", "root mean square that noise alone would leave", nullable=True),
+    integer("count", "how many poses, load steps or readings it is the root mean square of", minimum=1),
     # Of requirements.
     text("component", "position along or rotation about an axis", choices=("x", "y", "z", "rx", "ry", "rz")),
     real("requirement", "", "the accuracy asked for, in the unit of its row", nullable=True),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.section import (
@@ -195,12 +195,29 @@ class MeasuredPoses(Section):
 
 
 class Diagnosis(Section):
-    """[diagnosis]: how sure a finding must be."""
+    """[diagnosis]: how sure a finding must be, what becomes of it, and which second campaign tests the models."""
 
     false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
         0.05, description="probability of any finding where the simulation is right"
     )
     seed: int = Field(0, ge=0, description="seed of the simulated null draws")
+    apply: tuple[Name, ...] = Field(
+        (), description="causes whose effects the main calibration holds where they are found; absent: data as recorded"
+    )
+    ignore: tuple[Name, ...] = Field((), description="causes that the diagnosis does not search for")
+    judge_on: Words | None = Field(
+        None,
+        description="folder of a second campaign of the same machine, relative to campaign.toml: the models that are "
+        "fitted here predict it, and their errors are listed",
+    )
+
+    @model_validator(mode="after")
+    def _is_applied_or_ignored(self) -> Diagnosis:
+        if both := sorted({*self.apply} & {*self.ignore}):
+            raise ValueError(
+                f"{', '.join(both)} in apply or in ignore, not in both: a cause that is ignored is never found"
+            )
+        return self
 
 
 class SetLimits(Section):

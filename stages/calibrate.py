@@ -17,7 +17,7 @@ DECLARATION = Stage(
     name="calibrate",
     reads=(
         *("observations?", "configurations?", "survey?", "poses?", "residuals?"),
-        *("deformation?", "deformation_models?", "model?"),
+        *("deformation?", "deformation_models?", "model?", "applied_model?", "diagnosis_choices?"),
         *("readings?", "signals?", "displacement?", "given_compliance?", "diagnosis?", "reading_errors?"),
         *("pose_sensitivities?", "pose_covariances?", "camera_correlations?"),
         *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
@@ -28,6 +28,7 @@ DECLARATION = Stage(
         *("model_choice?", "observability?", "absorption?", "requirements?"),
         *("sensor_matrix?", "sensor_merit?", "sensor_choice?", "error_classes?"),
         *("repeats?", "lack_of_fit?", "pose_repeatability?", "calibration_left_out?"),
+        "calibrations_compared?",
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "measurement.frame", "mechanism.type", "mechanism.legs"),

@@ -18,7 +18,8 @@ _LOADS = ("readings?", "signals?", "given_compliance?")
 _RAYS = ("ray_statistics?", "ray_information?", "ray_effects?", "point_correlations?", "object_points?", "scale_bars?")
 _MECHANISM = ("type", "legs", "tolerance", "reference_temperature_c", "actuator_pitch_mm", "height_mm", "elements")
 _NOISE = ("point_mm", "actuator_mm", "signal_mv", "load_n", "load_nm")
-_SECTIONS = ("loading", "interferometer", "signals", "bodies", "workspace", "diagnosis", "exclude", "keep")
+_SECTIONS = ("loading", "interferometer", "signals", "bodies", "workspace", "exclude", "keep")
+_RULES = ("false_alarm", "seed", "apply", "ignore")
 
 DECLARATION = Stage(
     name="diagnose",
@@ -27,12 +28,14 @@ DECLARATION = Stage(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
         *("prediction?", "reading_errors?", "axis_errors?", "next_poses?", "next_loads?"),
         *("changes?", "cause_uncertainty?", "diagnosis_left_out?"),
+        *("diagnosis_choices?", "applied_model?"),
     ),
     settings=(
         *(f"campaign.{key}" for key in ("name", "kind", "drives")),
         *(f"mechanism.{key}" for key in _MECHANISM),
         *(f"noise.{key}" for key in _NOISE),
         *(*COLUMNS_OF_AXES, *NOISE_OF_COMMANDS, *NOISE_OF_ENCODERS),
+        *(f"diagnosis.{key}" for key in _RULES),
         *_SECTIONS,
     ),
     summary="what the simulation gets wrong: causes, their sizes, the extended model",
@@ -50,12 +53,12 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.stages.diagnosis.search import decided, gathered_of
 
     if why := withheld(tables):
-        return not_evaluated(why)
+        return not_evaluated(why, settings)
     rays = ray_findings(tables, settings, progress) if has_rays(tables) else None
     try:
         gathered = gathered_of(tables if rays is None else corrected(tables, rays), settings)
     except ValueError as said:
-        return not_evaluated(str(said)) if rays is None else outcome_of_rays(rays, str(said), settings)
+        return not_evaluated(str(said), settings) if rays is None else outcome_of_rays(rays, str(said), settings)
     try:
         if rays is not None:
             gathered = with_shared_errors(gathered, tables, rays)
@@ -63,4 +66,5 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         progress(0, 1, "what could have stayed hidden, and what to measure next")
         return outcome(diagnosis, gathered, rays, settings)
     except np.linalg.LinAlgError:
-        return not_evaluated("the fit left what the legs can reach: geometry, survey or readings are far from right")
+        why = "the fit left what the legs can reach: geometry, survey or readings are far from right"
+        return not_evaluated(why, settings)

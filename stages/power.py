@@ -27,12 +27,12 @@ _THRESHOLD_DRAWS = 1600
 def judged_by(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Settings]:
     """The causes that a diagnosis of such a campaign looks for, by id, and how sure it must be."""
     from truing.simulation.catalogue import catalogue_of_rays
-    from truing.stages.diagnosis.search import kinds_of, rule_of, rule_of_rays
+    from truing.stages.diagnosis.search import kinds_of, rule_of, rule_of_rays, searched_for
     from truing.stages.simulated_campaigns.plan import RayPlan
 
-    if isinstance(plan, RayPlan):
-        return catalogue_of_rays(), rule_of_rays(rule_of(settings))
-    return kinds_of(settings), rule_of(settings)
+    rule = rule_of(settings)
+    kinds, own = (catalogue_of_rays(), rule_of_rays(rule)) if isinstance(plan, RayPlan) else (kinds_of(settings), rule)
+    return {cause.id: cause for cause in searched_for(settings, kinds.values())}, own
 
 
 def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:

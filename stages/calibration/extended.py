@@ -12,11 +12,21 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.calibration.accuracy import ESTIMATOR, MODEL, Extended, error_figures, errors_at, identifiable
+from truing.calibration.accuracy import (
+    ARCSEC,
+    ESTIMATOR,
+    MODEL,
+    Extended,
+    Judged,
+    error_figures,
+    errors_at,
+    identifiable,
+)
 from truing.calibration.measured import Gathered, Measured
 from truing.inference.pulls import pulls
 from truing.simulation.mechanisms.extended_model import ExtendedModel, name_and_leg, read_model, some_of
 from truing.stages.calibration.model_rows import accuracy_rows, add_correlations, add_figures, requirement_rows
+from truing.stages.common.applied_findings import AS_RECORDED, WITH_FINDINGS
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.common.rows import Rows
@@ -26,11 +36,13 @@ if TYPE_CHECKING:
     from truing.simulation.mechanisms.recording import Conditions
 
 
-def extended_of(text: str, tables: Mapping[str, pa.Table], measured: Measured, fitted: NDArray) -> Extended:
+def extended_of(
+    text: str, tables: Mapping[str, pa.Table], measured: Measured, fitted: NDArray, *, is_main: bool = False
+) -> Extended:
     """The model that a model.toml describes, held against measured poses; fitted (B,): poses that it was fitted to."""
     found = read_model(text)
     conditions = _conditions(found, tables["configurations"], measured)
-    return Extended(found, errors_at(found, conditions, measured, fitted))
+    return Extended(found, errors_at(found, conditions, measured, fitted), is_main)
 
 
 def _conditions(found: ExtendedModel, configurations: pa.Table, measured: Measured) -> Conditions:
@@ -117,6 +129,46 @@ def extended_correlations(extended: Extended) -> Rows:
     return rows
 
 
+def compared_rows(chosen: Judged, extended: Extended, fitted: NDArray) -> Rows:
+    """Errors of the chosen calibration and of the extended model at the poses that nothing was fitted to.
+
+    fitted (B,): the others; where all poses were fitted, the errors at those.
+    """
+    rows, held = Rows("calibrations_compared"), ~fitted
+    asked, tested_on = (held, "verification poses") if held.any() else (fitted, "calibration poses")
+    assert chosen.errors is not None
+    causes = [f"{effect.cause.id} {effect.cause.subject}".strip() for effect, _ in extended.effects]
+    both = (
+        (AS_RECORDED, chosen.calibration.case.key, chosen.errors, None),
+        (WITH_FINDINGS, (MODEL, extended.deformation), extended.errors, " and ".join(dict.fromkeys(causes))),
+    )
+    for data, (model, deformation), errors, findings in both:
+        for quantity, size, first, unit, si in (
+            ("position", errors.position, 0, "um", 1e-6),
+            ("orientation", errors.orientation, 3, "arcsec", ARCSEC),
+        ):
+            own = asked & np.isfinite(size)
+            if not own.any():
+                continue
+            rms = float(np.sqrt(np.mean(size[own] ** 2))) / si
+            rows.add(
+                data=data,
+                is_main=extended.is_main == (data == WITH_FINDINGS),
+                findings=findings,
+                model=model,
+                deformation=deformation,
+                quantity=quantity,
+                tested_on=tested_on,
+                rms_error=rms,
+                largest_error=float(size[own].max()) / si,
+                rms_unchanged=rms,
+                noise_rms=float(np.sqrt(np.mean(errors.expected(first)[own] ** 2))) / si,
+                count=int(own.sum()),
+                unit=unit,
+            )
+    return rows
+
+
 def add_extended(
     rows: Mapping[str, Rows], extended: Extended, asked: Requirement, gathered: Gathered, fitted: NDArray
 ) -> None:
@@ -126,6 +178,7 @@ def add_extended(
     rows["correlations"].extend(extended_correlations(extended))
     rows["accuracy"].extend(accuracy_rows("accuracy", [(key, extended.errors)], measured))
     figures = [*error_figures(extended.errors, measured.roles), *extended_figures(extended)]
+    figures += [("main", 1.0, "1")] if extended.is_main else []
     add_figures(rows["model_choice"], key, ESTIMATOR, figures)
     noise = measured.platform.covariance
     rows["requirements"].extend(requirement_rows(asked, key, extended.errors, noise, ~fitted))

@@ -19,7 +19,7 @@ from truing.report.numbers import listed
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.legs.kinematics import inverse, reaches
 from truing.simulation.mechanisms.structures.catalogue import structures
-from truing.stages.calibration.extended import add_extended, extended_of
+from truing.stages.calibration.extended import add_extended, compared_rows, extended_of
 from truing.stages.calibration.model_rows import (
     absorption_rows,
     accuracy_rows,
@@ -30,6 +30,7 @@ from truing.stages.calibration.model_rows import (
     parameter_rows,
     requirement_rows,
 )
+from truing.stages.common.applied_findings import applied_findings
 from truing.stages.common.calibration_data import gather
 from truing.stages.common.rows import Rows
 from truing.stages.common.why_not import HELD_OUT, why_no_calibration, why_too_few_poses
@@ -64,8 +65,10 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
     fitted = gathered.measured.roles != HELD_OUT
     if why := why_too_few_poses(int(fitted.sum())) or _too_little(gathered) or _unreached(gathered):
         return nothing_calibrated(why)
-    text = tables.get("model")
-    extended = extended_of(text, tables, gathered.measured, fitted) if isinstance(text, str) else None
+    findings = applied_findings(tables)
+    extended = None
+    if findings.text is not None:
+        extended = extended_of(findings.text, tables, gathered.measured, fitted, is_main=findings.is_main)
     return _calibrated(gathered, fitted, settings.requirement, extended, progress)
 
 
@@ -130,6 +133,8 @@ def _calibrated(
         rows["requirements"] = requirement_rows(asked, best.calibration.case.key, best.errors, noise, ~fitted)
     if extended is not None:
         add_extended(rows, extended, asked, gathered, fitted)
+        if extended.effects and best.errors is not None:
+            rows["calibrations_compared"] = compared_rows(best, extended, fitted)
     if not rows["calibration_left_out"].count:
         del rows["calibration_left_out"]
     identifier = "int64" if isinstance(measured.poses[0], int) else "string"
@@ -139,8 +144,16 @@ def _calibrated(
         {name: one.table(identifier) for name, one in rows.items()},
         read=f"{counted(len(used.poses), 'pose')} to fit, {int((~fitted).sum())} held out",
         left_out="; ".join(filter(None, open_questions)) or "nothing",
-        figure=_figure(best, len(both.likely), ~fitted),
+        figure=_figure(best, len(both.likely), ~fitted) + _applied(extended),
     )
+
+
+def _applied(extended: Extended | None) -> str:
+    """Which findings the main calibration holds, in words; empty where it is of the data as recorded."""
+    if extended is None or not extended.is_main:
+        return ""
+    names = dict.fromkeys(effect.cause.id for effect, _ in extended.effects)
+    return f"; main results with {listed(list(names))} applied"
 
 
 def _left_out_rows(clean: Screened) -> Rows:

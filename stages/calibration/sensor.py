@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,14 +26,15 @@ from truing.estimation.sensor.contenders import HeldOut, SensorCalibrations, cal
 from truing.estimation.sensor.error_classes import CREEP_S, ErrorClass, axis_errors
 from truing.estimation.sensor.load_table import Recorded
 from truing.report.numbers import count as counted
-from truing.report.numbers import percent
+from truing.report.numbers import listed, percent
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.influence import merit
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor, Theory, farthest, theory_of
+from truing.stages.common.applied_findings import AS_RECORDED, WITH_FINDINGS
 from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.point_arrays import number_columns
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI
-from truing.stages.common.recorded_signals import ranges_of, recorded
+from truing.stages.common.recorded_signals import ranges_of, recorded, recorded_beside
 from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome, Progress
 
@@ -43,6 +46,7 @@ Array = NDArray[np.float64]
 Name = tuple[str, str]  # a matrix, and the model that it is of
 NOMINAL, SYNTHETIC, WITH_JOINTS = "nominal", "synthetic error", "elastic joints"
 _PER_MV = ("N/mV", "N m/mV")
+_UNITS = {"f": "N", "m": "N m"}
 _LEGS = tuple(f"leg{number + 1}" for number in range(6))
 LEAVES = ("sensor_matrix", "sensor_merit", "sensor_choice", "error_classes")
 CLASSES = ("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk", "creep")
@@ -67,7 +71,17 @@ def leg_matrix(
     return LegMatrix(found.chosen.model.name, leg_force_matrix(found.matrix, newton_per_mv, 1.0, tolerance or 0.0))
 
 
-def matrix_rows(theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:
+@dataclass(frozen=True)
+class Beside:
+    """The calibrations that are not the main ones: with the loads as recorded, or as they act by the findings."""
+
+    found: Recorded
+    fitted: SensorCalibrations
+
+
+def matrix_rows(
+    theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None, beside: Beside | None
+) -> Rows:
     """Every matrix entry by entry."""
     rows = Rows("sensor_matrix")
     for name, estimate in _drawn(theory):
@@ -78,9 +92,10 @@ def matrix_rows(theory: Theory | None, found: SensorCalibrations | None, legs: L
             chosen = k == found.choice.choice.chosen
             more = {"sigma_by_case": found.by_case.sigma.ravel()} if chosen else {}
             _entries(rows, ("G_B", one.fit.model.name), matrix, names, _PER_MV, chosen=chosen, **more)
-        if found.as_written is not None:
-            name = "G_B", f"{found.chosen.model.name}, loads as written"
-            _entries(rows, name, found.as_written, names, _PER_MV)
+        if beside is not None:
+            loads = "loads as written" if not beside.found.causes else "findings applied"
+            name = "G_B", f"{beside.fitted.chosen.model.name}, {loads}"
+            _entries(rows, name, beside.fitted.matrix, names, _PER_MV)
         _term_rows(rows, found)
     if legs is not None:
         _entries(rows, ("G_B'", legs.model), legs.estimate, _names_of(legs.estimate), ("1", "m"), chosen=True)
@@ -233,23 +248,77 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
         return nothing_of_sensor(why)
     sensitivity, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
     legs = None if fitted is None else leg_matrix(fitted, sensitivity, tolerance)
+    beside = None if fitted is None else _beside(tables, settings)
     artifacts = {
-        "sensor_matrix": matrix_rows(drawn, fitted, legs).table(),
+        "sensor_matrix": matrix_rows(drawn, fitted, legs, beside).table(),
         "sensor_merit": merit_rows(drawn, fitted, legs).table(),
     }
     if found is None or fitted is None:
         empty = {name: ARTIFACTS[name].empty() for name in ("sensor_choice", "error_classes")}
         figure = f"G by [mechanism]; G_B not evaluated: {why}"
         return Outcome(artifacts | empty, "the drawing", "nothing", figure, why_not=why)
+    if beside is not None:
+        artifacts["calibrations_compared"] = compared_rows(found, fitted, beside).table()
     ranges = ranges_of(settings, found)
     artifacts["sensor_choice"] = choice_rows(found, fitted).table()
     artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
     words = [f"{counted(found.left_out, 'load step')} with a gross error in a signal"] if found.left_out else []
     words += [f"{found.excluded} with a signal excluded by a person"] if found.excluded else []
-    words += [f"no load of {counted(found.put_right, 'step')}, exchanged and put right"] if found.put_right else []
     left_out = "; ".join(words) or "nothing"
     read = f"{counted(len(found.steps.run), 'load step')} with {counted(found.signal.shape[1], 'signal')}"
-    return Outcome(artifacts, read=read, left_out=left_out, figure=_figure_of_sensor(fitted, ranges))
+    return Outcome(artifacts, read=read, left_out=left_out, figure=_figure_of_sensor(found, fitted, ranges))
+
+
+def _beside(tables: Mapping[str, pa.Table], settings: Campaign) -> Beside | None:
+    """The calibrations with the other loads; None where no finding changes a load, or those determine none."""
+    try:
+        other = recorded_beside(tables, settings)
+        return None if other is None else Beside(other, calibrations(other))
+    except ValueError:
+        return None
+
+
+def compared_rows(found: Recorded, fitted: SensorCalibrations, beside: Beside) -> Rows:
+    """Errors of held-out loads of the main calibration, and of the one beside it.
+
+    ``rms_unchanged`` is over the load steps that both have and that no finding changes.
+    """
+    rows, both = Rows("calibrations_compared"), ((found, fitted), (beside.found, beside.fitted))
+    moved = {name for one, _ in both for name in compress(_steps(one), one.moved.tolist())}
+    same = set(_held_out_steps(found)) & set(_held_out_steps(beside.found)) - moved
+    for one, own in both:
+        errors, names = own.choice.chosen.errors, own.table.load_names
+        kept = errors[[name in same for name in _held_out_steps(one)]]
+        common = {
+            "data": WITH_FINDINGS if one.causes else AS_RECORDED,
+            "is_main": one is found,
+            "findings": " and ".join(one.causes) or None,
+            "model": own.chosen.model.name,
+            "quantity": list(names),
+            "unit": [_UNITS[name[0]] for name in names],
+        }
+        rows.add(
+            **common,
+            tested_on="held-out load cases",
+            rms_error=np.sqrt(np.mean(errors**2, axis=0)),
+            largest_error=np.abs(errors).max(axis=0),
+            rms_unchanged=np.sqrt(np.mean(kept**2, axis=0)) if len(kept) else None,
+            count=len(errors),
+        )
+        if np.isfinite(own.verification).all():
+            count = int(one.steps.held_out.sum())
+            rows.add(**common, tested_on="verification runs", rms_error=own.verification, count=count)
+    return rows
+
+
+def _steps(found: Recorded) -> list[tuple[int | str, int]]:
+    """The load steps (B,) by run and step."""
+    return list(zip([found.steps.runs[run] for run in found.steps.run], found.steps.step.tolist(), strict=True))
+
+
+def _held_out_steps(found: Recorded) -> list[tuple[int | str, int]]:
+    """Those that calibrate, in the order of their held-out errors."""
+    return list(compress(_steps(found), (~found.steps.held_out).tolist()))
 
 
 def _fitted(
@@ -268,12 +337,13 @@ def _fitted(
         return None, None, str(error)
 
 
-def _figure_of_sensor(fitted: SensorCalibrations, ranges: np.ndarray) -> str:
+def _figure_of_sensor(found: Recorded, fitted: SensorCalibrations, ranges: np.ndarray) -> str:
     held = 100.0 * fitted.choice.chosen.rms / ranges
     worst = int(np.nanargmax(held))
     return (
         f"G_B by {fitted.chosen.model.name}; held out {fitted.left_out}: "
         f"at most {percent(held[worst])} of the range rms ({LOADS[worst]})"
+        f"{f'; with {listed(found.causes)} applied' if found.causes else ''}"
     )
 
 

@@ -12,7 +12,8 @@ from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.load_table import Recorded, zeros_of_runs
-from truing.simulation.bench.causes.rows_exchanged import exchanged_rows, put_right
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, put_right
+from truing.stages.common.applied_findings import applied_findings
 from truing.stages.common.overruled import decided, without_excluded
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 
@@ -25,14 +26,32 @@ TEMPERATURES = ("material_temperature_c", "air_temperature_c")
 
 
 def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
-    """The signals of a campaign; raises ValueError where no step has a reading of every channel."""
+    """The signals of a campaign with the loads as recorded, or as they act by the findings that the campaign applies.
+
+    Raises ValueError where no step has a reading of every channel.
+    """
+    findings = applied_findings(tables)
+    return _recorded(tables, settings, findings.text if findings.is_main else None)
+
+
+def recorded_beside(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded | None:
+    """The same signals with the loads that `recorded` does not take; None where no finding changes a load."""
+    findings = applied_findings(tables)
+    other = _recorded(tables, settings, findings.text)
+    if not other.causes:
+        return None
+    return _recorded(tables, settings, None) if findings.is_main else other
+
+
+def _recorded(tables: Mapping[str, pa.Table], settings: Campaign, model: str | None) -> Recorded:
+    """The signals beside the loads as recorded; with the text of a model, beside those that act by its effects."""
     steps = load_steps({name: tables[name] for name in ("signals", "readings") if name in tables})
     steps, out = without_excluded(steps, settings)
     steps = steps.chosen(np.isfinite(steps.signal).all(axis=1) & (steps.signal.shape[1] > 0))
     if not len(steps.run):
         raise ValueError("no load step has a reading of every signal channel")
-    exchanged = exchanged_rows(steps, ~steps.held_out)
-    steps = put_right(steps, exchanged)
+    exchanged = _exchanged(model, steps)
+    plain, steps = steps.load, put_right(steps, exchanged)
     signal = steps.signal / MV
     declared = settings.noise.signal_mv
     given = np.full(signal.shape, np.nan if declared is None else declared)
@@ -44,11 +63,12 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     zero, apart = zeros_of_runs(steps, signal, sigma, covariate, good)
     kept = steps.chosen(good)
     noise = settings.noise
-    load, causes = _acting(tables, kept)
+    load, causes = _acting(model, kept)
     return Recorded(
         kept,
         load,
-        causes,
+        (*dict.fromkeys(f"{cause.id} of {cause.subject}" for cause in exchanged), *causes),
+        (load != plain[good]).any(axis=1),
         (signal - zero[steps.run] if apart else signal)[good],
         sigma,
         np.repeat([noise.load_n, noise.load_nm], 3),
@@ -57,19 +77,26 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
         apart,
         int((~good).sum()),
         int(out.signals.any(axis=1).sum()),
-        len({row for one in exchanged for row in one.rows}),
     )
 
 
-def _acting(tables: Mapping[str, pa.Table], steps: RecordedSteps) -> tuple[Array, tuple[str, ...]]:
-    """The wrenches (B, 6) that act by the extended model, and its causes that make them differ from what is written."""
+def _exchanged(model: str | None, steps: RecordedSteps) -> tuple[RowsExchanged, ...]:
+    """The exchanges of loads that an extended model holds, of rows that are there."""
+    from truing.simulation.bench.extended_model import read_sensor
+
+    names = set(zip([steps.runs[run] for run in steps.run], steps.step.tolist(), strict=True))
+    causes = () if model is None else read_sensor(model).causes
+    return tuple(cause for cause in causes if isinstance(cause, RowsExchanged) and names.issuperset(cause.rows))
+
+
+def _acting(model: str | None, steps: RecordedSteps) -> tuple[Array, tuple[str, ...]]:
+    """The wrenches (B, 6) that act by an extended model, and its causes that make them differ from what is written."""
     from truing.simulation.bench.extended_model import acting_wrenches, drives, read_sensor
     from truing.simulation.bench.known_readings import ReadingConditions
 
-    text = tables.get("model")
-    if not isinstance(text, str):
+    if model is None:
         return steps.load, ()
-    extended = read_sensor(text)
+    extended = read_sensor(model)
     causes = tuple(f"{cause.id} of {cause.subject or 'all loads'}" for cause in drives(extended))
     if not causes:
         return steps.load, ()

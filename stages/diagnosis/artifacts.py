@@ -11,6 +11,7 @@ from truing.report.numbers import count as counted
 from truing.report.numbers import gross_errors, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.declaration import Outcome
+from truing.stages.diagnosis.applied import applied_model, choices_table
 from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
 from truing.stages.diagnosis.left_tables import left_out_table
 from truing.stages.diagnosis.ray_findings import with_rays
@@ -38,20 +39,34 @@ def outcome(diagnosis: Diagnosis, gathered: Gathered[Any], rays: RayFindings | N
     if rays is not None:
         artifacts = with_rays(artifacts, rays, rule)
         read, left_out = f"{read}; {rays.read}", [*left_out, rays.left_out]
+    choices = choices_table(settings, artifacts["diagnosis"], gathered.is_calibrated)
+    if (text := applied_model(diagnosis, gathered, settings, choices)) is not None:
+        artifacts["applied_model"] = text
     figure = _figure(artifacts["diagnosis"], diagnosis, shown, rule)
-    return Outcome(artifacts, read, "; ".join(filter(None, left_out)) or "nothing", figure)
+    return Outcome(with_choices(artifacts, choices), read, "; ".join(filter(None, left_out)) or "nothing", figure)
 
 
 def outcome_of_rays(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
     """What rays tell where points cannot be held against anything, and why not."""
     artifacts = with_rays({"diagnosis": ARTIFACTS["diagnosis"].empty()}, rays, rule_of(settings))
     figure = f"{_found(artifacts['diagnosis'])} in rays; points not evaluated: {why}"
-    return Outcome(artifacts, rays.read, rays.left_out or "nothing", figure)
+    return Outcome(
+        with_choices(artifacts, choices_table(settings, artifacts["diagnosis"])),
+        rays.read,
+        rays.left_out or "nothing",
+        figure,
+    )
 
 
-def not_evaluated(why: str) -> Outcome:
+def not_evaluated(why: str, settings: Campaign) -> Outcome:
     """Nothing, and why."""
-    return Outcome.not_evaluated({"diagnosis": ARTIFACTS["diagnosis"].empty()}, why)
+    nothing = ARTIFACTS["diagnosis"].empty()
+    return Outcome.not_evaluated(with_choices({"diagnosis": nothing}, choices_table(settings, nothing)), why)
+
+
+def with_choices(artifacts: dict[str, Any], choices: pa.Table | None) -> dict[str, Any]:
+    """The artifacts with what became of the causes that campaign.toml names, where it names any."""
+    return artifacts if choices is None else {**artifacts, "diagnosis_choices": choices}
 
 
 def artifacts_of(

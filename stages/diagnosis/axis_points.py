@@ -20,6 +20,7 @@ from truing.stages.diagnosis.gathered import Channels, Gathered, Left
 from truing.stages.diagnosis.left_tables import errors_by_role, identified_table
 
 if TYPE_CHECKING:
+    from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import Diagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import AxisMechanism
@@ -64,6 +65,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[AxisM
         poses(held) if held.any() else None,
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
         _left,
+        model_text=_model_text,
         shown=_shown(columns),
     )
 
@@ -89,15 +91,19 @@ def _chosen(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:
     return np.array([str(pose) in named for pose in rows.poses], bool)
 
 
+def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+    """The extended model of a fit, as model.toml has it."""
+    assert isinstance(fitted.model, AxisModel)
+    context = {"campaign": settings.campaign.name}
+    return write_axis(extended_axis(fitted.model, fitted.fit.shared, fitted.covariance(), context))
+
+
 def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
     """How far each reading is missed, and the extended model."""
-    final, section = diagnosis.final, cast("AxisMechanism", settings.mechanism)
-    context = {"campaign": settings.campaign.name}
-    assert isinstance(final.model, AxisModel)
-    extended = extended_axis(final.model, final.fit.shared, final.covariance(), context)
+    section = cast("AxisMechanism", settings.mechanism)
     assert isinstance(gathered.shown, Channels)
     errors = _errors(diagnosis, gathered.shown, section.unit)
-    return Left({"axis_errors": errors, "model": write_axis(extended)})
+    return Left({"axis_errors": errors, "model": _model_text(diagnosis.final, settings)})
 
 
 def _errors(diagnosis: Diagnosis, channels: Channels, unit: str) -> pa.Table:

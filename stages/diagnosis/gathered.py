@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truing.simulation.effects_model import EffectsModel
 
 if TYPE_CHECKING:
+    from truing.inference.fitted_model import FittedModel
     from truing.inference.observations import Epochs
     from truing.inference.prediction import NoiseFloor, PredictionError
     from truing.inference.selection import Diagnosis
@@ -156,4 +157,6 @@ class Gathered(Generic[M]):
     leaves: Callable[[Diagnosis, Gathered[Any], Campaign], Left]
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
     shown: Shown | Channels = POINTS
+    model_text: Callable[[FittedModel[Any], Campaign], str] | None = None  # what stands in model.toml of a fit
+    is_calibrated: Callable[[Cause], bool] = lambda cause: False  # whether a calibration can hold a cause's effect
     framing: int | None = None  # platform targets that sit on no attachment; None where there is no mechanism

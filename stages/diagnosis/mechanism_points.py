@@ -38,6 +38,7 @@ from truing.stages.diagnosis.left_tables import prediction_table, pull_tables
 from truing.stages.diagnosis.next_measurement import next_of
 
 if TYPE_CHECKING:
+    from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import Diagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
@@ -78,6 +79,8 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Point
         "; ".join([*words, *seated.dropped]),
         _left,
         bodies.swapped,
+        model_text=_model_text,
+        is_calibrated=lambda cause: True,
         framing=int(np.sum((bodies.targets.body == PLATFORM) & (bodies.targets.leg < 0))),
     )
 
@@ -140,16 +143,20 @@ def _targets(
     return MeasuredTargets(targets, **joined, swapped=tuple(swapped))
 
 
+def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+    """The extended model of a fit, as model.toml has it."""
+    assert isinstance(fitted.model, PointModel)
+    context = {"campaign": settings.campaign.name}
+    return write_model(extended(fitted.model, fitted.fit.shared, fitted.covariance(), context))
+
+
 def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
     """How far each pose is missed, the extended model, the geometry's pulls, what has changed, what to measure next."""
-    context = {"campaign": settings.campaign.name}
     final = diagnosis.final
-    assert isinstance(final.model, PointModel)
-    text = write_model(extended(final.model, final.fit.shared, final.covariance(), context))
     following = next_of(diagnosis, settings)
     left = {
         "prediction": prediction_table(diagnosis, gathered),
-        "model": text,
+        "model": _model_text(final, settings),
         **pull_tables(diagnosis.plain, final),
         "changes": changes_table(final),
         "next_poses": following.table,

@@ -32,7 +32,7 @@ from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_tabl
 from truing.stages.diagnosis.gathered import Gathered
 from truing.stages.diagnosis.ray_points import gather_rays, scale_height
 from truing.stages.diagnosis.rows import Words, diagnosis_table, ranked_table
-from truing.stages.diagnosis.search import decided_of_rays, rule_of, rule_of_rays
+from truing.stages.diagnosis.search import decided_of_rays, rule_of_rays
 
 if TYPE_CHECKING:
     from truing.inference.observations import Epochs
@@ -81,7 +81,7 @@ class RayFindings:
 def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> RayFindings:
     """Search what rays tell for causes, and say what they do to the points."""
     gathered, whole = gather_rays(tables, settings)
-    diagnosis = decided_of_rays(gathered, rule_of(settings), progress)
+    diagnosis = decided_of_rays(gathered, settings, progress)
     keys, effects = effects_on_points(tables["ray_effects"], whole.parameters)
     points = {key: row for row, key in enumerate(keys)}
     pose = np.array([whole.poses.index(key[0]) for key in keys], int)

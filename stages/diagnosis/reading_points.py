@@ -18,7 +18,7 @@ from truing.simulation.bench.causes.rows_exchanged import (
     scatter_of_signals,
     told_by_readings,
 )
-from truing.simulation.bench.extended_model import extended_sensor, write_sensor
+from truing.simulation.bench.extended_model import changes_loads, extended_sensor, write_sensor
 from truing.simulation.bench.known_readings import (
     KnownReadings,
     ReadingConditions,
@@ -39,6 +39,7 @@ from truing.stages.diagnosis.left_tables import errors_by_role, identified_table
 from truing.stages.diagnosis.next_measurement import next_loads_of
 
 if TYPE_CHECKING:
+    from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import Diagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import SensorMechanism
@@ -83,6 +84,8 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
         "; ".join(words),
         _left,
         exchanged,
+        model_text=_model_text,
+        is_calibrated=changes_loads,
         shown=Channels(
             units,
             np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)]),
@@ -230,15 +233,21 @@ def _poses(
     return Epochs(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))
 
 
+def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+    """The extended model of a fit, as model.toml has it."""
+    assert isinstance(fitted.model, ReadingModel)
+    context = {"campaign": settings.campaign.name}
+    return write_sensor(extended_sensor(fitted.model, fitted.fit.shared, fitted.covariance(), context))
+
+
 def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
     """How far each reading is missed, the extended model, the sensor's pulls, what has changed, what to apply next."""
     assert isinstance(gathered.shown, Channels)
     final, following = diagnosis.final, next_loads_of(diagnosis, settings)
     assert isinstance(final.model, ReadingModel)
-    context = {"campaign": settings.campaign.name}
     left = {
         "reading_errors": _errors_table(diagnosis, gathered.shown, settings),
-        "model": write_sensor(extended_sensor(final.model, final.fit.shared, final.covariance(), context)),
+        "model": _model_text(final, settings),
         **sensor_pull_tables(final.model.known.sensor.unknowns, diagnosis.plain, final),
         "changes": changes_table(final),
         "next_loads": following.table,

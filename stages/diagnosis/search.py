@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.schemas.faults import Fault
+from truing.schemas.near_names import meant
 from truing.simulation.catalogue import (
     OF_TYPES,
     catalogue,
@@ -17,7 +19,7 @@ from truing.simulation.catalogue import (
     catalogue_of_readings,
     of_photographed_points,
 )
-from truing.simulation.cause import Cause
+from truing.simulation.cause import Cause, CauseT
 from truing.simulation.mechanisms.recording import RecordedModel
 from truing.stages.common.why_not import NO_POINTS_TO_DIAGNOSE
 from truing.stages.declaration import registered
@@ -37,6 +39,11 @@ SHARE_OF_RAYS = 1.0 / 3.0
 
 def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Any]:
     """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
+    gathered = _gathered_of(tables, settings)
+    return replace(gathered, given=tuple(searched_for(settings, gathered.given)))
+
+
+def _gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Any]:
     if "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
     if (own := registered(_OF_TYPES, settings)) is not None:
@@ -74,6 +81,25 @@ def kinds_of(settings: Campaign, *, photographed: bool = False) -> Mapping[str, 
     return own | of_photographed_points() if photographed else own
 
 
+def searched_for(settings: Campaign, causes: Iterable[CauseT]) -> list[CauseT]:
+    """The causes less those that [diagnosis] ignore names."""
+    return [cause for cause in causes if cause.id not in settings.diagnosis.ignore]
+
+
+def cause_faults(settings: Campaign, file: str) -> Iterator[Fault]:
+    """Names in [diagnosis] apply and ignore that are no cause of such a campaign, or one that cannot be named there."""
+    kinds: dict[str, Cause] = {**kinds_of(settings, photographed=True)}
+    if settings.campaign.kind == "photogrammetry" and settings.mechanism.type not in OF_TYPES:
+        kinds |= catalogue_of_rays()
+    known = [name for name, cause in kinds.items() if cause.catalogued]
+    for key in ("apply", "ignore"):
+        for number, name in enumerate(getattr(settings.diagnosis, key), 1):
+            if name not in known:
+                hint = meant(name, known) or f"; one of: {', '.join(known)}"
+                expected = f"a cause that this kind of campaign knows by name{hint}"
+                yield Fault(file, expected, column=f"diagnosis.{key}.{number}", value=name)
+
+
 def rule_of(settings: Campaign) -> Settings:
     """How sure a finding must be in a campaign."""
     return Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
@@ -93,13 +119,14 @@ def decided(gathered: Gathered[Any], settings: Campaign, progress: Progress) -> 
     """All that the search over the catalogue decides."""
     rule = rule_of(settings)
     photographed = isinstance(gathered.model, RecordedModel) and gathered.model.photographed is not None
-    kinds = list(kinds_of(settings, photographed=photographed).values())
+    kinds = searched_for(settings, kinds_of(settings, photographed=photographed).values())
     return _searched(gathered, rule_beside_rays(rule) if photographed else rule, kinds, progress)
 
 
-def decided_of_rays(gathered: Gathered[Any], rule: Settings, progress: Progress) -> Diagnosis:
-    """All that the search for causes of rays decides; ``rule`` is the whole campaign's."""
-    return _searched(gathered, rule_of_rays(rule), list(catalogue_of_rays().values()), progress, "rays: ")
+def decided_of_rays(gathered: Gathered[Any], settings: Campaign, progress: Progress) -> Diagnosis:
+    """All that the search for causes of rays decides."""
+    kinds = searched_for(settings, catalogue_of_rays().values())
+    return _searched(gathered, rule_of_rays(rule_of(settings)), kinds, progress, "rays: ")
 
 
 def _searched(

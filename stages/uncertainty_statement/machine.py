@@ -30,13 +30,14 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
     """State every identified number of the chosen calibration."""
     if not settings.mechanism.is_legged:
         return
-    keys = _chosen(tables) if "calibration" in tables else []
+    keys = _main(tables) if "calibration" in tables else []
     if not keys:
         statement.not_evaluated("calibration", "all", "no calibration was made, or none could be chosen")
         return
     key = keys[0]
     rows = [row for row in tables["calibration"].to_pylist() if (row["model"], row["deformation"]) == key]
-    names = [_name(row["parameter"], row["leg"]) for row in rows]
+    names = [_name(row["parameter"], row["leg"], row.get("effect_of")) for row in rows]
+    held = {row.get("effect_of") for row in rows}
     told = [row["sigma"] is not None and row["identified"] is not None for row in rows]
     whole = np.array([row["sigma"] if known else 0.0 for row, known in zip(rows, told, strict=True)], float)
     parts = _budget(tables, settings, key, rows)
@@ -56,7 +57,7 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
         statement.not_evaluated("calibration", names[i], "the data do not determine it", subject)
     statement.omitted("calibration", "the choice of the model", "each budget holds for the model that was chosen")
     for name, cause in found_causes(tables).items():
-        if not (cause.startswith(DEFORMATION) and key[1] != "none"):
+        if name not in held and not (cause.startswith(DEFORMATION) and key[1] != "none"):
             statement.omitted("calibration", name, NOT_HELD)
 
 
@@ -67,8 +68,15 @@ def _chosen(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
     return [(r["model"], r["deformation"]) for r in rows if (r["estimator"], r["figure"], r["value"]) == wanted]
 
 
-def _name(parameter: str, leg: int | None) -> str:
-    return parameter if leg is None else f"{parameter} of leg {leg}"
+def _main(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
+    """Model and deformation of the calibration that is quoted: the extended model where findings are applied."""
+    rows = tables["model_choice"].to_pylist() if "model_choice" in tables else []
+    return [(r["model"], r["deformation"]) for r in rows if r["figure"] == "main"] or _chosen(tables)
+
+
+def _name(parameter: str, leg: int | None, effect: str | None) -> str:
+    own = parameter if leg is None else f"{parameter} of leg {leg}"
+    return own if effect is None else f"{own}, {effect}"
 
 
 def _budget(

@@ -119,10 +119,11 @@ def misfit(calibration: Calibration, measured: Measured, reading_sigma: float) -
 
 @dataclass(frozen=True)
 class Extended:
-    """The extended model of a campaign, and its errors at the measured poses."""
+    """The extended model of a campaign, its errors at the measured poses, and whether it is the main calibration."""
 
     found: ExtendedModel
     errors: PoseErrors
+    is_main: bool = False
 
     @property
     def deformation(self) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from truing.report.calibration.calibrations import chosen_calibration, figures_by_calibration
+from truing.report.calibration.calibrations import EXTENDED, TO_POINTS, figures_by_calibration, main_calibration
 from truing.report.calibration.requirements import chosen_requirements, tally
+from truing.report.calibration.with_findings import choice_verdicts
 from truing.report.diagnosis.pulls import change_words, has_changed
 from truing.report.diagnosis.words import diagnosis_verdicts, lower
 from truing.report.numbers import count, handy, plain, printed, quantity
@@ -32,6 +33,7 @@ def build_head(campaign: str, tables: Tables) -> Head:
         *_positioning(tables),
         *diagnosis_verdicts(tables),
         *_changes(tables),
+        *choice_verdicts(tables),
         *_requirements(tables),
         *_quality(tables, len(withheld)),
     ]
@@ -177,7 +179,9 @@ def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
 
 def _calibration_tiles(tables: Tables) -> list[tuple[str, str]]:
     """How far the chosen model misses on average where nothing was fitted to."""
-    figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
+    chosen = main_calibration(tables)
+    by = {"estimator": TO_POINTS} if chosen is not None and chosen[0] == EXTENDED else {}
+    figures = figures_by_calibration(tables, **by)
     if figures is None or chosen is None:
         return []
     facts = figures.loc[chosen]

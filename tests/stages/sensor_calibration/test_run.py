@@ -178,7 +178,11 @@ def test_eight_channels_are_fitted_forward(tmp_path):
     assert not made.frame("sensor_matrix")["matrix"].eq("G_B'").any()  # nobody stated a sensitivity
 
 
-def test_loads_are_taken_as_the_diagnosis_has_them(tmp_path):
+def _choices(outcome: str) -> pa.Table:
+    return pa.table({"cause": ["load-eccentricity"], "asked": ["apply"], "outcome": [outcome]})
+
+
+def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
     """A z load 12 and -8 mm off its line: to the loads as written down, G_B is wrong by far more than it says."""
     off = (0.012, -0.008, 0.0)
     made = bench(tmp_path / "c", layout("all", signals=6), 4, [LoadEccentricity(2, off)], stages=("ingest", "pose"))
@@ -192,7 +196,10 @@ def test_loads_are_taken_as_the_diagnosis_has_them(tmp_path):
         covariance=1e-12 * np.eye(38),
         context={"campaign": "bench"},
     )
-    outcome = calibrate.run(made.tables | {"model": write_sensor(found)}, settings_of(made.folder), lambda *_: None)
+    tables, settings = made.tables | {"model": write_sensor(found)}, settings_of(made.folder)
+    applied = {**tables, "diagnosis_choices": _choices("applied")}
+    outcome, recorded = (calibrate.run(given, settings, lambda *_: None) for given in (applied, tables))
+    undiagnosed = calibrate.run(made.tables, settings, lambda *_: None)
     rows = outcome.artifacts["sensor_matrix"].to_pandas().query("matrix == 'G_B'")
     true = np.linalg.inv(_truth(made)).ravel()
 
@@ -205,3 +212,17 @@ def test_loads_are_taken_as_the_diagnosis_has_them(tmp_path):
     assert choice.loc[choice["figure"] == "loads_as_diagnosed", "reason"].tolist() == ["load-eccentricity of load fz"]
     classes = outcome.artifacts["error_classes"].to_pandas().query("load == 'fz' and error_class == 'crosstalk'")
     assert (classes["value"] < 2.0 * classes["limit"]).all()  # what acted beside the load is no crosstalk
+
+    plain = recorded.artifacts["sensor_matrix"].to_pandas().query("matrix == 'G_B'")
+    assert pull(plain[plain["chosen"]]) > 5.0
+    assert pull(plain[plain["model"].str.endswith("findings applied")]) < 1.5
+    for name in ("sensor_choice", "error_classes", "sensor_merit"):
+        assert recorded.artifacts[name].equals(undiagnosed.artifacts[name])
+    assert "calibrations_compared" not in undiagnosed.artifacts
+    told = [made.artifacts["calibrations_compared"].to_pandas() for made in (recorded, outcome)]
+    for table, main in zip(told, ("as recorded", "with findings"), strict=True):
+        assert table.loc[table["is_main"], "data"].unique().tolist() == [main]
+        assert table.loc[table["data"] == "with findings", "findings"].unique() == ["load-eccentricity of load fz"]
+    order = ["data", "quantity", "tested_on"]
+    first, second = (table.sort_values(order).reset_index(drop=True) for table in told)
+    pd.testing.assert_frame_equal(first.drop(columns="is_main"), second.drop(columns="is_main"))

@@ -252,8 +252,7 @@ class SensorCalibrations:
     """Every calibration that the loads determine, the chosen one, and what the held-out loads say of them.
 
     ``left_out``: what was left out as a whole, in words. matrices: G_B of each contender, its sigma by the fit;
-    by_case: that of the chosen one by leaving load cases out; as_written: what it is by the loads as they were written
-    down, where the diagnosis has others. verification (W,): rms error of the chosen one in runs
+    by_case: that of the chosen one by leaving load cases out. verification (W,): rms error of the chosen one in runs
     that nothing was fitted to, NaN without any.
     """
 
@@ -262,7 +261,6 @@ class SensorCalibrations:
     left_out: str
     matrices: tuple[MatrixEstimate, ...]
     by_case: MatrixEstimate
-    as_written: MatrixEstimate | None
     verification: Array
 
     @property
@@ -283,15 +281,7 @@ def calibrations(found: Recorded) -> SensorCalibrations:
     choice = choose_calibration(table, contenders(found))
     matrices = tuple(calibration_matrix(one.fit, table.signal_cov) for one in choice.contenders)
     by_case = covariance_by_case(table, choice.chosen.fit.model)
-    as_written = _as_written(found, table, choice.chosen.fit.model)
-    return SensorCalibrations(table, choice, words, matrices, by_case, as_written, _verified(found, choice.chosen.fit))
-
-
-def _as_written(found: Recorded, table: LoadTable, model: CalibrationModel) -> MatrixEstimate | None:
-    if not found.causes:
-        return None
-    written = replace(table, loads=found.steps.load[~found.steps.held_out])
-    return calibration_matrix(fit_calibration(written, model), table.signal_cov)
+    return SensorCalibrations(table, choice, words, matrices, by_case, _verified(found, choice.chosen.fit))
 
 
 def contenders(found: Recorded) -> list[CalibrationModel]:

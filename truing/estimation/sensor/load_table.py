@@ -121,14 +121,15 @@ class Recorded:
     """Steps with signals: those that calibrate, and those that verify.
 
     steps (B,), signal (B, C) mV, counted from each run's unloaded readings where ``tared``; sigma (C,) mV, declared or
-    found; covariate (B, K). load (B, 6): as written down, or as it acts by the diagnosis' ``causes``, in words.
-    left_out: steps with a gross error in a signal; excluded: those of which a person left one out; put_right: those
-    whose loads were exchanged.
+    found; covariate (B, K). load (B, 6): as recorded, or as it acts by the diagnosis' ``causes``, in words; moved
+    (B,): where these change it. left_out: steps with a gross error in a signal; excluded: those of which a person left
+    one out.
     """
 
     steps: RecordedSteps
     load: Array
     causes: tuple[str, ...]
+    moved: NDArray[np.bool_]
     signal: Array
     sigma: Array
     load_sigma: Array
@@ -137,7 +138,6 @@ class Recorded:
     tared: bool
     left_out: int
     excluded: int
-    put_right: int
 
     def table(self, rows: Mask, case: NDArray) -> LoadTable:
         """Some steps as a table of calibration loads, with the case of every step (B,)."""

@@ -34,6 +34,16 @@ def chosen_calibration(tables: Tables) -> Key | None:
     return str(model), str(deformation)
 
 
+def main_calibration(tables: Tables) -> Key | None:
+    """The calibration whose results are quoted: the extended model where campaign.toml applies findings, else the
+    chosen one."""
+    extended = figures_by_calibration(tables, TO_POINTS)
+    if extended is not None and "main" in extended and (extended["main"] == 1.0).any():
+        model, deformation = extended.index[extended["main"] == 1.0][0]
+        return str(model), str(deformation)
+    return chosen_calibration(tables)
+
+
 def shown_calibration(tables: Tables, table: pd.DataFrame) -> Key:
     """The calibration that is shown in full: the chosen one where the table has it, else the table's first."""
     keys = keys_of(table)

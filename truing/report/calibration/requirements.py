@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.report.calibration.calibrations import Key, called, chosen_calibration, rows_of, shown_calibration
+from truing.report.calibration.calibrations import Key, called, keys_of, main_calibration, rows_of, shown_calibration
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
 from truing.report.numbers import count, in_one_unit, plain, quantity
 from truing.report.page import Listing, Section
@@ -30,7 +30,8 @@ def requirements(tables: Tables) -> Section | None:
     judged = filled(tables, "requirements")
     if judged is None:
         return Section("requirements", _TITLE, why_no_requirement(tables), state="not evaluated")
-    key = shown_calibration(tables, judged)
+    main = main_calibration(tables)
+    key = main if main in keys_of(judged) else shown_calibration(tables, judged)
     own = rows_of(judged, key)
     figures = []
     if own["error"].notna().any() and own["requirement"].notna().any():
@@ -70,11 +71,11 @@ def tally(own: pd.DataFrame) -> str:
 
 
 def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
-    """The requirements as judged with the chosen calibration; None where none was judged."""
+    """The requirements as judged with the main calibration; None where none was judged."""
     judged = filled(tables, "requirements")
     if judged is None:
         return None
-    key = chosen_calibration(tables)
+    key = main_calibration(tables)
     own = rows_of(judged, key) if key is not None else judged.iloc[:0]
     own = own[own["verdict"] != "not evaluated"]
     return own if len(own) else None

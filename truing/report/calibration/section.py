@@ -16,11 +16,13 @@ from truing.report.calibration.calibrations import (
     chosen_calibration,
     figures_by_calibration,
     keys_of,
+    main_calibration,
     rows_of,
     shown_calibration,
 )
 from truing.report.calibration.figures import geometry_picture, has_geometry
 from truing.report.calibration.listings import GOOD, all_calibrations, all_deviations, deviations, strong_correlations
+from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of, state_of
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Drawn, Listing, Section
@@ -92,7 +94,7 @@ def _correlations(tables: Tables, fitted: pd.DataFrame) -> Drawn:
 def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
     key = shown_calibration(tables, fitted)
     by_default, as_reported = figures_by_calibration(tables), figures_by_calibration(tables, IMPLICIT)
-    listings = []
+    listings = compared_calibrations(tables)
     if by_default is not None:
         listings.append(all_calibrations(by_default, fitted, f"All calibrations, {_BY_DEFAULT}"))
     extended = figures_by_calibration(tables, TO_POINTS)
@@ -120,7 +122,8 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
         return f"{count(len(keys_of(fitted)), 'calibration')}, none of them chosen for this campaign. {ended}".strip()
     facts = figures.loc[chosen]
     words = [
-        _choice(chosen, facts),
+        data_words(tables),
+        _choice(chosen, facts, of_recorded=main_calibration(tables) != chosen),
         _doubts(facts),
         _gain(tables, chosen, facts),
         _rivals(figures, chosen),
@@ -131,9 +134,9 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
     return " ".join(word for word in words if word)
 
 
-def _choice(chosen: Key, facts: pd.Series) -> str:
+def _choice(chosen: Key, facts: pd.Series, *, of_recorded: bool) -> str:
     role, poses = ("verification", "held-out") if _known(facts, _HELD_OUT) else ("calibration", "calibration")
-    said = f"Chosen for this campaign: {called(chosen)}."
+    said = f"Chosen for {'the data as recorded' if of_recorded else 'this campaign'}: {called(chosen)}."
     if _known(facts, f"position_mean_{role}"):
         said += f" On the {poses} poses it misses by {_missed_by(facts, role)} on average."
     because = []

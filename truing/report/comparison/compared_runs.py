@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from truing.report.calibration.calibrations import called as calibration_words
-from truing.report.calibration.calibrations import chosen_calibration, figures_by_calibration
+from truing.report.calibration.calibrations import figures_by_calibration, main_calibration
 from truing.report.calibration.requirements import chosen_requirements, tally
 from truing.report.diagnosis.effect_units import handy_unit
 from truing.report.numbers import plain, printed, quantity, sign, with_uncertainty
@@ -178,7 +178,7 @@ def requirement_words(found: Comparison) -> list[tuple[str, str]]:
 
 def accuracy(found: Comparison) -> Section | None:
     """The calibration that each run chose, how accurate it is, and whether that is what was asked for."""
-    keys = [chosen_calibration(run.tables) for run in found.runs]
+    keys = [main_calibration(run.tables) for run in found.runs]
     if all(key is None for key in keys):
         return None
     rows = [("chosen calibration", *(calibration_words(key) if key else _NONE for key in keys))]
@@ -199,7 +199,7 @@ def accuracy(found: Comparison) -> Section | None:
 
 
 def _figure(tables: Tables, figure: str) -> float:
-    key = chosen_calibration(tables)
+    key = main_calibration(tables)
     for estimator in ("errors-in-variables", "points"):
         figures = figures_by_calibration(tables, estimator)
         if key is not None and figures is not None and key in figures.index and figure in figures:

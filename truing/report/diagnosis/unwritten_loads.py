@@ -25,8 +25,9 @@ def unwritten_loads(rows: list[Judged], tables: Tables) -> Section | None:
     if not acted or filled(tables, "sensor_matrix") is None:
         return None
     said = load_warning(rows, tables) or (
-        f"Beside {acted} acted as well. The calibration of the sensor takes it into account. Whoever takes the loads "
-        "as they are written down gets another G_B, and cannot see it from errors: every run has the same in it."
+        f"Beside {acted} acted as well. The calibration of the sensor holds it, as [diagnosis] apply asks. Whoever "
+        "takes the loads as they are written down gets another G_B, and cannot see it from errors: every run has the "
+        "same in it."
     )
     return Section("swallowed", _TITLE, said, see=(("calibration", "The calibration of the sensor."),))
 
@@ -38,7 +39,8 @@ def load_warning(rows: list[Judged], tables: Tables) -> str:
         return ""
     return (
         f"G_B is fitted to the loads as they are written down, and beside {acted} acted as well. "
-        "It takes this for the load's own: centre the load, or write down what acts, before G_B is used."
+        "It takes this for the load's own: centre the load, write down what acts, or apply the finding ([diagnosis] "
+        "apply), before G_B is used."
     )
 
 

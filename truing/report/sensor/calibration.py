@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, style
 from truing.report.model_tests import ModelTest, below_noise, listing_of, state_of
 from truing.report.numbers import plain, with_uncertainty
@@ -42,7 +43,7 @@ def calibration(tables: Tables) -> Section | None:
     if choice is not None:
         words = "By fits that have not seen the loads' own case. A term that does not help there is not taken."
         shown.append((held_out_errors(choice, largest), words))
-        listings += [_matrix(matrices), _choices(choice, largest)]
+        listings += [*compared_calibrations(tables), _matrix(matrices), _choices(choice, largest)]
     if classes is not None and classes["value"].notna().any():
         words = "Definitions: docs/error-classes.md. Wrenches by the chosen calibration, counted from each run's zero."
         shown.append((error_classes(classes), words))
@@ -113,9 +114,7 @@ def _lead(tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, l
         if other > 1.5 * share[worst]:
             said.append(f"Least squares without a zero, as the paper prints it, misses by {plain(other)} % there.")
     said += _verified(own)
-    if (own["figure"] == "loads_as_diagnosed").any():
-        why = own.loc[own["figure"] == "loads_as_diagnosed", "reason"].iloc[0]
-        said.append(f"Loads are taken as the diagnosis has them, with {why}; as written down they make another G_B.")
+    said += filter(None, [data_words(tables)])
     equal = choice[(choice["figure"] == "indistinguishable") & (choice["value"] == 1.0)]["model"]
     if len(equal):
         said.append(f"The data cannot tell {' or '.join(equal)} from it; the simpler one is taken.")

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from truing.report.calibration.calibrations import chosen_calibration, rows_of
+from truing.report.calibration.calibrations import main_calibration, rows_of
 from truing.runs.recorded_run import Run
 
 _FORMAT = 1  # changes where a reader of the last one would fail
@@ -60,7 +60,7 @@ def _causes(run: Run) -> dict[str, Any]:
 
 def _calibration(run: Run) -> dict[str, Any]:
     tables = {name: run[name] for name in ("model_choice", "calibration", "requirements") if name in run}
-    key = chosen_calibration(tables)
+    key = main_calibration(tables)
     if key is None:
         return {}
     chosen = {name: _rows(rows_of(table, key)) for name, table in tables.items()}

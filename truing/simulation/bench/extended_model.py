@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.reading_causes import ReadingCause
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 from truing.simulation.bench.known_readings import KnownReadings, Optics, ReadingConditions, SignalGains, Zeros
 from truing.simulation.bench.load_steps import CHANNELS, LOADS
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.catalogue import catalogue_of_readings
-from truing.simulation.cause import Step
+from truing.simulation.cause import Cause, Step
 from truing.simulation.model_text import (
     IdentifiedInSI,
     context_of,
@@ -113,6 +114,11 @@ def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) ->
     covariance = extended.covariance[np.ix_(places, places)]
     variance = np.einsum("bkp,pq,bkq->bk", slopes, covariance, slopes)
     return PredictedReadings(value, np.sqrt(np.maximum(variance, 0.0)))
+
+
+def changes_loads(cause: Cause[Any]) -> bool:
+    """Return whether a cause says that another load acted at a step than was written down."""
+    return cause.step is Step.DRIVE or isinstance(cause, RowsExchanged)
 
 
 def drives(extended: ExtendedSensor) -> tuple[ReadingCause, ...]:

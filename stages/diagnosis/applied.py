@@ -1,0 +1,55 @@
+"""What campaign.toml asks of single causes, [diagnosis] apply and ignore, and what became of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from truing.inference.fitted_model import Fitter
+from truing.inference.verdicts import FOUND
+from truing.simulation.catalogue import catalogue_of_rays
+from truing.stages.common.applied_findings import APPLIED
+from truing.stages.common.rows import Rows
+from truing.stages.diagnosis.search import kinds_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.inference.selection import Diagnosis
+    from truing.schemas.campaign import Campaign
+    from truing.simulation.cause import Cause
+    from truing.stages.diagnosis.gathered import Gathered
+
+_ACCEPTED = (FOUND, "suspected")  # verdicts whose effects the extended model holds
+
+
+def choices_table(
+    settings: Campaign, diagnosis: pa.Table, is_calibrated: Callable[[Cause], bool] = lambda cause: False
+) -> pa.Table | None:
+    """Rows of diagnosis_choices.parquet; None where campaign.toml names no cause.
+
+    diagnosis: rows of diagnosis.parquet; is_calibrated: whether a calibration can hold a cause's effect.
+    """
+    found = {row["cause"] for row in diagnosis.to_pylist() if row["verdict"] in _ACCEPTED}
+    kinds: dict[str, Cause] = {**catalogue_of_rays(), **kinds_of(settings, photographed=True)}
+    rows = Rows("diagnosis_choices")
+    for name in dict.fromkeys(settings.diagnosis.apply):
+        became = APPLIED if is_calibrated(kinds[name]) else "no effect"
+        rows.add(cause=name, asked="apply", outcome=became if name in found else "not found")
+    for name in dict.fromkeys(settings.diagnosis.ignore):
+        rows.add(cause=name, asked="ignore", outcome="ignored")
+    return rows.table() if rows.count else None
+
+
+def applied_model(
+    diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign, choices: pa.Table | None
+) -> str | None:
+    """The extended model with the applied causes alone; None where none is applied, or all that were found are."""
+    rows = [] if choices is None else choices.to_pylist()
+    applied = {row["cause"] for row in rows if row["outcome"] == APPLIED}
+    found = diagnosis.final.causes
+    own = tuple(cause for cause in found if cause.id in applied)
+    if not applied or len(own) == len(found) or gathered.model_text is None:
+        return None
+    fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
+    return gathered.model_text(fitter.settled(own, diagnosis.plain), settings)

@@ -1,0 +1,79 @@
+"""Calibrations of the data as recorded and with findings applied, and what campaign.toml asks of causes."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from truing.report.numbers import count, listed, plain
+from truing.report.page import Listing, Verdict
+from truing.report.tables import Tables, cell, filled
+
+_RECORDED = "as recorded"
+_CAPTION = "Calibrations of the data as recorded and with findings applied: errors of what was held out, rms / largest"
+_OF_FITTED = " (here of the poses that were fitted: none was held out)"
+_NO_EFFECT = "no calibration depends on what it changes, so that it changes no result"
+
+
+def compared_calibrations(tables: Tables) -> list[Listing]:
+    """Both calibrations with their errors, the main one first; nothing where no finding changes what is calibrated."""
+    table = filled(tables, "calibrations_compared")
+    if table is None:
+        return []
+    of = table.drop_duplicates(["quantity", "unit"])
+    columns = list(zip(of["quantity"], of["unit"], strict=True))
+    rows = [row for main in (True, False) for row in _rows(table[table["is_main"] == main], columns)]
+    heads = ("calibration", "findings applied", "model", "tested on", *(f"{name} ({unit})" for name, unit in columns))
+    caption = _CAPTION + (_OF_FITTED if (table["tested_on"] == "calibration poses").any() else "")
+    return [Listing(heads, tuple(rows), caption=caption, held_by="calibrations_compared.parquet")]
+
+
+def _rows(own: pd.DataFrame, columns: list[tuple[str, str]]) -> list[tuple[str, ...]]:
+    found = []
+    for tested_on, part in own.groupby("tested_on", sort=False):
+        first, by = part.iloc[0], part.set_index("quantity")
+        model = " ".join(filter(None, (first["model"], cell(first.get("deformation")))))
+        names = "main" if first["is_main"] else "beside it"
+        head = (f"{first['data']}, {names}", cell(first["findings"]) or "none", model)
+        found.append((*head, str(tested_on), *(_size(by, name) for name, _ in columns)))
+        if part["rms_unchanged"].notna().any() and not part["rms_unchanged"].equals(part["rms_error"]):
+            unchanged = f"{tested_on}, those that no finding changes"
+            found.append((*head, unchanged, *(plain(by["rms_unchanged"].get(name)) for name, _ in columns)))
+    return found
+
+
+def _size(by: pd.DataFrame, name: str) -> str:
+    if name not in by.index:
+        return ""
+    rms, largest = by.loc[name, "rms_error"], by.loc[name, "largest_error"]
+    return plain(rms) if largest != largest else f"{plain(rms)} / {plain(largest)}"
+
+
+def data_words(tables: Tables) -> str:
+    """What the main calibration is of, where findings make another one; empty where none does."""
+    table = filled(tables, "calibrations_compared")
+    if table is None:
+        return ""
+    found = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0])
+    if table.loc[table["is_main"], "data"].iloc[0] == _RECORDED:
+        return f"The main calibration is of the data as recorded; the one with {found} applied stands beside it."
+    asked = f"The main calibration holds {found}, as [diagnosis] apply asks"
+    return f"{asked}; the one of the data as recorded stands beside it."
+
+
+def choice_verdicts(tables: Tables) -> list[Verdict]:
+    """What campaign.toml asks of causes, and what became of it."""
+    table = filled(tables, "diagnosis_choices")
+    if table is None:
+        return []
+    names = {outcome: own["cause"].tolist() for outcome, own in table.groupby("outcome", sort=False)}
+    told: list[Verdict] = []
+    if missed := names.get("not found"):
+        which = f"{count(len(missed), 'cause')} that the diagnosis did not find"
+        told.append(("warn", f"[diagnosis] apply names {which}: {listed(missed)}. Nothing of it is applied."))
+    if idle := names.get("no effect"):
+        told.append(("warn", f"[diagnosis] apply names {listed(idle)}: found, but {_NO_EFFECT}."))
+    if applied := names.get("applied"):
+        told.append(("warn", f"Applied, as [diagnosis] apply asks: {listed(applied)}."))
+    if ignored := names.get("ignored"):
+        told.append(("warn", f"Not searched for, as [diagnosis] ignore asks: {listed(ignored)}."))
+    return told
