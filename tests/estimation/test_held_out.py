@@ -54,6 +54,15 @@ def test_poses_may_differ_in_freedom():
     assert choose_model([missing, one]).chosen == 1
 
 
+def test_a_model_to_which_held_out_poses_are_impossible_is_out_and_leaves_the_others_as_they_are():
+    squares = _noise(np.random.default_rng(6))
+    others = [Contender(squares, 6, -100.0, 50), Contender(squares * 0.95, 6, -110.0, 90)]
+    impossible = Contender(np.where(np.arange(8) == 3, np.inf, 0.0), 6, 0.0, 20)
+    made = choose_model([impossible, *others])
+    assert made.chosen == 1 + choose_model(others).chosen
+    assert choose_model([impossible]).chosen == 0
+
+
 def test_no_model_is_no_choice():
     with pytest.raises(ValueError, match="at least one"):
         choose_model([])

@@ -57,7 +57,10 @@ def choose_model(contenders: Sequence[Contender]) -> Choice:
     settled = np.array([one.settled for one in contenders])
     evidence = np.array([one.log_evidence for one in contenders])
     evidence = np.where(settled | ~settled.any(), evidence, np.nan)
-    eligible = ~_refuted(contenders) & np.isfinite(evidence)
+    possible = np.array([not np.isinf(one.squares).any() for one in contenders])
+    refuted = ~possible  # a model to which what was held out is impossible
+    refuted[possible] = _refuted([one for one, told in zip(contenders, possible, strict=True) if told])
+    eligible = ~refuted & np.isfinite(evidence)
     if not eligible.any():
         eligible = np.isfinite(evidence) | ~np.isfinite(evidence).any()
     best = np.max(evidence[eligible])
@@ -74,6 +77,8 @@ def _refuted(contenders: Sequence[Contender]) -> NDArray:
     """
     from scipy.special import chdtrc, stdtrit
 
+    if not contenders:
+        return np.zeros(0, bool)
     squares = np.array([one.squares for one in contenders])
     poses = squares.shape[1]
     if poses < 2:
