@@ -12,6 +12,7 @@ from typing import Any
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, identity_faults, open_campaign
 from truing.pipeline.campaign_run import CampaignRun, detached_run
 from truing.pipeline.problems import ExitCode
+from truing.pipeline.second_campaign import second_folder
 from truing.pipeline.stage_order import RAW_READERS, is_optional, stage_module
 from truing.pipeline.starter import unconfirmed
 from truing.pipeline.voice import Voice
@@ -68,6 +69,8 @@ def _settings_faults(campaign: CampaignFolder) -> list[Fault]:
     known = {fault.column: fault for fault in identity_faults(campaign)}
     try:
         campaign.validated()
+        if campaign.has_second and not known:
+            second_folder(campaign)
     except CampaignFaults as error:
         return [*known.values(), *(fault for fault in error.faults if fault.column not in known)]
     return list(known.values())

@@ -65,6 +65,11 @@ class CampaignFolder:
                 raise CampaignFaults(faults)
         return settings
 
+    @property
+    def has_second(self) -> bool:
+        """Whether its models predict a second campaign."""
+        return self.section("diagnosis.judge_on") is not None
+
     def section(self, dotted: str) -> Any:
         """The raw value of a section, by its dotted name; None where campaign.toml does not hold it."""
         value: Any = self.document

@@ -16,7 +16,16 @@ from truing.pipeline.ledger import Entry, Ledger, MadeFrom, RememberedDigests, d
 from truing.pipeline.problems import EnvironmentProblem
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.source_digest import SourceTree
-from truing.pipeline.stage_order import IN_PIECES, ORDER, RAW_READERS, bare, is_optional, makers, order_of, stage_module
+from truing.pipeline.stage_order import (
+    IN_PIECES,
+    OF_SECOND_CAMPAIGNS,
+    RAW_READERS,
+    bare,
+    is_optional,
+    makers,
+    order_of,
+    stage_module,
+)
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.declaration import Outcome, Stage
@@ -54,7 +63,7 @@ class CampaignRun:
     @cached_property
     def order(self) -> tuple[Stage, ...]:
         """The declarations of this campaign's stages, in order."""
-        names = order_of(self.campaign.kind, photographs=self.campaign.has_photographs)
+        names = _names_of(self.campaign)
         order = tuple(self._declaration(name) for name in names)
         makers(order)
         return order
@@ -79,7 +88,11 @@ class CampaignRun:
 
     def _raw_files(self, stage: str) -> tuple[Path, ...]:
         """The raw files that a stage opens, as they were found the first time."""
-        if stage not in RAW_READERS:
+        if stage in OF_SECOND_CAMPAIGNS and stage not in self._found:
+            from truing.pipeline.second_campaign import files_of_second
+
+            self._found[stage] = files_of_second(self.campaign)
+        if stage not in (*RAW_READERS, *OF_SECOND_CAMPAIGNS):
             return ()
         if stage not in self._found:
             from truing.formats.source import raw_files
@@ -138,6 +151,10 @@ class CampaignRun:
             arguments.append(CampaignFiles(self.campaign.folder, self.settings, self.scratch))
         if stage.name in IN_PIECES:
             arguments.append(self._each)
+        if stage.name in OF_SECOND_CAMPAIGNS:
+            from truing.pipeline.second_campaign import second_campaign
+
+            arguments.append(second_campaign(self.campaign, OF_SECOND_CAMPAIGNS[stage.name], self.scratch))
         outcome: Outcome = stage_module(stage.name).run(*arguments)
         return outcome
 
@@ -215,6 +232,11 @@ def _check_leaves(stage: Stage, outcome: Outcome) -> None:
         raise ValueError(f"{stage.name} left {sorted(left)}, but declares {sorted(stage.leaves)}")
 
 
+def _names_of(campaign: CampaignFolder) -> tuple[str, ...]:
+    """The stages of a campaign, in order."""
+    return order_of(campaign.kind, photographs=campaign.has_photographs, second=campaign.has_second)
+
+
 def detached_run(campaign: CampaignFolder) -> CampaignRun:
     """A campaign without a run folder: nothing is known of it, and nothing can be written."""
     return CampaignRun(campaign, campaign.folder, RememberedDigests(None), Ledger())
@@ -227,7 +249,7 @@ def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, 
     ledger.entries = {  # another version may have had other stages, and they may have left other artifacts
         name: entry
         for name, entry in ledger.entries.items()
-        if name in ORDER[campaign.kind] and entry.artifacts.keys() <= ARTIFACTS.keys()
+        if name in _names_of(campaign) and entry.artifacts.keys() <= ARTIFACTS.keys()
     }
     remembered = RememberedDigests(private / "digests.json", distrust=distrust)
     return CampaignRun(campaign, folder, remembered, ledger, private, workers)

@@ -198,10 +198,20 @@ def init(
 @app.command()
 def predict(
     model: Annotated[Path, typer.Argument(metavar="MODEL.toml", help="The model.toml that a run has written.")],
-    inputs: Annotated[Path, typer.Argument(metavar="INPUTS", help="A configurations table, .csv or .parquet.")],
+    inputs: Annotated[
+        Path,
+        typer.Argument(
+            metavar="INPUTS",
+            help="A table of configurations, load steps or commands, .csv or .parquet; or the folder of a second "
+            "campaign of the same machine.",
+        ),
+    ],
     out: _OutTable = None,
 ) -> None:
     """Predict with the extended model where nothing was measured: poses from actuator readings.
+
+    Of a second campaign's folder it tells how far the nominal, the calibrated and the extended model miss what was
+    measured there: rms and largest error. The calibration is that of the run in the folder of MODEL.toml.
 
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from truing.pipeline.campaign_folder import CampaignFolder, relative_name
 from truing.pipeline.ledger import Entry, Ledger, MadeFrom, RememberedDigests, canonical
 from truing.pipeline.source_digest import SourceTree
-from truing.pipeline.stage_order import bare
+from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS, bare
 
 if TYPE_CHECKING:
     from truing.schemas.artifact import Artifact
@@ -61,7 +61,8 @@ class Evidence:
 
     def source_of(self, stage: str) -> dict[str, str]:
         """Digests of the source files that a stage consists of."""
-        return self.source.digests(f"truing.stages.{stage}", *_COMMON_SOURCE)
+        called = (f"truing.stages.{name}" for name in (stage, *OF_SECOND_CAMPAIGNS.get(stage, ())))
+        return self.source.digests(*called, *_COMMON_SOURCE)
 
     def made_from(self, stage: Stage, raw: tuple[Path, ...]) -> MadeFrom:
         """What the stage would be made from if it ran now; ``raw`` are the files that it reads besides artifacts."""

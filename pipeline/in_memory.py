@@ -31,18 +31,21 @@ class StageLine:
         A table put into ``tables`` before takes the place of what a stage had left there.
         """
         kind = self.settings.campaign.kind
-        for name in names or order_of(kind, photographs=self.source.has_photographs):
+        for name in names or order_of(kind, photographs=self.source.has_photographs):  # without a second campaign
             more = (self.source,) if name in RAW_READERS else ()
             self.said[name] = call_stage(name, self.tables, self.settings, *more)
             self.tables |= self.said[name].artifacts  # type: ignore[arg-type]  # read whole by then
         return self
 
 
-def stage_line(campaign: str | Path) -> StageLine:
-    """A line for a campaign's folder, no stage called yet; raises CampaignFaults with every fault of its toml."""
+def stage_line(campaign: str | Path, scratch: Path | None = None) -> StageLine:
+    """A line for a campaign's folder, no stage called yet; raises CampaignFaults with every fault of its toml.
+
+    scratch: where temporary files may lie; absent: the system's own place.
+    """
     opened = open_campaign(Path(campaign))
     settings = opened.validated()
-    return StageLine(settings, CampaignFiles(opened.folder, settings))
+    return StageLine(settings, CampaignFiles(opened.folder, settings, scratch))
 
 
 def call_stage(name: str, tables: Mapping[str, pa.Table | str], settings: Campaign, *more: Any) -> Outcome:

@@ -1,42 +1,81 @@
-"""`truing predict`: the extended model's prediction where nothing was measured."""
+"""`truing predict`: the extended model's prediction where nothing was measured, or its errors in a second campaign."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import cast
 
 import pyarrow as pa
 
 from truing import __version__
-from truing.pipeline.artifacts import Stamp, write_table
+from truing.pipeline.artifacts import Stamp, Unreadable, read_artifact, write_table
+from truing.pipeline.campaign_folder import FILE, identity_faults, open_campaign
 from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
 from truing.pipeline.ledger import digest_of
 from truing.pipeline.problems import ExitCode
+from truing.pipeline.second_campaign import campaign_of
+from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS
 from truing.pipeline.voice import Voice
 from truing.pipeline.whole_file import write_whole
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml, read_settings_text
 from truing.stages.predict import predict
+from truing.stages.second_campaign.errors import second_campaign_errors
 
 # What is predicted, by a column that tells it from poses.
-_ARTIFACTS = {"reading": "readings", "encoder": "axis_prediction"}
+_ARTIFACTS = {"reading": "readings", "encoder": "axis_prediction", "prediction_by": "second_campaign_errors"}
+_CALIBRATION = ("calibration", "model_choice")  # of the run that left the model, where they lie beside it
 
 
 def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
-    """Predict poses, or readings of a loaded sensor; CSV on stdout, or the file ``out``. Raises CampaignFaults."""
+    """Predict poses, or readings of a loaded sensor; CSV on stdout, or the file ``out``. Raises CampaignFaults.
+
+    Where ``inputs`` is a campaign's folder, the errors of the models in that campaign.
+    """
     if out is not None and out.suffix not in ENDINGS:
         raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
     if out is not None:
         check_file(out, reads=(model, inputs))
     text = _model_text(model)
-    predicted = _predicted(model, text, inputs)
+    is_campaign = inputs.is_dir() or inputs.name == FILE
+    predicted = _errors(model, text, inputs) if is_campaign else _predicted(model, text, inputs)
     if out is None:
         sys.stdout.write(_csv(predicted).decode())
         return ExitCode.DONE
     _write(out, predicted, _campaign(model, text), [text, _csv(predicted).decode()])
-    Voice(quiet=False).say(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
+    voice = Voice(quiet=False)
+    if is_campaign:
+        _say_errors(predicted, voice)
+    voice.say(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
     return ExitCode.DONE
+
+
+def _errors(model: Path, text: str, place: Path) -> pa.Table:
+    """The errors of a second campaign by nominal and extended model, and by the calibration that lies beside it."""
+    try:
+        beside = {name: read_artifact(model.parent, ARTIFACTS[name]) for name in _CALIBRATION if _is_there(model, name)}
+    except Unreadable as error:
+        raise CampaignFaults([Fault(str(model.parent), f"the tables of a run beside its model ({error})")]) from None
+    campaign = open_campaign(place)
+    if faults := identity_faults(campaign):
+        raise CampaignFaults(faults)
+    stages = OF_SECOND_CAMPAIGNS["transfer"]
+    try:
+        return second_campaign_errors(text, campaign_of(campaign, stages), cast("dict[str, pa.Table]", beside))
+    except ValueError as error:
+        raise CampaignFaults([Fault(str(place), f"a campaign that {model} predicts ({error})")]) from None
+
+
+def _is_there(model: Path, name: str) -> bool:
+    return (model.parent / ARTIFACTS[name].file).is_file()
+
+
+def _say_errors(errors: pa.Table, voice: Voice) -> None:
+    for row in errors.to_pylist():
+        size = f"{row['rms_error']:.4g} {row['unit']} rms, {row['largest_error']:.4g} {row['unit']} at most"
+        voice.say(f"{row['quantity']:<12} {row['prediction_by']:<11} {size} ({row['model']})")
 
 
 def _model_text(model: Path) -> str:

@@ -18,7 +18,15 @@ from truing.pipeline.freshness import State
 from truing.pipeline.problems import ExitCode, gravest
 from truing.pipeline.run_folder import occupied
 from truing.pipeline.run_owner import check_owner, claim, refuse_raw_files
-from truing.pipeline.stage_order import OF_PHOTOGRAPHS, ORDER, RAW_READERS, needed_for, stage_module
+from truing.pipeline.second_campaign import second_folder
+from truing.pipeline.stage_order import (
+    OF_PHOTOGRAPHS,
+    OF_SECOND_CAMPAIGNS,
+    ORDER,
+    RAW_READERS,
+    needed_for,
+    stage_module,
+)
 from truing.pipeline.voice import Recorder, Voice
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
@@ -96,6 +104,8 @@ def _validate(run: CampaignRun) -> None:
     except CampaignFaults:
         check_campaign(run.campaign)  # tells what is wrong with the raw files in the same breath
         raise
+    if run.campaign.has_second:
+        second_folder(run.campaign)
 
 
 def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish: Wish) -> None:
@@ -154,6 +164,7 @@ def show_all_stages() -> ExitCode:
         for name in names:
             stage = stage_module(name).DECLARATION
             only = " (where there are photographs)" if name in OF_PHOTOGRAPHS else ""
+            only = " (where [diagnosis] judge_on names a second campaign)" if name in OF_SECOND_CAMPAIGNS else only
             read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
             voice.say(f"  {name:<12} {stage.summary}{only}")
             voice.say(f"  {'':<12} reads {', '.join(read)}; leaves {', '.join(stage.leaves)}")

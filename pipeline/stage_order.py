@@ -11,12 +11,14 @@ from truing.formats.source import OF_IMAGES, OTHERS
 if TYPE_CHECKING:
     from truing.stages.declaration import Stage
 
-_FROM_POINTS = ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report")
+_EVERY = ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "transfer", "uncertainty", "report")
+# What a second campaign is predicted by, and the stages of that campaign whose tables it is given.
+OF_SECOND_CAMPAIGNS = {"transfer": ("ingest", "qa", "pose")}
 OF_PHOTOGRAPHS = ("images", "bundle")  # stages that a campaign without photographs does without
 
 ORDER: dict[str, tuple[str, ...]] = {
-    "photogrammetry": (*OF_PHOTOGRAPHS, *_FROM_POINTS),
-    "interferometer": ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "uncertainty", "report"),
+    "photogrammetry": (*OF_PHOTOGRAPHS, *_EVERY),
+    "interferometer": _EVERY,
 }
 
 # The stages that see raw files, through truing.formats, and which tables of [files] are theirs.
@@ -25,9 +27,10 @@ RAW_READERS: dict[str, tuple[str, ...]] = {"images": OF_IMAGES, "bundle": ("targ
 IN_PIECES = ("images",)
 
 
-def order_of(kind: str, *, photographs: bool) -> tuple[str, ...]:
-    """The stages of a campaign of a kind, in order."""
-    return tuple(name for name in ORDER[kind] if photographs or name not in OF_PHOTOGRAPHS)
+def order_of(kind: str, *, photographs: bool, second: bool = False) -> tuple[str, ...]:
+    """The stages of a campaign of a kind, in order; second: whether its models predict a second campaign."""
+    left_out = {*(() if photographs else OF_PHOTOGRAPHS), *(() if second else OF_SECOND_CAMPAIGNS)}
+    return tuple(name for name in ORDER[kind] if name not in left_out)
 
 
 def stage_module(name: str) -> ModuleType:

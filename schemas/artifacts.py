@@ -281,6 +281,12 @@ _CALIBRATION = (
         optional="deformation noise_rms",
     ),
     parquet(
+        "second_campaign_errors",
+        "errors of a second campaign of the same machine as models predict it that were fitted to this one: nominal, "
+        "calibrated, and extended with what the diagnosis found, as far as it lasts",
+        "campaign prediction_by* model quantity* rms_error largest_error noise_rms count unit",
+    ),
+    parquet(
         "error_classes",
         "errors of the calibrated sensor as laboratories report them, per axis; empty, with the reason, where not told",
         "error_class* load* indicated* value sigma limit unit",

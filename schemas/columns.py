@@ -462,6 +462,11 @@ _CONCLUDED = (
         "everything",
         nullable=True,
     ),
+    text(
+        "prediction_by",
+        "what predicts: the machine as drawn, the chosen calibration, or the extended model of the diagnosis",
+        choices=("nominal", "calibrated", "extended"),
+    ),
     size("noise_rms", "", "root mean square that noise alone would leave", nullable=True),
     integer("count", "how many poses, load steps or readings it is the root mean square of", minimum=1),
     # Of requirements.

@@ -148,7 +148,7 @@ def calibration_table(tables: Frames) -> str:
 
 
 def matrix_table(tables: Frames) -> str:
-    """Return how far G_B is from the true one, in its own sigmas, by the loads as written and as the diagnosis has them."""
+    """Return how far G_B is from the true one, in its own sigmas, as written down and with the finding applied."""
     from tests.blind.generator.sensor.force_sensor import force_sensor_campaign
 
     truth = force_sensor_campaign().truth

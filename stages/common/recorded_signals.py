@@ -43,14 +43,29 @@ def recorded_beside(tables: Mapping[str, pa.Table], settings: Campaign) -> Recor
     return _recorded(tables, settings, None) if findings.is_main else other
 
 
-def _recorded(tables: Mapping[str, pa.Table], settings: Campaign, model: str | None) -> Recorded:
+def recorded_elsewhere(tables: Mapping[str, pa.Table], settings: Campaign, model: str | None, tared: bool) -> Recorded:
+    """The signals of another campaign of the same sensor; model: whose lasting effects make other loads act, if any.
+
+    tared: whether signals are counted from each run's unloaded readings. Raises ValueError as `recorded`.
+    """
+    return _recorded(tables, settings, model, elsewhere=True, tared=tared)
+
+
+def _recorded(
+    tables: Mapping[str, pa.Table],
+    settings: Campaign,
+    model: str | None,
+    *,
+    elsewhere: bool = False,
+    tared: bool | None = None,
+) -> Recorded:
     """The signals beside the loads as recorded; with the text of a model, beside those that act by its effects."""
     steps = load_steps({name: tables[name] for name in ("signals", "readings") if name in tables})
     steps, out = without_excluded(steps, settings)
     steps = steps.chosen(np.isfinite(steps.signal).all(axis=1) & (steps.signal.shape[1] > 0))
     if not len(steps.run):
         raise ValueError("no load step has a reading of every signal channel")
-    exchanged = _exchanged(model, steps)
+    exchanged = () if elsewhere else _exchanged(model, steps)
     plain, steps = steps.load, put_right(steps, exchanged)
     signal = steps.signal / MV
     declared = settings.noise.signal_mv
@@ -61,6 +76,7 @@ def _recorded(tables: Mapping[str, pa.Table], settings: Campaign, model: str | N
     sigma = np.full(signal.shape[1], declared) if declared is not None else np.nanmedian(curves.sigma, axis=0)
     covariate, names = _covariates(steps, settings.mechanism.reference_temperature_c)
     zero, apart = zeros_of_runs(steps, signal, sigma, covariate, good)
+    apart = apart if tared is None else tared
     kept = steps.chosen(good)
     noise = settings.noise
     load, causes = _acting(model, kept)

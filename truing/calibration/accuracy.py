@@ -84,9 +84,15 @@ def pose_errors(calibration: Calibration, measured: Measured, reading_sigma: flo
 
 def nominal_errors(structure: Structure, machine: Machine, measured: Measured) -> PoseErrors:
     """Return the errors of a machine that nobody has calibrated."""
+    return machine_errors(structure, machine, measured, 0.0)
+
+
+def machine_errors(structure: Structure, machine: Machine, measured: Measured, reading_sigma: float) -> PoseErrors:
+    """Return the errors of a machine whose numbers are taken as exact; reading_sigma, m."""
     none = ParameterSet(()).change(machine)
     poses, common = len(measured.rho), common_effects(measured).shape[-1]
-    return _errors(structure, machine, none, measured, 0.0, np.zeros((poses, 0, 0)), np.zeros((poses, 0, common)))
+    nothing = np.zeros((poses, 0, 0)), np.zeros((poses, 0, common))
+    return _errors(structure, machine, none, measured, reading_sigma, *nothing)
 
 
 def _errors(

@@ -48,6 +48,7 @@ SECTIONS = (
         "calibration", ("truing.report.calibration.section", "truing.report.sensor.calibration"), "Calibration"
     ),
     PageSection("knowledge", ("truing.report.knowledge_section",)),
+    PageSection("transfer", ("truing.report.transfer_section",), reads=("second_campaign_errors",)),
     PageSection("requirements", ("truing.report.calibration.requirements",), "Requirements"),
     PageSection("uncertainty", ("truing.report.uncertainty_section",)),
     PageSection("during", ("truing.report.during_section",)),

@@ -127,6 +127,14 @@ def acts_on_poses(cause: PointCause) -> bool:
     return cause.step is not Step.INSTRUMENT and not concerns_targets(cause)
 
 
+def lasting(extended_model: ExtendedModel) -> ExtendedModel:
+    """Return the model with those effects alone that do not end with the campaign it was fitted to."""
+    smaller = extended_model.model.with_causes([one for one in extended_model.model.causes if one.is_persistent])
+    kept = np.concatenate([np.arange(part.start, part.stop) for part in _parts(extended_model.model, smaller)])
+    covariance = extended_model.covariance[np.ix_(kept, kept)]
+    return replace(extended_model, model=smaller, shared=extended_model.shared[kept], covariance=covariance)
+
+
 def predict_poses(extended_model: ExtendedModel, conditions: Conditions, *, recorded: bool = False) -> PredictedPoses:
     """Return the platform's poses at the given conditions, with the uncertainty of unknowns and readings propagated.
 

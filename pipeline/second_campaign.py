@@ -1,0 +1,68 @@
+"""The second campaign that a campaign's models predict: where it lies, its files, and its tables up to the poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign
+from truing.schemas.faults import CampaignFaults, Fault
+
+if TYPE_CHECKING:
+    from truing.stages.second_campaign.compared import SecondCampaign
+
+_KEY = "diagnosis.judge_on"
+
+
+def second_folder(campaign: CampaignFolder) -> CampaignFolder:
+    """The campaign that [diagnosis] judge_on names; raises CampaignFaults where that is no second campaign of its kind
+    and type of mechanism."""
+    named = str(campaign.section(_KEY))
+    place = campaign.folder / named
+    try:
+        found = open_campaign(place)
+    except CampaignFaults as error:
+        said = "; ".join(fault.expected for fault in error.faults)
+        raise _fault(campaign, f"the folder of a second campaign, relative to campaign.toml: {said}", named) from None
+    if found.file.resolve() == campaign.file.resolve():
+        raise _fault(
+            campaign, "another campaign than this one: models are to predict what they were not fitted to", named
+        )
+    if faults := identity_faults(found):
+        raise CampaignFaults(faults)
+    for key, default in (("campaign.kind", None), ("mechanism.type", "none")):
+        own, other = (one.section(key) or default for one in (campaign, found))
+        if own != other:
+            expected = f"a second campaign of the same machine; {found.file} has {key} = {other!r}, this one {own!r}"
+            raise _fault(campaign, expected, named)
+    return found
+
+
+def _fault(campaign: CampaignFolder, expected: str, value: str) -> CampaignFaults:
+    return CampaignFaults([Fault(str(campaign.file), expected, column=_KEY, value=value)])
+
+
+def files_of_second(campaign: CampaignFolder) -> tuple[Path, ...]:
+    """The files that the second campaign consists of; raises CampaignFaults as `second_folder`."""
+    from truing.formats.source import raw_files
+
+    found = second_folder(campaign)
+    return (found.file, *raw_files(found.folder, found.document))
+
+
+def second_campaign(campaign: CampaignFolder, stages: Sequence[str], scratch: Path | None = None) -> SecondCampaign:
+    """The second campaign with the tables that its stages leave; raises CampaignFaults as these stages do."""
+    return campaign_of(second_folder(campaign), stages, scratch)
+
+
+def campaign_of(found: CampaignFolder, stages: Sequence[str], scratch: Path | None = None) -> SecondCampaign:
+    """A campaign with the tables that some of its stages leave, those of photographs before them."""
+    from truing.pipeline.in_memory import stage_line
+    from truing.pipeline.stage_order import OF_PHOTOGRAPHS
+    from truing.stages.second_campaign.compared import SecondCampaign
+
+    before = OF_PHOTOGRAPHS if found.has_photographs else ()
+    line = stage_line(found.file, scratch).call(*before, *stages)
+    tables = {name: table for name, table in line.tables.items() if not isinstance(table, str)}
+    return SecondCampaign(str(found.file), line.settings, tables)

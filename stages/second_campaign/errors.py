@@ -1,0 +1,59 @@
+"""Errors of a second campaign by the models of the first, whatever was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import pyarrow as pa
+
+from truing.schemas.settings_text import parsed_toml
+from truing.simulation.axis.extended_model import is_axis
+from truing.simulation.bench.extended_model import is_sensor
+from truing.stages.common.belonging import withheld
+from truing.stages.common.rows import Rows
+from truing.stages.second_campaign.compared import ARTIFACT, Predicted, SecondCampaign, add_errors
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
+
+def second_campaign_errors(
+    text: str, second: SecondCampaign, tables: Mapping[str, pa.Table], settings: Campaign | None = None
+) -> pa.Table:
+    """Return rows of second_campaign_errors.parquet.
+
+    text: the extended model of the first campaign; tables, settings: what else there is of that campaign, its
+    ``calibration`` and ``model_choice``, and its signals. Raises CampaignFaults where the second campaign is of another
+    machine, ValueError, saying why, where nothing of it can be predicted.
+    """
+    if why := withheld(second.tables):
+        raise ValueError(f"second campaign: {why}")
+    rows = Rows(ARTIFACT)
+    for found in _predicted(text, second, tables, settings):
+        add_errors(rows, second, found)
+    if not rows.count:
+        raise ValueError("the second campaign holds nothing that the models predict")
+    return rows.table()
+
+
+def _predicted(
+    text: str, second: SecondCampaign, tables: Mapping[str, pa.Table], settings: Campaign | None
+) -> Iterator[Predicted]:
+    document = parsed_toml(text)
+    if is_axis(document):
+        from truing.stages.second_campaign.axes import predicted_encoders
+
+        yield from predicted_encoders(text, second)
+    elif is_sensor(document):
+        from truing.stages.second_campaign.loads import predicted_by_matrix, predicted_readings
+
+        if second.settings.campaign.kind != "interferometer":
+            raise second.refuse("campaign.kind", "interferometer", second.settings.campaign.kind)
+        yield from predicted_readings(text, second)
+        if settings is not None:
+            yield from predicted_by_matrix(tables, settings, second)
+    else:
+        from truing.stages.second_campaign.poses import predicted_poses
+
+        yield from predicted_poses(text, tables, second)

@@ -1,0 +1,139 @@
+"""Readings and loads of a second campaign on a bench by the simulation, by G_B and by the extended model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import pyarrow as pa
+
+from truing.estimation.interferometry.recorded_steps import (
+    CHANNELS,
+    LOADS,
+    READING_SI,
+    READING_UNITS,
+    RecordedSteps,
+)
+from truing.estimation.sensor.calibrate import fit_calibration
+from truing.estimation.sensor.contenders import contenders, predicted_loads
+from truing.schemas.covariates import own_name
+from truing.simulation.bench.extended_model import ExtendedSensor, predict_readings, read_sensor
+from truing.simulation.bench.known_readings import ReadingConditions, run_names
+from truing.stages.common.applied_findings import applied_findings
+from truing.stages.common.nominal_sensor import nominal_sensor
+from truing.stages.common.overruled import without_excluded
+from truing.stages.common.reading_arrays import load_steps
+from truing.stages.common.recorded_signals import recorded, recorded_beside, recorded_elsewhere
+from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, Predicted, SecondCampaign
+
+if TYPE_CHECKING:
+    from truing.estimation.sensor.load_table import Recorded
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import SensorMechanism
+
+_SAME = 1e-6  # relative, of the compliance
+_UNITS = {"f": "N", "m": "N m"}
+
+
+def predicted_readings(text: str, second: SecondCampaign) -> Iterator[Predicted]:
+    """Yield errors of displacements (um, arcsec), each run and channel counted from its own mean, by simulation and
+    extended model.
+
+    Raises CampaignFaults where the second campaign is of another sensor, ValueError where it holds no load step.
+    """
+    extended = read_sensor(text)
+    steps, _ = without_excluded(load_steps(second.tables), second.settings)
+    if not np.isfinite(steps.reading).any():
+        return
+    _check(extended, second)
+    size = extended.compliance.size
+    alone = replace(extended, compliance=extended.nominal, effects=(), covariance=extended.covariance[:size, :size])
+    names = [cause.id for cause in extended.causes if cause.is_persistent]
+    words = f"with {', '.join(dict.fromkeys(names))}" if names else "compliance as identified"
+    for by, model, said in ((NOMINAL, alone, "compliance as simulated"), (EXTENDED, extended, words)):
+        missed = _without_zeros(steps.reading - predict_readings(model, _conditions(model, steps)).value, steps)
+        for k, channel in enumerate(CHANNELS):
+            sigma = steps.sigma[np.isfinite(missed[:, k]), k]
+            noise = float(np.sqrt(np.mean(sigma**2)) / READING_SI[k]) if len(sigma) else None
+            yield Predicted(by, said, channel, READING_UNITS[k], missed[:, k] / READING_SI[k], noise)
+
+
+def _check(extended: ExtendedSensor, second: SecondCampaign) -> None:
+    """Raise CampaignFaults where the simulated compliance is not that of the model."""
+    given = second.tables.get("given_compliance")
+    section = cast("SensorMechanism", second.settings.mechanism)
+    own = None
+    if section.type == "6-upur":
+        own = nominal_sensor(section, given if given is not None and given.num_rows else None).compliance
+    if own is None:
+        raise second.refuse("mechanism", "the elements of a leg, or a compliance_file, as the first campaign has them")
+    scale = np.sqrt(np.abs(np.outer(np.diag(extended.nominal), np.diag(extended.nominal))))
+    if np.any(np.abs(own - extended.nominal) > _SAME * scale):
+        raise second.refuse("mechanism", "the sensor of the model, with the same simulated compliance")
+
+
+def _conditions(model: ExtendedSensor, steps: RecordedSteps) -> ReadingConditions:
+    """Conditions of the steps; raises ValueError where a column is missing that an effect follows."""
+    known = {name: values for name, values in steps.covariates.items() if np.isfinite(values).all()}
+    needed = {name for cause in model.causes if cause.is_persistent for name in cause.needs(len(CHANNELS))}
+    own = {"time_s", *LOADS, *steps.covariates}
+    if missing := sorted(own_name(name) for name in needed - own):
+        raise ValueError(f"the extended model follows {', '.join(missing)}, which the second campaign does not hold")
+    span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
+    return ReadingConditions(run_names(steps), steps.step, steps.time_s, steps.load, known, span)
+
+
+def _without_zeros(missed: np.ndarray, steps: RecordedSteps) -> np.ndarray:
+    """Errors (B, 6) less the mean of their run and channel, which is the run's own zero."""
+    left = missed.copy()
+    for run in np.unique(steps.run):
+        own = steps.run == run
+        seen = np.isfinite(left[own])
+        count = np.maximum(seen.sum(0), 1)
+        left[own] -= np.where(seen, left[own], 0.0).sum(0) / count
+    return left
+
+
+def predicted_by_matrix(
+    tables: Mapping[str, pa.Table], settings: Campaign, second: SecondCampaign
+) -> Iterator[Predicted]:
+    """Yield errors of loads (N, N m) by the calibration of the data as recorded, and with findings applied.
+
+    The latter is held against the loads that act by these findings, as far as they last.
+    """
+    if not all("signals" in held and held["signals"].num_rows for held in (tables, second.tables)):
+        return
+    main, beside = recorded(tables, settings), recorded_beside(tables, settings)
+    models = _chosen(tables)
+    for found in (one for one in (main, beside) if one is not None):
+        name = models["main" if found is main else "beside"]
+        text = applied_findings(tables).text if found.causes else None
+        by = EXTENDED if found.causes else CALIBRATED
+        yield from _by_matrix(found, recorded_elsewhere(second.tables, second.settings, text, found.tared), name, by)
+
+
+def _chosen(tables: Mapping[str, pa.Table]) -> dict[str, str]:
+    """The names of the chosen models: of the main calibration, and of the one beside it."""
+    rows = tables["sensor_matrix"].to_pylist() if "sensor_matrix" in tables else []
+    main = next((row["model"] for row in rows if row["chosen"] and row["matrix"] == "G_B"), None)
+    if main is None:
+        raise ValueError("no calibration of the signals was made in the first campaign")
+    compared = tables["calibrations_compared"].to_pylist() if "calibrations_compared" in tables else []
+    beside = next((row["model"] for row in compared if not row["is_main"]), main)
+    return {"main": cast("str", main), "beside": cast("str", beside)}
+
+
+def _by_matrix(found: Recorded, other: Recorded, name: str, by: str) -> Iterator[Predicted]:
+    model = next(model for model in contenders(found) if model.name == name)
+    rows = ~found.steps.held_out
+    table = found.table(rows, found.steps.run)
+    asked = other.table(np.ones(len(other.steps.run), bool), other.steps.run)
+    if asked.signals.shape[1] != table.signals.shape[1]:
+        raise ValueError(
+            f"the second campaign has {asked.signals.shape[1]} signals, the first {table.signals.shape[1]}"
+        )
+    missed = asked.loads - predicted_loads(fit_calibration(table, model), asked).value
+    for k, load in enumerate(table.load_names):
+        yield Predicted(by, name, load, _UNITS[load[0]], missed[:, k])

@@ -1,0 +1,57 @@
+"""Transfer: how far models that were fitted to this campaign miss a second campaign of the same machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from truing.stages.declaration import Outcome, Progress, Stage
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
+    from truing.stages.second_campaign.compared import SecondCampaign
+
+DECLARATION = Stage(
+    name="transfer",
+    reads=(
+        *("model?", "applied_model?", "diagnosis_choices?", "calibration?", "model_choice?", "qa?"),
+        *("readings?", "signals?", "sensor_matrix?", "calibrations_compared?"),
+    ),
+    leaves=("second_campaign_errors",),
+    settings=(
+        *("diagnosis.judge_on", "mechanism.reference_temperature_c", "loading", "exclude", "keep"),
+        *("noise.signal_mv", "noise.load_n", "noise.load_nm"),
+    ),
+    summary="errors of a second campaign of the same machine by models fitted to this one",
+)
+
+
+def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, second: SecondCampaign) -> Outcome:
+    """Predict the second campaign by every model of this one."""
+    from truing.schemas.artifacts import ARTIFACTS
+    from truing.stages.common.applied_findings import applied_findings
+    from truing.stages.common.belonging import withheld
+    from truing.stages.second_campaign.compared import ARTIFACT
+    from truing.stages.second_campaign.errors import second_campaign_errors
+
+    nothing = {ARTIFACT: ARTIFACTS[ARTIFACT].empty()}
+    text = applied_findings(tables).text
+    if why := withheld(tables) or ("" if text else "the diagnosis was not evaluated, and left no model"):
+        return Outcome.not_evaluated(nothing, why)
+    assert text is not None
+    try:
+        errors = second_campaign_errors(text, second, tables, settings)
+    except ValueError as why_not:
+        return Outcome.not_evaluated(nothing, str(why_not))
+    return Outcome({ARTIFACT: errors}, read=second.file, left_out="nothing", figure=_figure(errors))
+
+
+def _figure(errors: pa.Table) -> str:
+    """The error of every model in the first quantity that all of them predict."""
+    rows = errors.to_pylist()
+    of = {row["quantity"]: [other for other in rows if other["quantity"] == row["quantity"]] for row in rows}
+    quantity, own = max(of.items(), key=lambda item: len(item[1]))
+    sizes = ", ".join(f"{row['prediction_by']} {row['rms_error']:.4g}" for row in own)
+    return f"{quantity} of {own[0]['campaign']}, rms in {own[0]['unit']}: {sizes}"

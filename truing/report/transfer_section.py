@@ -1,0 +1,47 @@
+"""The section of a second campaign: how far models that were fitted to this one miss it."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from truing.report.numbers import count, plain, quantity
+from truing.report.page import Listing, Section
+from truing.report.tables import Tables, cell, filled, reason
+
+_TITLE = "A second campaign of the same machine"
+_ARTIFACT = "second_campaign_errors"
+
+
+def transfer(tables: Tables) -> Section | None:
+    """Errors of the second campaign by every model; None where the campaign names none."""
+    if _ARTIFACT not in tables:
+        return None
+    errors = filled(tables, _ARTIFACT)
+    if errors is None:
+        return Section("transfer", _TITLE, f"Not evaluated: {reason(tables, _ARTIFACT)}", state="not evaluated")
+    return Section("transfer", _TITLE, _lead(errors), listings=(_listing(errors),))
+
+
+def _lead(errors: pd.DataFrame) -> str:
+    """The errors of the first quantity that most models predict, against what noise leaves."""
+    own = errors[errors["quantity"] == errors["quantity"].value_counts(sort=False).idxmax()]
+    first = own.iloc[0]
+    sizes = ", ".join(f"{r.prediction_by} {quantity(r.rms_error, r.unit)}" for r in own.itertuples())
+    noise = first["noise_rms"]
+    left = "" if noise != noise else f"; noise alone leaves {quantity(noise, first['unit'])}"
+    named = f"Models that were fitted to this campaign predict {first['campaign']}, which none of them has seen."
+    return f"{named} Errors in {first['quantity']} of {count(int(first['count']), 'value')}, rms: {sizes}{left}."
+
+
+def _listing(errors: pd.DataFrame) -> Listing:
+    of = errors.drop_duplicates(["quantity", "unit"])
+    columns = list(zip(of["quantity"], of["unit"], strict=True))
+    rows = []
+    for (by, model), own in errors.groupby(["prediction_by", "model"], sort=False):
+        cells = {r.quantity: f"{plain(r.rms_error)} / {plain(r.largest_error)}" for r in own.itertuples()}
+        rows.append((str(by), cell(model), *(cells.get(name, "") for name, _ in columns)))
+    told = of[of["noise_rms"].notna()].set_index("quantity")["noise_rms"]
+    rows.append(("noise alone", "", *(plain(told[name]) if name in told else "" for name, _ in columns)))
+    heads = ("predicted by", "model", *(f"{name} ({unit})" for name, unit in columns))
+    caption = "Measured minus predicted in the second campaign: rms / largest"
+    return Listing(heads, tuple(rows), caption=caption, held_by=f"{_ARTIFACT}.parquet")
