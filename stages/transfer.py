@@ -21,7 +21,7 @@ DECLARATION = Stage(
     ),
     leaves=("second_campaign_errors",),
     settings=(
-        *("diagnosis.judge_on", "mechanism.reference_temperature_c", "loading", "exclude", "keep"),
+        *("diagnosis.judge_on", "mechanism.reference_temperature_c", "exclude", "keep"),
         *("noise.signal_mv", "noise.load_n", "noise.load_nm"),
     ),
     summary="errors of a second campaign of the same machine by models fitted to this one",
@@ -45,7 +45,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, 
         errors = second_campaign_errors(text, second, tables, settings)
     except ValueError as why_not:
         return Outcome.not_evaluated(nothing, str(why_not))
-    return Outcome({ARTIFACT: errors}, read=second.file, left_out="nothing", figure=_figure(errors))
+    named = str(settings.diagnosis.judge_on)
+    return Outcome({ARTIFACT: errors}, read=named, left_out="nothing", figure=_figure(errors))
 
 
 def _figure(errors: pa.Table) -> str:

@@ -45,6 +45,11 @@ point_mm = 0.01
 reference = "frame"
 """
 
+SECOND = """
+[diagnosis]
+judge_on = "../second"
+"""
+
 POSES = """[campaign]
 name = "poses"
 kind = "photogrammetry"
@@ -161,7 +166,8 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     axis(folder / "axis")
     driven_campaign(folder / "turntable", "rotary")
     driven_campaign(folder / "slide", "linear")
-    write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml(more=BEAMS))
+    write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml(more=BEAMS + SECOND))
+    write_campaign(folder / "second", *measured(np.random.default_rng(2)), campaign_toml(more=BEAMS))
     views: dict[str, list[SettingsView]] = {}
 
     with pytest.MonkeyPatch.context() as patch:
@@ -182,7 +188,8 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         parts = [("bodies", "deformation"), ("bodies", "qa"), ("bodies", "diagnose"), ("bench", "deformation")]
         parts += [("rays", "pose"), ("barless", "bundle"), ("scaleless", "bundle"), ("pictures", "images")]
         parts += [("poses", "calibrate"), ("axis", "deformation")]
-        parts += [("sensor", "qa"), ("sensor", "uncertainty"), ("turntable", "diagnose"), ("slide", "diagnose")]
+        parts += [("sensor", "qa"), ("sensor", "uncertainty"), ("sensor", "transfer")]
+        parts += [("turntable", "diagnose"), ("slide", "diagnose")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
             code = run_campaign(open_campaign(folder / name), out, Wish(Selection(only=only)), Voice(quiet=True))
