@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from truing.inference.fitted_model import Fitter
-from truing.inference.verdicts import FOUND
+from truing.inference.verdicts import FOUND, SUSPECTED
 from truing.simulation.catalogue import catalogue_of_rays
 from truing.stages.common.applied_findings import APPLIED
 from truing.stages.common.rows import Rows
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from truing.simulation.cause import Cause
     from truing.stages.diagnosis.gathered import Gathered
 
-_ACCEPTED = (FOUND, "suspected")  # verdicts whose effects the extended model holds
+_ACCEPTED = (FOUND, SUSPECTED)  # verdicts whose effects the extended model holds
 
 
 def choices_table(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pandas as pd
 
 from truing.report.numbers import count, listed, plain
@@ -53,11 +55,21 @@ def data_words(tables: Tables) -> str:
     table = filled(tables, "calibrations_compared")
     if table is None:
         return ""
-    found = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0])
+    found = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0]) + _doubted(tables)
     if table.loc[table["is_main"], "data"].iloc[0] == _RECORDED:
         return f"The main calibration is of the data as recorded; the one with {found} applied stands beside it."
     asked = f"The main calibration holds {found}, as [diagnosis] apply asks"
     return f"{asked}; the one of the data as recorded stands beside it."
+
+
+def _doubted(tables: Tables, names: Sequence[str] | None = None) -> str:
+    """Which causes of the extended model, or of some names, are suspected and no more; empty where none is."""
+    rows = filled(tables, "diagnosis")
+    if rows is None:
+        return ""
+    own = dict.fromkeys(rows.loc[rows["verdict"] == "suspected", "cause"])
+    doubted = [name for name in own if names is None or name in names]
+    return f" (only suspected: {listed(doubted)})" if doubted else ""
 
 
 def choice_verdicts(tables: Tables) -> list[Verdict]:
@@ -73,7 +85,7 @@ def choice_verdicts(tables: Tables) -> list[Verdict]:
     if idle := names.get("no effect"):
         told.append(("warn", f"[diagnosis] apply names {listed(idle)}: found, but {_NO_EFFECT}."))
     if applied := names.get("applied"):
-        told.append(("warn", f"Applied, as [diagnosis] apply asks: {listed(applied)}."))
+        told.append(("warn", f"Applied, as [diagnosis] apply asks: {listed(applied)}{_doubted(tables, applied)}."))
     if ignored := names.get("ignored"):
         told.append(("warn", f"Not searched for, as [diagnosis] ignore asks: {listed(ignored)}."))
     return told
