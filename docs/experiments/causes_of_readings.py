@@ -23,6 +23,7 @@ from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, Zero
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
 from truing.simulation.bench.causes.load_history import Creep
 from truing.simulation.bench.causes.load_path import ASYMMETRY, LoadEccentricity, LoadImbalance
+from truing.simulation.bench.causes.signal_nonlinear import CUBIC, QUADRATIC
 from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
     JointClearance,
@@ -46,10 +47,14 @@ _CONCERNS = {
     "dead-path": "a linear channel, or all of them",
     "fringe-slip": "a linear channel in a run",
     "crosstalk": "a signal",
+    "signal-nonlinear": "a signal, or all",
     "rows-exchanged": "a run, or two",
     "unexplained": "a channel or signal",
 }
-_FORMS = {"thermal-drift": {"columns": (MATERIAL, AIR)}}
+_FORMS = {
+    "thermal-drift": {"columns": (MATERIAL, AIR)},
+    "signal-nonlinear": {"powers": (QUADRATIC, CUBIC), "loads": ("fx-fy",), "full_scale": (0.01,)},
+}
 # What is compared, under the load fz and in the channel dz: all that a run up and down may be taken for.
 COMPARED: tuple[Cause, ...] = (
     LoadEccentricity("fz"),

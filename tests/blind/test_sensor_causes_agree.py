@@ -20,7 +20,7 @@ from tests.blind.generator.sensor.draw import BAD_WEATHER
 from tests.blind.generator.sensor.layout import CHANNELS, Layout, Noise, Programme, Tolerance
 from tests.blind.generator.sensor.schedule import COLUMNS
 from tests.blind.test_sensor_agreement import theirs
-from truing.simulation.bench.causes import beams, channels, counts, load_history, load_path, stiffness
+from truing.simulation.bench.causes import beams, channels, counts, load_history, load_path, signal_nonlinear, stiffness
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
@@ -30,6 +30,10 @@ FZ, MY, DX, DZ = 2, 4, 0, 2
 UM, HOUR_S, MV = 1e-6, 3600.0, 1e-3
 EXACTLY_MADE = Tolerance(1e-12, 1e-12, 1e-12, 1e-12, 1e-12)
 NOBODY = np.zeros(0, int)
+
+COUPLED = tuple(
+    tuple(row) for row in (2.0 * np.eye(6, 6)[:, [0]] * np.eye(6)[0] + 3.0 * np.eye(6)[:, [0]] * np.eye(6)[4]).tolist()
+)
 
 # What is hidden; the cause; its values in SI.
 CASES: dict[str, tuple[hidden.Effect, Cause, Sequence[float]]] = {
@@ -78,6 +82,16 @@ CASES: dict[str, tuple[hidden.Effect, Cause, Sequence[float]]] = {
         recording.FringeSlip(DZ, 3, False, -7, 9),
         counts.FringeSlip("dz", 3, 9, 9, False, 632.990577e-9 / 2),
         [-7.0],
+    ),
+    "curved signal": (
+        recording.SignalNonlinear(2, 0.2, -0.1),
+        signal_nonlinear.SignalNonlinear("v3", ("quadratic", "cubic"), (), ("v3",)),
+        [0.2 / MV, -0.1 / MV**2],
+    ),
+    "signal of two loads": (
+        recording.SignalNonlinear(2, coupled=COUPLED),
+        signal_nonlinear.SignalNonlinear("v3", (), ("fx-fx", "fx-my"), ("v3",)),
+        [2 * MV, 3 * MV],
     ),
     "crosstalk": (recording.Crosstalk(2, 4, 0.2), counts.Crosstalk("v3", "v5"), [0.2]),
 }

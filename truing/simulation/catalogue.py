@@ -15,6 +15,7 @@ from truing.simulation.bench.causes.load_path import LoadEccentricity, LoadImbal
 from truing.simulation.bench.causes.nonparametric import NonparametricReadingEffect
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
+from truing.simulation.bench.causes.signal_nonlinear import SignalNonlinear
 from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
     JointClearance,
@@ -82,6 +83,7 @@ OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     DeadPath(),
     FringeSlip(),
     Crosstalk(),
+    SignalNonlinear(),
     RowsExchanged(),
     NonparametricReadingEffect(),
 )

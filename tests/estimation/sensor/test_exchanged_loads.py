@@ -159,8 +159,41 @@ def test_the_smallest_exchange_that_is_named_is_the_one_that_is_promised():
 
 def test_an_exchange_that_a_poor_calibration_hides_is_below_what_is_promised():
     """Signals that hardly tell a component: rows of it that were exchanged pass, and the limit is above their loads."""
-    table = _long_table(6, 6000, np.random.default_rng([6, 1]).standard_normal((6000, 6)))
-    own = np.flatnonzero((table.case == 7) & (np.abs(table.loads).max(axis=1) > 50.0))
-    first, second = int(own[table.loads[own, 1].argmax()]), int(own[table.loads[own, 1].argmin()])
+    rng = np.random.default_rng(6)
+    applied = 30.0 * rng.standard_normal((3000, 6))  # so that no curve tells loads better than a matrix
+    signals = applied @ rng.standard_normal((6, 6))
+    noise = signals.std(0) * rng.standard_normal((3000, 6))
+    table = load_table(signals + 0.3 * noise, applied, np.zeros(3000, int))
+    first, second = 100, int(np.argmin(np.abs(applied[:, 1] - applied[100, 1] - 60.0)))
     assert exchanged_loads(_exchanged(table, first, second, [1])) == []
     assert least_seen(table)[1] > abs(table.loads[first, 1] - table.loads[second, 1])
+
+
+def _bent(seed: int, products: float, cubes: float, rows: int = 240, signals: int = 8) -> LoadTable:
+    """Rows of loads of a sensor of more signals than loads that bend with all products and cubes of the loads."""
+    rng = np.random.default_rng(seed)
+    share = np.linspace(-1.0, 1.0, 9)
+    applied = np.concatenate([share[:, None] * rng.uniform(-1.0, 1.0, 6) for _ in range(rows // 9)])
+    first, second = np.triu_indices(6)
+    told = applied @ rng.normal(size=(6, signals)) + cubes * applied**3 @ rng.normal(size=(6, signals))
+    told += products * (applied[:, first] * applied[:, second]) @ rng.normal(size=(21, signals))
+    return load_table(told + 1e-3 * rng.normal(size=told.shape), applied * RANGE, np.zeros(len(applied), int))
+
+
+def test_a_strongly_nonlinear_sensor_has_no_exchanged_rows():
+    assert sum(len(exchanged_loads(_bent(seed, 2.0, 1.0))) for seed in range(8)) == 0
+
+
+def test_exchanged_rows_are_found_beside_clear_nonlinear_terms():
+    """The calibration has the terms that are clear, so that exchanged rows stand out from it as from a matrix."""
+    for seed in range(3):
+        table = _bent(seed, 0.05, 0.0)
+        first, second = sorted(np.random.default_rng(seed).choice(len(table.loads), 2, replace=False).tolist())
+        found = exchanged_loads(_exchanged(table, first, second, list(range(6))))
+        assert [(one.first, one.second) for one in found] == [(first, second)]
+
+
+def test_no_rows_are_exchanged_where_further_terms_explain_more():
+    """Too few rows for the terms themselves: the matrix is kept, whose misfit is no exchange."""
+    for seed in range(8):
+        assert exchanged_loads(_bent(seed, 2.0, 1.0, rows=90)) == []

@@ -112,6 +112,18 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             {"fraction": size(0.013, 0.001), "source": size("v5")},
             "Signal v3 carries 1.30 ± 0.10 % of signal v5",
         ),
+        (
+            "signal-nonlinear",
+            "signal v3",
+            {"quadratic": size(0.0021, 0.0001, "1/mV"), "cubic": size(3e-5, 1e-5, "1/mV^2")},
+            "Signal v3 is not linear, with a quadratic part of 0.00210 ± 0.00010 1/mV",
+        ),
+        (
+            "signal-nonlinear",
+            "signals",
+            {"fx_fx_v1": size(0.02, 0.01, "mV"), "fx_fy_v2": size(-0.3, 0.02, "mV")},
+            "The signals are not linear, by products of loads: fx·fy makes -0.300 ± 0.020 mV of v2 at the largest loads",
+        ),
     ],
 )
 def test_every_cause_has_its_sentence(cause, subject, parameters, words):

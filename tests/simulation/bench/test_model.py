@@ -18,6 +18,7 @@ from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
 from truing.simulation.bench.causes.load_history import Creep
 from truing.simulation.bench.causes.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
 from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, REST, NonparametricReadingEffect, fading_times
+from truing.simulation.bench.causes.signal_nonlinear import CUBIC, QUADRATIC, SignalNonlinear
 from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
     JointClearance,
@@ -46,6 +47,7 @@ MANY: tuple[Cause, ...] = (
     AbbeOffset(),
     ZeroDrift("v2"),
     Crosstalk("v3", "v2"),
+    SignalNonlinear("", (QUADRATIC, CUBIC), ("fx-fx", "fy-mz"), ("v2", "v5"), (0.01, 0.02)),
 )
 
 

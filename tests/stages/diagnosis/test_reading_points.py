@@ -50,7 +50,7 @@ def test_signals_in_each_other_s_row_are_exchanged_and_readings_stay() -> None:
     channels = ("dx", "dy", "dz", "rx", "ry", "rz", "v1", "v2")
     steps = LoadSteps(
         np.ones(6, int), np.arange(6), np.arange(6.0), np.zeros((6, 6)), np.ones(6), {}, channels, np.ones(8),
-        np.zeros((6, 6)), 6.3e-7,
+        np.zeros((6, 6)), np.zeros((6, 2)), 6.3e-7,
     )  # fmt: skip
     state = ReadingState(steps, np.zeros((6, 6)), np.zeros((6, 6, 0)), readings)
     cause = SignalsExchanged(ONE.rows, ONE.components)

@@ -1,7 +1,8 @@
 """Loads written down in each other's row: two rows of a calibration table that are right once they are exchanged back.
 
-The loads of all rows follow from their signals by one calibration. Where two rows were exchanged, wholly or in some
-components of the load, each misses by just the difference of the two, which a gross error or a bad channel does not.
+The loads of all rows follow from their signals by one calibration, with squares, products and cubes where a linear one
+is clearly not enough. Where two rows were exchanged, wholly or in some components of the load, each misses by just the
+difference of the two, which a gross error or a bad channel does not.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.sensor.load_table import LoadTable
+from truing.estimation.sensor.nonlinear_terms import clear_form, left_by, nonlinear_terms
 
 _NORMAL_MEDIAN = 0.6745
 _L1_ROUNDS, _CLOSE = 30, 0.1  # residuals nearer than that, in sigmas, do not gain more weight
@@ -63,8 +65,8 @@ def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tup
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
     loads, found, unseen = table.loads[:, applied], list[RowExchange](), 0
     zeros = _zeros(table, loads)
-    rest, sigma = _robust_residuals(table.signals, loads, zeros)
-    is_fitted = True
+    columns, cubes, rest, sigma = _calibrated(table.signals, loads, zeros)
+    written, is_fitted = loads / sigma, True
     for _ in range(_ROUNDS):
         one, left_out = _best(loads, rest / sigma, sigma, false_alarm, table.case)
         unseen = max(unseen, left_out)
@@ -77,8 +79,39 @@ def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tup
             found.append(replace(one, components=tuple(applied[list(one.components)].tolist())))
         is_fitted = one is None or len(loads) <= _LARGE
         if is_fitted:
-            rest, sigma = _robust_residuals(table.signals, loads, zeros)
+            rest, sigma = _robust_residuals(columns, loads, zeros)
+    if found and _is_smooth((columns, cubes), (written, loads / sigma), zeros):
+        return [], unseen
     return found, unseen
+
+
+def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return the columns (N, Q) that tell loads (N, W), signals with nonlinear terms where those are clear; all such
+    terms; and what a robust fit to the columns leaves, with its scatter (W,).
+
+    Terms are of the signals, or of the loads that a linear calibration reads from them where these are fewer. Rows that
+    it leaves far off have no say in which terms are clear.
+    """
+    rest, sigma = _robust_residuals(signals, loads, zeros)
+    near = np.all(np.abs(rest) < _GROSS * sigma, axis=1)
+    own = _Zeros.of(np.unique(zeros.of_row[near], return_inverse=True)[1])
+    inputs = signals if signals.shape[1] <= loads.shape[1] else loads - rest
+    forms = list(nonlinear_terms(inputs))
+    clear = clear_form(signals[near], inputs[near], loads[near] / sigma, own.taken_out, own.count)
+    if clear is None:
+        return signals, forms[-1], rest, sigma
+    columns = np.hstack([signals, forms[clear]])
+    return columns, forms[-1], *_robust_residuals(columns, loads, zeros)
+
+
+def _is_smooth(columns: tuple[NDArray, NDArray], loads: tuple[NDArray, NDArray], zeros: _Zeros) -> bool:
+    """Return whether further terms explain more of the loads as written (N, W), in sigmas, than exchanging rows does:
+    as much as their number explains of anything is taken off, and nothing is asked of too few rows."""
+    fitted, more = columns
+    written, exchanged = loads
+    smooth = left_by([fitted, more], written, zeros.taken_out, zeros.count)
+    put_right = left_by([fitted], exchanged, zeros.taken_out, zeros.count)
+    return smooth.spare > len(written) // 2 and smooth.mean_square < put_right.mean_square
 
 
 def least_seen(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDArray:
@@ -91,7 +124,8 @@ def least_seen(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDArray:
 
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
     loads = table.loads[:, applied]
-    rest, sigma = _robust_residuals(table.signals, loads, _zeros(table, loads))
+    zeros = _zeros(table, loads)
+    *_, rest, sigma = _calibrated(table.signals, loads, zeros)
     trials = len(loads) * (len(loads) - 1) // 2 * (2 ** len(applied) - 1)
     least = np.sqrt(float(chdtri(1, false_alarm / max(trials, 1))))
     sizes = np.sort(np.max(np.abs(rest / sigma), axis=1))
@@ -141,6 +175,10 @@ class _Zeros:
     def count(self) -> int:
         return int(self.sums.shape[0])
 
+    def taken_out(self, values: NDArray) -> NDArray:
+        """Return values (N, K) less their mean by zero."""
+        return self.without(values, np.ones(len(values)))
+
     def without(self, values: NDArray, weight: NDArray) -> NDArray:
         """Return values (N, K) less their mean by zero, weighted (N,); as they are where nothing has any weight."""
         mass = self.sums @ weight
@@ -153,7 +191,7 @@ def _robust_residuals(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[
 
     Least absolute deviation by reweighting, then least squares of what lies near it; each component by itself.
     """
-    size = np.sqrt(np.mean(zeros.without(signals, np.ones(len(signals))) ** 2, 0))
+    size = np.sqrt(np.mean(zeros.taken_out(signals) ** 2, 0))
     columns = signals / np.where(size > 0.0, size, 1.0)
     parameters = columns.shape[1] + zeros.count
     rest = _rest(columns, loads, np.ones_like(loads), zeros)

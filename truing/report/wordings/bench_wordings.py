@@ -237,6 +237,25 @@ def _disconnect(claim: Claim) -> str:
     return f"Disconnect the bridge of {source}, load the sensor, and see how {signal} changes."
 
 
+def _curved(claim: Claim) -> str:
+    """``signal v1 is not linear, with a quadratic part of ...``; of several terms the surest is told."""
+    who = _where(claim, "")
+    said = f"{who} is not linear" if who else "the signals are not linear"
+    size = max(claim.sizes, key=lambda one: abs(one.number or 0.0) / (one.sigma or 1.0), default=None)
+    if size is None:
+        return said
+    term, _, signal = size.name.partition("_v")
+    of = f" of v{signal}" if signal else ""
+    if term in ("quadratic", "cubic"):
+        return f"{said}, with a {term} part{of} of {told(size)}"
+    return f"{said}, by products of loads: {term.replace('_', '·')} makes {told(size)}{of} at the largest loads"
+
+
+def _straighten(claim: Claim) -> str:
+    who = _where(claim, "the signals")
+    return f"Load in smaller steps up to the largest loads, alone and two at a time, and read {who} at each."
+
+
 def _rows(claim: Claim) -> str:
     """``steps 12 and 17 of run 2``; of two runs ``step 3 of run 1 and step 4 of run 2``."""
     rows = claim.fact("rows") or ()
@@ -300,5 +319,6 @@ BENCH = {
     ),
     "fringe-slip": Wording("fringe slip", _slip, _slowly),
     "crosstalk": Wording("crosstalk", _crosstalk, _disconnect),
+    "signal-nonlinear": Wording("signal nonlinear", _curved, _straighten),
     "rows-exchanged": Wording("rows exchanged", _exchanged, _look_up),
 }

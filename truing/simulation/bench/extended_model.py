@@ -101,7 +101,7 @@ def extended_sensor(
 
 def concerns_signals(cause: ReadingCause) -> bool:
     """Return whether a cause concerns signals alone, and no reading of a displacement."""
-    return cause.subject.startswith("signal ")
+    return cause.subject.startswith("signal")
 
 
 def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) -> PredictedReadings:

@@ -32,7 +32,8 @@ class LoadSteps:
     """B load steps of some runs, each run's in time order; K channels, the platform's six first. SI.
 
     load (B, 6) as declared; largest (6,) of each axis; ``motion`` (B, 6) is what a plain simulation expects of the
-    platform, ``sigma`` (K,) the noise; covariates (B,) are the columns that are known of each step.
+    platform, ``signals`` (B, K - 6) of the signals, V, from their zeros; ``sigma`` (K,) the noise; covariates (B,) are
+    the columns that are known of each step.
     """
 
     run: NDArray  # (B,) labels
@@ -44,6 +45,7 @@ class LoadSteps:
     channels: tuple[str, ...]
     sigma: NDArray
     motion: NDArray
+    signals: NDArray
     wavelength_m: float
 
     @cached_property

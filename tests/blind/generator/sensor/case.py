@@ -110,7 +110,7 @@ def layouts_for(names: Sequence[str]) -> list[str]:
         without.add("one-sided")
     if OF_A_BEAM & set(names):
         without.add("displacement")
-    if "crosstalk" in names:
+    if {"crosstalk", "signal-nonlinear"} & set(names):
         without.add("eight")  # whose signals show what nobody says: any mixture of them may be meant
     if "together" in needs:
         return ["together"]

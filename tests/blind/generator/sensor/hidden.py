@@ -148,6 +148,18 @@ def _talking(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     return lambda size: recording.Crosstalk(one, other, size * fraction)
 
 
+def _bent(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """A bridge of its own, not a second one; by its own powers, or by squares and products of all loads."""
+    signal, sign = int(rng.integers(0, len(AXES))), _sign(rng)
+    if rng.random() < 0.4:
+        coupled = np.triu(rng.normal(size=(len(AXES), len(AXES)))) * campaign.layout.noise.signal_mv
+        return lambda size: recording.SignalNonlinear(signal, coupled=tuple(map(tuple, (3 * size * coupled).tolist())))
+    quadratic, cubic = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.7))[rng.integers(3)]
+    largest = float(np.ptp(campaign.signals[:, signal]))
+    unit = (0.005 * sign * quadratic / largest, 0.005 * sign * cubic / largest**2)
+    return lambda size: recording.SignalNonlinear(signal, size * unit[0], size * unit[1])
+
+
 def _exchanged(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     """Of whatever size: two steps with different loads."""
     schedule = campaign.schedule
@@ -177,6 +189,7 @@ CATALOGUE: Mapping[str, Kind] = {
     "dead-path": Kind(_dead, frozenset({"weather"})),
     "fringe-slip": Kind(_slipped),
     "crosstalk": Kind(_talking, frozenset({"signals"})),
+    "signal-nonlinear": Kind(_bent, frozenset({"signals"})),
     "rows-exchanged": Kind(_exchanged, frozenset({"signals"})),
 }
 

@@ -11,7 +11,7 @@ from tests.blind.generator.named_effect import Parameter
 from tests.blind.generator.quaternions import Array, unit
 from tests.blind.generator.sensor import air
 from tests.blind.generator.sensor.effects import XYZ, Effect, Setting
-from tests.blind.generator.sensor.layout import CHANNELS, FILE_UNIT, UNITS
+from tests.blind.generator.sensor.layout import AXES, CHANNELS, FILE_UNIT, UNITS
 from tests.blind.generator.sensor.schedule import HOUR_S
 
 
@@ -158,6 +158,38 @@ class Crosstalk(Effect):
         carried = signals.copy()
         carried[:, self.signal] += self.fraction * signals[:, self.source]
         return carried
+
+
+@dataclass(frozen=True)
+class SignalNonlinear(Effect):
+    """A signal bends away from its line: with its square (1/mV) and its cube (1/mV^2) from where it is unloaded, and by
+    ``coupled`` (6, 6), mV, times the shares of every two loads."""
+
+    signal: int
+    quadratic: float = 0.0
+    cubic: float = 0.0
+    coupled: tuple[tuple[float, ...], ...] = ()
+    id = "signal-nonlinear"
+
+    @property
+    def subject(self) -> str:
+        return f"signal v{self.signal + 1}"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        own = {"quadratic": (self.quadratic, "1/mV"), "cubic": (self.cubic, "1/mV^2")}
+        both = {
+            f"{AXES[i]}_{AXES[j]}": (value, "mV") for i, row in enumerate(self.coupled) for j, value in enumerate(row)
+        }
+        return {name: (value, unit) for name, (value, unit) in {**own, **both}.items() if value}
+
+    def electric(self, signals: Array, setting: Setting) -> Array:
+        schedule, bent = setting.schedule, signals.copy()
+        own = signals[:, self.signal] - signals[~np.any(schedule.load, axis=1), self.signal].mean()
+        bent[:, self.signal] += self.quadratic * own**2 + self.cubic * own**3
+        if self.coupled:
+            loads = schedule.load / schedule.limit
+            bent[:, self.signal] += np.einsum("si,ij,sj->s", loads, np.array(self.coupled), loads)
+        return bent
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,66 @@
+"""Effects hidden in the readings of a bench are found under their names, with their sizes; a clean bench is silent."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.simulation.bench.sensor_benches import SIGMA, Bench, bench
+from truing.inference.observations import Epochs, Frames, Observations
+from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.inference.verdicts import FOUND
+from truing.simulation.bench.causes.reading_causes import ReadingCause
+from truing.simulation.bench.causes.signal_nonlinear import CUBIC, QUADRATIC, SignalNonlinear
+from truing.simulation.catalogue import catalogue_of_readings
+
+SETTINGS = Settings(0.05, 100, 1)
+WITHIN = 3.3  # sigmas: one in a thousand lies beyond
+SCALE_V = 0.01  # of the signals of the bench, about
+
+# A cause with what is hidden of it, SI.
+HIDDEN: dict[str, tuple[ReadingCause, list[float]]] = {
+    "square of a signal": (SignalNonlinear("v2", (QUADRATIC,), (), ("v2",), (SCALE_V,)), [4.0]),
+    "cube of a signal": (SignalNonlinear("v2", (CUBIC,), (), ("v2",), (SCALE_V,)), [-900.0]),
+}
+
+
+def read(own: Bench, cause: ReadingCause | None, values: list[float], seed: int = 3) -> Epochs:
+    """What the bench reads where its sensor is as designed, but for a cause."""
+    model = own.model(*([cause] if cause else []))
+    shared = np.zeros(model.shared_size)
+    if cause:
+        shared[model.layout[cause.key]] = np.array(values) / model.effect_sigma(cause)
+    steps = len(own.conditions.load)
+    exact = model.points(shared, np.zeros((steps, model.local_size)))
+    noise = np.random.default_rng(seed).normal(size=exact.shape) * SIGMA[:, None]
+    covariance = np.broadcast_to(SIGMA[:, None, None] ** 2, (*exact.shape, 1)).copy()
+    return Epochs(Observations(exact + noise, covariance, own.seen), own.conditions, Frames.of_numbers(steps))
+
+
+@cache
+def searched(name: str, seed: int = 3) -> Diagnosis[ReadingCause]:
+    """What a search over the whole catalogue finds where one of the causes is hidden; of no name none is."""
+    own = bench()
+    cause, values = HIDDEN.get(name, (None, []))
+    search = Acceptance(own.model(), read(own, cause, values, seed), None, SETTINGS)
+    return search.run(tuple(catalogue_of_readings().values()))
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_hidden_cause_is_found_under_its_name_with_its_size(name: str) -> None:
+    cause, values = HIDDEN[name]
+    found = [one for one in searched(name).verdicts if one.verdict == FOUND]
+    assert [(one.cause.id, one.cause.subject) for one in found] == [(cause.id, cause.subject)]
+    told = {one.name: one for one in found[0].cause.reported(found[0].values, found[0].covariance, 6)}
+    truth = cause.reported(np.array(values), np.zeros((len(values), len(values))), 6)
+    for one in truth:
+        if one.name in told and told[one.name].sigma is not None:
+            assert abs(told[one.name].value - one.value) < WITHIN * told[one.name].sigma
+            assert told[one.name].sigma < 0.3 * abs(one.value)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_clean_bench_is_silent(seed: int) -> None:
+    assert [one.cause.key for one in searched("", seed).verdicts if one.verdict == FOUND] == []

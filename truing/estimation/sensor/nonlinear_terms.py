@@ -1,0 +1,72 @@
+"""Squares, products and cubes by which loads follow signals: what a smooth nonlinear sensor needs beside its matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Several forms are asked of every table, and a form too many costs rows alone: chance takes one up this rarely.
+_UNLIKELY = 1e-6
+_ROWS_PER_COLUMN = 4.0
+_OPEN = 1e-10  # share of the largest singular value that is no zero
+
+WithoutZeros = Callable[[NDArray], NDArray]
+"""Values (N, K) less their mean by zero."""
+
+
+def nonlinear_terms(inputs: NDArray) -> Iterator[NDArray]:
+    """Yield further columns (N, Q) of inputs (N, M), scaled to one, each form with those before it: squares, products
+    of two, cubes."""
+    about = inputs - inputs.mean(0)
+    size = np.abs(about).max(0, initial=0.0)
+    x = about / np.where(size > 0.0, size, 1.0)
+    first, second = np.triu_indices(x.shape[1])
+    products = x[:, first] * x[:, second]
+    for columns in (x**2, products, np.hstack([products, x**3])):
+        yield columns - columns.mean(0)
+
+
+def clear_form(linear: NDArray, inputs: NDArray, loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> int | None:
+    """Return the place of the nonlinear form of inputs (N, M) that loads (N, W), in sigmas, clearly follow next to
+    linear columns (N, C) and a number of zeros; None where they follow none.
+
+    A form is asked only of at least four rows per column, and taken where an F test finds it.
+    """
+    from scipy.special import fdtrc
+
+    rows, width = loads.shape
+    best, before = None, left_by([linear], loads, without_zeros, zeros)
+    for place, terms in enumerate(nonlinear_terms(inputs)):
+        if rows < _ROWS_PER_COLUMN * (linear.shape[1] + terms.shape[1] + zeros):
+            break
+        after = left_by([linear, terms], loads, without_zeros, zeros)
+        if (more := before.spare - after.spare) <= 0 or not after.squares > 0.0:
+            continue
+        ratio = (before.squares - after.squares) / more / after.mean_square
+        if fdtrc(width * more, width * after.spare, ratio) < _UNLIKELY:
+            best, before = place, after
+    return best
+
+
+@dataclass(frozen=True)
+class Left:
+    """The sum of squares that a fit leaves, and how many rows it has to spare."""
+
+    squares: float
+    spare: int
+
+    @property
+    def mean_square(self) -> float:
+        return self.squares / max(self.spare, 1)
+
+
+def left_by(columns: list[NDArray], loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> Left:
+    """Return what columns and a number of zeros leave of loads (N, W) by least squares."""
+    about, rest = without_zeros(np.hstack(columns)), without_zeros(loads)
+    size = np.sqrt(np.sum(about**2, 0))
+    scaled = about / np.where(size > 0.0, size, 1.0)
+    values, _, rank, _ = np.linalg.lstsq(scaled, rest, _OPEN)
+    return Left(float(np.sum((rest - scaled @ values) ** 2)), len(loads) - zeros - int(rank))

@@ -1,0 +1,169 @@
+"""A signal does not follow the load in proportion: by its own square and cube, or by squares and products of loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.causes.reading_causes import MV, BenchScene, ReadingCause, is_signal, seen_channels, whose
+from truing.simulation.bench.load_steps import LoadSteps, ReadingState
+from truing.simulation.bench.six_upur.loading import AXES
+from truing.simulation.cause import Parameter, Step
+
+QUADRATIC, CUBIC = "quadratic", "cubic"
+_POWERS = {QUADRATIC: 2, CUBIC: 3}
+_PLAUSIBLE = 0.02  # of the largest signal
+# A form has so many parameters at most, and so many readings for each of them.
+_MOST_PARAMETERS, _ROWS_PER_PARAMETER = 200, 3
+_ALL_SHARE = 0.5
+# What a sum over the steps' loads leaves of a product that never occurs.
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class SignalNonlinear(ReadingCause):
+    """A ``signal`` reads more by ``powers`` of itself, which is some ``full_scale`` (V), or by products of ``loads``.
+
+    ``loads`` are products of two or three loads over their largest (``fx-fx`` is a square); ``signal`` is empty for all
+    of ``signals``, each with parameters of its own.
+    """
+
+    signal: str = "v1"
+    powers: tuple[str, ...] = (QUADRATIC,)
+    loads: tuple[str, ...] = ()
+    signals: tuple[str, ...] = ("v1",)
+    full_scale: tuple[float, ...] = (1.0,)
+
+    id = "signal-nonlinear"
+    step = Step.INSTRUMENT
+    reach = 100.0
+
+    @property
+    def subject(self) -> str:
+        """Return the signal, or that it is all of them."""
+        return whose(self.signal) or "signals"
+
+    @property
+    def key(self) -> str:
+        """Return the name that tells this candidate from all others."""
+        return f"{self.family} {' '.join(self.powers + self.loads)}"
+
+    @property
+    def family(self) -> str:
+        """Return the kind and its signal."""
+        return f"{self.id} {self.signal}".strip()
+
+    def excludes(self, other: ReadingCause) -> bool:
+        """Return whether another is of the same kind and concerns a signal that this one does."""
+        if not isinstance(other, SignalNonlinear):
+            return False
+        return not self.signal or not other.signal or self.signal == other.signal
+
+    def candidates(self, scene: BenchScene) -> Sequence[SignalNonlinear]:
+        """Return every signal, and all, with its square, its cube or both, and with squares, products and cubes of
+        loads."""
+        steps = scene.steps
+        own = [name for name in steps.channels if is_signal(name)]
+        size = dict(zip(own, np.abs(steps.signals).max(0, initial=0.0).tolist(), strict=True))
+        names = [name for name in seen_channels(scene) if size.get(name, 0.0) > 0.0]
+        if not names or not _has_levels(steps):
+            return ()
+        squares = _products(steps)
+        own_powers: tuple[tuple[str, ...], ...] = ((QUADRATIC,), (CUBIC,), (QUADRATIC, CUBIC))
+        forms: list[tuple[tuple[str, ...], tuple[str, ...]]] = [(powers, ()) for powers in own_powers]
+        forms += [((), squares), ((), squares + _cubes(steps))]
+        chosen = [(name, (name,)) for name in names] + ([("", tuple(names))] if len(names) > 1 else [])
+        found = [
+            SignalNonlinear(signal, powers, loads, those, tuple(size[name] for name in those))
+            for signal, those in chosen
+            for powers, loads in forms
+        ]
+        return [one for one in found if one.size <= min(_MOST_PARAMETERS, _told(scene, one) // _ROWS_PER_PARAMETER)]
+
+    @property
+    def size(self) -> int:
+        """Return the number of parameters."""
+        return len(self.signals) * (len(self.powers) + len(self.loads))
+
+    def prior(self, scene: BenchScene) -> float:
+        """Return the weight of a signal, and of all together."""
+        return 1.0 if self.signal else _ALL_SHARE * sum(map(is_signal, seen_channels(scene)))
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the powers, then the products of loads over their largest, for each signal."""
+        found: list[Parameter] = []
+        for name, scale in zip(self.signals, self.full_scale, strict=True):
+            ending = "" if self.signal else f"_{name}"
+            for power, unit in self._units:
+                si = MV ** (1 - _POWERS[power])
+                found.append(Parameter(f"{power}{ending}", unit, _PLAUSIBLE * scale ** (1 - _POWERS[power]), si))
+            terms = [term.replace("-", "_") for term in self.loads]
+            found += [Parameter(f"{term}{ending}", "mV", _PLAUSIBLE * scale, MV) for term in terms]
+        return tuple(found)
+
+    @property
+    def _units(self) -> list[tuple[str, str]]:
+        """Return the powers with their units."""
+        return [(power, "1/mV" if power == QUADRATIC else "1/mV^2") for power in self.powers]
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d readings / d parameters."""
+        names = state.steps.channels
+        by_loads = np.stack([_product(state.steps, term) for term in self.loads], -1) if self.loads else None
+        each = len(self.powers) + len(self.loads)
+        found = np.zeros((*state.readings.shape, each * len(self.signals)), np.result_type(state.readings, values))
+        for place, name in enumerate(self.signals):
+            if name not in names:
+                continue
+            channel, first = names.index(name), each * place
+            for n, power in enumerate(self.powers):
+                found[:, channel, first + n] = state.readings[:, channel] ** _POWERS[power]
+            if by_loads is not None:
+                found[:, channel, first + len(self.powers) : first + each] = by_loads
+        return found
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the readings, as steep as the signals' curves are there."""
+        found = np.array(slopes, np.result_type(slopes, state.readings, values))
+        each, names = len(self.powers) + len(self.loads), state.steps.channels
+        for place, name in enumerate(self.signals):
+            if name not in names:
+                continue
+            channel = names.index(name)
+            for n, power in enumerate(self.powers):
+                steep = _POWERS[power] * state.readings[:, channel] ** (_POWERS[power] - 1)
+                found[:, channel] += values[each * place + n] * steep[:, None] * slopes[:, channel]
+        return found
+
+
+def _told(scene: BenchScene, cause: SignalNonlinear) -> int:
+    """Return how many readings there are of a cause's signals."""
+    return int(scene.recorded[:, [name in cause.signals for name in scene.steps.channels]].sum())
+
+
+def _has_levels(steps: LoadSteps) -> bool:
+    """Return whether some axis was loaded by several amounts: without, nothing tells a square from a slope."""
+    return any(len(np.unique(np.round(own, 9))) > _POWERS[QUADRATIC] for own in steps.share.T)
+
+
+def _products(steps: LoadSteps) -> tuple[str, ...]:
+    """Return the products of two loads, squares among them, that ever differ from zero."""
+    terms = ["-".join(chosen) for chosen in combinations_with_replacement(_loaded(steps), _POWERS[QUADRATIC])]
+    return tuple(term for term in terms if np.any(np.abs(_product(steps, term)) > _NOTHING))
+
+
+def _cubes(steps: LoadSteps) -> tuple[str, ...]:
+    return tuple("-".join([axis] * _POWERS[CUBIC]) for axis in _loaded(steps))
+
+
+def _loaded(steps: LoadSteps) -> list[str]:
+    return [axis for axis, loaded in zip(AXES, steps.loaded, strict=True) if loaded]
+
+
+def _product(steps: LoadSteps, term: str) -> NDArray:
+    """Return a product (B,) of shares of loads."""
+    return np.asarray(np.prod(steps.share[:, [AXES.index(axis) for axis in term.split("-")]], axis=1))
