@@ -40,6 +40,7 @@ _CONCERNS = {
     "load-eccentricity": "a load axis, or all forces",
     "load-imbalance": "a load axis",
     "joint-clearance": "a load axis",
+    "leg-stiffness": "a leg, or one part of it",
     "zero-drift": "a channel or signal, in all runs or one",
     "thermal-drift": "a channel or signal, or all linear channels",
     "cosine-error": "a channel",
@@ -52,6 +53,7 @@ _CONCERNS = {
     "unexplained": "a channel or signal",
 }
 _FORMS = {
+    "play-hysteresis": {"free": True},
     "thermal-drift": {"columns": (MATERIAL, AIR)},
     "signal-nonlinear": {"powers": (QUADRATIC, CUBIC), "loads": ("fx-fy",), "full_scale": (0.01,)},
 }

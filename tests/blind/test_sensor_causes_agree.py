@@ -20,7 +20,17 @@ from tests.blind.generator.sensor.draw import BAD_WEATHER
 from tests.blind.generator.sensor.layout import CHANNELS, Layout, Noise, Programme, Tolerance
 from tests.blind.generator.sensor.schedule import COLUMNS
 from tests.blind.test_sensor_agreement import theirs
-from truing.simulation.bench.causes import beams, channels, counts, load_history, load_path, signal_nonlinear, stiffness
+from truing.simulation.bench.causes import (
+    beams,
+    channels,
+    counts,
+    leg_stiffness,
+    load_history,
+    load_path,
+    play_hysteresis,
+    signal_nonlinear,
+    stiffness,
+)
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
@@ -57,6 +67,7 @@ CASES: dict[str, tuple[hidden.Effect, Cause, Sequence[float]]] = {
     "scale, along": (hidden.StiffnessScale(MY, 0.02, True), stiffness.StiffnessScale("my", own=True), [0.02]),
     "asymmetry": (hidden.StiffnessAsymmetry(FZ, 0.03), stiffness.StiffnessAsymmetry("fz"), [0.03]),
     "cubic": (hidden.StiffnessNonlinear(MY, -0.02), stiffness.StiffnessNonlinear("my"), [-0.02]),
+    "soft leg": (hidden.LegStiffness(1, -0.3), leg_stiffness.LegStiffness(2), [np.log(0.7)]),
     "play": (hidden.JointClearance(FZ, 8 * UM), stiffness.JointClearance("fz"), [8 * UM]),
     "creep": (hidden.Creep((FZ,), 0.03, 170.0), load_history.Creep("fz", 170.0), [0.03]),
     "creep of all": (hidden.Creep(tuple(range(6)), 0.03, 400.0), load_history.Creep("", 400.0), [0.03]),
@@ -174,3 +185,12 @@ def test_hysteresis_is_as_wide_and_as_high_whatever_the_form_of_its_loop(name: s
     found = change_of(MODELS[name], stiffness.Hysteresis("fz"), np.array([0.02]))[:, :6]
     assert np.abs(hidden_change).max() > 3e-7
     assert np.abs(found - hidden_change).max() < 0.2 * np.abs(hidden_change).max()
+
+
+def test_a_deflection_that_drags_does_the_same_where_every_run_begins_at_rest() -> None:
+    """The first bench: one run along each axis. Where runs follow each other, what they begin with is not known."""
+    effect = hidden.PlayHysteresis(FZ, 0.02, 0.22)
+    hidden_change = bench("A", [effect]).readings - BENCHES["A"].readings
+    found = change_of(MODELS["A"], play_hysteresis.PlayHysteresis("fz", 0.22), np.array([0.02]))[:, :6]
+    assert np.abs(hidden_change).max() > 1e-6
+    assert np.abs(found - hidden_change).max() < 2e-3 * np.abs(hidden_change).max()

@@ -10,9 +10,11 @@ from truing.simulation.axis.nonparametric import NonparametricAxisEffect
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
+from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.load_history import Creep
 from truing.simulation.bench.causes.load_path import LoadEccentricity, LoadImbalance
 from truing.simulation.bench.causes.nonparametric import NonparametricReadingEffect
+from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 from truing.simulation.bench.causes.signal_nonlinear import SignalNonlinear
@@ -73,7 +75,9 @@ OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     StiffnessScale(),
     StiffnessAsymmetry(),
     StiffnessNonlinear(),
+    LegStiffness(),
     Hysteresis(),
+    PlayHysteresis(),
     JointClearance(),
     Creep(),
     ZeroDrift(),

@@ -61,6 +61,13 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             {"width": size(0.012, 0.001)},
             "under z loads stays behind on unloading, by 1.20 ± 0.10 %",
         ),
+        ("leg-stiffness", "leg3", {"scale": size(-0.3, 0.01)}, "Leg 3 is 30.0 ± 1.0 % softer than simulated"),
+        (
+            "play-hysteresis",
+            "load fz",
+            {"width": size(0.012, 0.001), "threshold": size(0.1, 0.02)},
+            "under z loads drags behind the load by 1.20 ± 0.10 % of its largest, without load too",
+        ),
         ("joint-clearance", "load fy", {"clearance": size(3.1, 0.2, "um")}, "jumps by 3.10 ± 0.20 µm as the y load"),
         (
             "creep",
@@ -122,7 +129,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "signal-nonlinear",
             "signals",
             {"fx_fx_v1": size(0.02, 0.01, "mV"), "fx_fy_v2": size(-0.3, 0.02, "mV")},
-            "The signals are not linear, by products of loads: fx·fy makes -0.300 ± 0.020 mV of v2 at the largest loads",
+            "signals are not linear, by products of loads: fx·fy makes -0.300 ± 0.020 mV of v2 at the largest loads",
         ),
     ],
 )

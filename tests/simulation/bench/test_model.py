@@ -15,9 +15,11 @@ from tests.tolerance import assert_close
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
+from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.load_history import Creep
 from truing.simulation.bench.causes.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
 from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, REST, NonparametricReadingEffect, fading_times
+from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.signal_nonlinear import CUBIC, QUADRATIC, SignalNonlinear
 from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
@@ -40,8 +42,10 @@ MANY: tuple[Cause, ...] = (
     LoadEccentricity("fz"),
     LoadImbalance("mx", ("y", "z"), (RATIO, GROWTH)),
     StiffnessScale("fx", own=True),
+    LegStiffness(4, "3 spring axial"),
     Creep("", 90.0, free=True),
     Hysteresis("fz"),
+    PlayHysteresis("fy", 0.23, free=True),
     Creep("mz", 300.0),
     CosineError("dx"),
     AbbeOffset(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.claim import Claim, Size, Wording, largest, listed, only, positive, sure_of, told
 
 _ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
@@ -121,6 +122,17 @@ def _stiffness(claim: Claim) -> str:
     return f"the sensor is {size} {'stiffer' if more else 'softer'} {_under_loads(claim)} than simulated"
 
 
+def _soft_leg(claim: Claim) -> str:
+    size, more = only(claim, "scale")
+    part = claim.fact("part")
+    what = f"{part} of {subject_words(claim.subject)}" if part else subject_words(claim.subject)
+    return f"{what} is {size or 'some per cent'} {'stiffer' if more else 'softer'} than simulated"
+
+
+def _swap_legs(claim: Claim) -> str:
+    return f"Exchange {subject_words(claim.subject)} for another one and repeat the runs: the softness goes with it."
+
+
 def _asymmetry(claim: Claim) -> str:
     size, more = only(claim, "asymmetry")
     if not size:
@@ -142,6 +154,18 @@ def _hysteresis(claim: Claim) -> str:
         return f"the deflection {_under_loads(claim)} depends on where the load came from"
     way = "stays behind" if more else "runs ahead"
     return f"the deflection {_under_loads(claim)} {way} on unloading, by {size} of the largest at half load"
+
+
+def _drag(claim: Claim) -> str:
+    size, _ = only(claim, "width")
+    if not size:
+        return f"the deflection {_under_loads(claim)} drags behind the load, without load too"
+    turns, threshold = "", claim.size("threshold")
+    if threshold is not None and threshold.number:
+        turns = f", and turns round over {told(Size('width', 2.0 * threshold.number, None, '1'))} of the range"
+    return (
+        f"the deflection {_under_loads(claim)} drags behind the load by {size} of its largest, without load too{turns}"
+    )
 
 
 def _play(claim: Claim) -> str:
@@ -292,6 +316,7 @@ BENCH = {
         _asymmetry,
         "Repeat the run with the sensor turned round, or with pre-load: what belongs to the sensor turns with it.",
     ),
+    "leg-stiffness": Wording("leg stiffness", _soft_leg, _swap_legs),
     "stiffness-nonlinear": Wording(
         "stiffness nonlinear",
         _nonlinear,
@@ -301,6 +326,12 @@ BENCH = {
         "hysteresis",
         _hysteresis,
         "Run up and down three times without a pause: a loop of constant width is hysteresis, a fading one creep.",
+    ),
+    "play-hysteresis": Wording(
+        "play hysteresis",
+        _drag,
+        "Run up and down between growing loads, with a pause at zero: what stays there does not fade, and turns with "
+        "the load that came last.",
     ),
     "joint-clearance": Wording("joint clearance", _play, _through_zero),
     "creep": Wording(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 from truing.simulation.bench.known_readings import KnownReadings, Optics, ReadingConditions, SignalGains, Zeros
@@ -67,7 +68,8 @@ def extended_sensor(
 ) -> ExtendedSensor:
     """Return the extended model of a fit; shared (G,) with covariance (G, G), in prior sigmas."""
     known = model.known
-    effects = tuple(effect for effect in model.effects(shared) if not concerns_signals(effect.cause))
+    found = model.effects(shared)
+    effects = tuple(one for one in found if not (concerns_signals(one.cause) or is_of_compliance(one.cause)))
     sigmas = [np.zeros((_AXES * _AXES, len(shared)))]
     for effect in effects:
         own = np.zeros((len(effect.values), len(shared)))
@@ -79,6 +81,13 @@ def extended_sensor(
     for name, response in (("geometry", sensor.by_geometry), ("stiffness", sensor.by_stiffness(stiffness))):
         by_unknown[: _AXES * _AXES, model.layout[name]] = response.compliance.reshape(-1, _AXES * _AXES).T
     identified = sensor.at(shared[model.layout["geometry"]], stiffness).compliance
+    for one in found:
+        if isinstance(one.cause, LegStiffness) and (legs := model.steps.legs) is not None:
+            ratio, slope = one.cause.ratios(legs, one.values)
+            own = slope @ identified * model.effect_sigma(one.cause)
+            by_unknown[: _AXES * _AXES] = _multiplied(ratio, by_unknown[: _AXES * _AXES])
+            by_unknown[: _AXES * _AXES, model.layout[one.cause.key]] = own.reshape(-1, 1)
+            identified = ratio @ identified
     rows = known.optics.rows_at(shared[model.layout["optics"]])
     # angles and arms change readings as a change of the compliance would
     by_angle = np.linalg.solve(rows, known.optics.by_angle) @ identified
@@ -102,6 +111,16 @@ def extended_sensor(
 def concerns_signals(cause: ReadingCause) -> bool:
     """Return whether a cause concerns signals alone, and no reading of a displacement."""
     return cause.subject.startswith("signal")
+
+
+def is_of_compliance(cause: ReadingCause) -> bool:
+    """Return whether a cause changes the compliance alone, which then carries it."""
+    return isinstance(cause, LegStiffness)
+
+
+def _multiplied(ratio: NDArray, rows: NDArray) -> NDArray:
+    """Return what becomes of rows (36, G), each column a change of a compliance, where that is multiplied."""
+    return np.asarray(np.einsum("ik,kjg->ijg", ratio, rows.reshape(_AXES, _AXES, -1)).reshape(rows.shape))
 
 
 def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) -> PredictedReadings:

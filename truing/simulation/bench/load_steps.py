@@ -28,6 +28,18 @@ _BREAK = 5.0
 
 
 @dataclass(frozen=True)
+class LegElasticity:
+    """What the legs' parts, by their names (P,), give a wrench at the platform's origin: parts (6, P, 6, 6), SI.
+
+    compliance (6, 6) is that of all legs together.
+    """
+
+    names: tuple[str, ...]
+    parts: NDArray
+    compliance: NDArray
+
+
+@dataclass(frozen=True)
 class LoadSteps:
     """B load steps of some runs, each run's in time order; K channels, the platform's six first. SI.
 
@@ -47,6 +59,7 @@ class LoadSteps:
     motion: NDArray
     signals: NDArray
     wavelength_m: float
+    legs: LegElasticity | None = None  # where the elements of the legs are known
 
     @cached_property
     def code(self) -> NDArray:
@@ -169,6 +182,31 @@ class LoadSteps:
     def air_varies(self) -> bool:
         """Return whether the air's refractive index is known to change within a run."""
         return any(self.varies(column) for column in (AIR, PRESSURE))
+
+    def lagging(self, threshold: float, *, exercised: bool) -> tuple[NDArray, NDArray]:
+        """Return how far loads (B, 6) are ahead of what follows them with play, over the threshold of it (a share of
+        the largest load), and the derivative of that by the threshold's logarithm.
+
+        Each run starts from rest without load; ``exercised``: from where the same run would have left it.
+        """
+        share = self.share
+        ahead, slope = np.zeros(share.shape), np.zeros(share.shape)
+        for again in (False, True) if exercised else (False,):
+            for place, own in enumerate(self._in_run):
+                before, at_rest = self.before[own] if place else self._last[own], not (place or again)
+                free = share[own] if at_rest else ahead[before] + share[own] - share[before]
+                kept = 0.0 if at_rest else slope[before]
+                slope[own] = np.where(np.abs(free) < threshold, kept, np.sign(free))
+                ahead[own] = np.clip(free, -threshold, threshold)
+        return ahead / threshold, slope - ahead / threshold
+
+    @cached_property
+    def _last(self) -> NDArray:
+        """Return the last step (B,) of each step's run."""
+        last = np.empty(int(self.code.max(initial=-1)) + 1, int)
+        order = np.lexsort((self.rank, self.code))
+        last[self.code[order]] = order
+        return last[self.code]
 
     def filtered(self, values: NDArray, kept: NDArray) -> NDArray:
         """Return values (B, ...) as they are followed within each run: y = kept y_before + (1 - kept) value, from 0.

@@ -180,11 +180,12 @@ class ReadingModel(ChannelModel[ReadingCause]):
         """Return the load steps, with what the plain simulation expects at them."""
         known, own = self.known, self.conditions
         order = ranks(own.time_s).astype(float)
-        shared = np.zeros(self.shared_size)
+        sensor, shared = known.sensor, np.zeros(self.shared_size)
         response = self._response(shared)
         bare = LoadSteps(
             own.run, own.step, own.time_s, own.load, known.largest, own.covariates, known.channels, known.sigma,
             own.load @ response.compliance.T, own.load @ self._rows(shared, response).T, known.wavelength_m,
+            sensor.legs,
         )  # fmt: skip
         loads = {name: own.load[:, n] for n, name in enumerate(LOADS) if bare.loaded[n]}
         columns = {**own.covariates, TIME: own.time_s, IN_RUN: bare.in_run_s, ORDER: order, **loads}

@@ -110,6 +110,8 @@ def layouts_for(names: Sequence[str]) -> list[str]:
         without.add("one-sided")
     if OF_A_BEAM & set(names):
         without.add("displacement")
+    if "leg-stiffness" in names:
+        without.add("given")  # of whose legs nothing is said
     if {"crosstalk", "signal-nonlinear"} & set(names):
         without.add("eight")  # whose signals show what nobody says: any mixture of them may be meant
     if "together" in needs:

@@ -14,7 +14,7 @@ import numpy as np
 from tests.blind.generator.named_effect import NamedEffect, Parameter
 from tests.blind.generator.quaternions import Array
 from tests.blind.generator.sensor.layout import AXES, FILE_UNIT, UNITS
-from tests.blind.generator.sensor.machine import Machine
+from tests.blind.generator.sensor.machine import Machine, sharing
 from tests.blind.generator.sensor.schedule import Schedule, unloading
 
 XYZ = ("x", "y", "z")
@@ -147,6 +147,29 @@ class StiffnessScale(Elastic):
         return d / (1 + self.amount) - d
 
 
+@dataclass(frozen=True)
+class LegStiffness(Effect):
+    """One leg is (1 + scale) times as stiff as it should be, in all its parts."""
+
+    leg: int
+    scale: float
+    id = "leg-stiffness"
+
+    @property
+    def subject(self) -> str:
+        return f"leg{self.leg + 1}"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"scale": (self.scale, "1")}
+
+    def structure(self, deflection: Array, setting: Setting) -> Array:
+        legs = setting.machine.legs
+        softer = np.ones(legs.parts.shape[:2])
+        plain = sharing(legs, softer).compliance
+        softer[self.leg] = 1 / (1 + self.scale)
+        return deflection @ (sharing(legs, softer).compliance @ np.linalg.inv(plain)).T
+
+
 class StiffnessAsymmetry(Elastic):
     """Softer one way than the other."""
 
@@ -176,6 +199,28 @@ class Hysteresis(Elastic):
         bulge = np.where(down, np.sign(x) * np.sin(np.pi * np.clip(np.abs(x), 0.0, 1.0)), 0.0)
         largest = setting.machine.compliance[:, self.axis] * setting.schedule.limit[self.axis]
         return self.amount * bulge[:, None] * largest
+
+
+@dataclass(frozen=True)
+class PlayHysteresis(PerLoad):
+    """A slider with friction follows the load once that is ``threshold`` of the range ahead of it, all day long; the
+    deflection stays behind by half the ``width`` of its largest while the load is ahead, and as much ahead after it."""
+
+    width: float
+    threshold: float
+    id = "play-hysteresis"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"width": (self.width, "1"), "threshold": (self.threshold, "1")}
+
+    def structure(self, deflection: Array, setting: Setting) -> Array:
+        load, slider, behind = self.share(setting), 0.0, np.zeros(len(deflection))
+        for n, x in enumerate(load):
+            slider = max(x - self.threshold, min(x + self.threshold, slider))
+            behind[n] = (x - slider) / self.threshold
+        behind = behind - behind[setting.schedule.first]  # readings are set to zero as a run begins
+        largest = setting.machine.compliance[:, self.axis] * setting.schedule.limit[self.axis]
+        return _with(deflection, self.axis, -0.5 * self.width * behind[:, None] * largest)
 
 
 @dataclass(frozen=True)

@@ -86,9 +86,19 @@ def _elastic(kind: type[Elastic], unit: float, *, either: bool = True) -> Draw:
     return draw
 
 
+def _soft(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    leg, sign = int(rng.integers(len(AXES))), _sign(rng)
+    return lambda size: effects.LegStiffness(leg, float(np.expm1(0.1 * sign * size)))
+
+
 def _play(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     axis = _axis(campaign, rng)
     return lambda size: effects.JointClearance(axis, size * 3 * _noise(campaign, axis))
+
+
+def _dragging(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    axis, threshold = _axis(campaign, rng), float(rng.uniform(0.06, 0.25))
+    return lambda size: effects.PlayHysteresis(axis, 0.005 * size, threshold)
 
 
 def _creeping(campaign: Campaign, rng: np.random.Generator) -> OfSize:
@@ -179,7 +189,9 @@ CATALOGUE: Mapping[str, Kind] = {
     "stiffness-scale": Kind(_elastic(effects.StiffnessScale, 0.02)),
     "stiffness-asymmetry": Kind(_elastic(effects.StiffnessAsymmetry, 0.01), frozenset({"both"})),
     "stiffness-nonlinear": Kind(_elastic(effects.StiffnessNonlinear, 0.01)),
+    "leg-stiffness": Kind(_soft, frozenset({"six"})),
     "hysteresis": Kind(_elastic(effects.Hysteresis, 0.005, either=False)),
+    "play-hysteresis": Kind(_dragging, frozenset({"both"})),
     "joint-clearance": Kind(_play, frozenset({"both"})),
     "creep": Kind(_creeping, frozenset({"uneven"})),
     "zero-drift": Kind(_drifting),

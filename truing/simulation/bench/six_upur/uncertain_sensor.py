@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truing.simulation.bench.load_steps import LegElasticity
 from truing.simulation.bench.six_upur.assembly import SOURCES, motion_of_sources
 from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes
 from truing.simulation.bench.six_upur.influence import influence_matrix
@@ -98,6 +99,16 @@ class UncertainSensor:
         ):
             return None
         return alike_legs(np.linalg.inv(self._given((6, 6))), self.joints)
+
+    @cached_property
+    def legs(self) -> LegElasticity | None:
+        """Return what each part of each leg gives a wrench at the platform's origin; None where nobody gave the
+        elements."""
+        if self.elastic is None or not self._is_elastic:
+            return None
+        back = np.linalg.inv(self.elastic.leg_transport)[:, None]
+        parts = np.swapaxes(back, -1, -2) @ self.elastic.parts.compliance @ back
+        return LegElasticity(tuple(self.elastic.parts.names), parts, self.elastic.compliance)
 
     @property
     def is_split(self) -> bool:

@@ -1,0 +1,141 @@
+"""The deflection follows the load through play with friction: a loop that does not close without load, and no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.bench.causes.load_path import OfLoad
+from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
+from truing.simulation.bench.load_steps import LoadSteps, ReadingState
+from truing.simulation.bench.six_upur.loading import AXES
+from truing.simulation.cause import Parameter, ReportedParameter, Step
+
+_PLAUSIBLE = 0.02
+# So many thresholds are tried, up to this share of the largest load, and one sigma of the logarithm of one about that.
+# Below half a step of the load all of them look alike.
+_THRESHOLDS, _LARGEST, _LEAST, _OF_A_STEP, _PLAUSIBLE_LOG = 5, 0.4, 0.02, 0.5, 0.5
+_ALL_SHARE = 0.3
+_TURNS = 2
+
+
+@dataclass(frozen=True)
+class PlayHysteresis(OfLoad):
+    """The deflection under loads along ``axis``, or all, lags behind by up to half the width of its largest.
+
+    The lag turns round over twice the ``threshold``, a share of the largest load, wherever the load turns back.
+    ``exercised``: whether each run starts where the same run would have left it, and not from rest. Where ``free``, the
+    logarithm of the threshold over that is one parameter more.
+
+    Source: play operator (Prandtl and Ishlinskii), Visintin, Differential models of hysteresis (1994), chapter III.
+    """
+
+    axis: str = ""
+    threshold: float = 0.1
+    exercised: bool = False
+    free: bool = False
+
+    id = "play-hysteresis"
+    step = Step.STRUCTURE
+
+    def candidates(self, scene: BenchScene) -> Sequence[PlayHysteresis]:
+        """Return thresholds from half a step of the loads on, from rest and exercised, for each axis whose load turns
+        back, and for all axes."""
+        steps = scene.steps
+        axes = [axis for axis in seen_axes(scene) if _turns(steps, AXES.index(axis)) >= _TURNS]
+        if not axes:
+            return ()
+        least = min(max(_LEAST, _OF_A_STEP * _usual_step(steps)), _LARGEST / _THRESHOLDS)
+        return [
+            PlayHysteresis(axis, float(threshold), exercised)
+            for axis in (["", *axes] if len(axes) > 1 else axes)
+            for threshold in np.geomspace(least, _LARGEST, _THRESHOLDS)
+            for exercised in (False, True)
+        ]
+
+    def prior(self, scene: BenchScene) -> float:
+        """Return the weight of an axis, and of all together."""
+        return 1.0 if self.axis else _ALL_SHARE * len(seen_axes(scene))
+
+    def refined(self) -> Self:
+        """Return the form whose threshold is fitted too."""
+        return replace(self, free=True)
+
+    def with_fixed_shape(self, shape: NDArray) -> Self | None:
+        """Return the form with the threshold that its logarithm says."""
+        return replace(self, threshold=self.threshold * float(np.exp(shape[0])), free=False)
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the width: a passive body stays behind."""
+        return (0,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the width, then the logarithm of the threshold where it is free."""
+        width = (Parameter("width", "1", _PLAUSIBLE),)
+        return (*width, Parameter("log_threshold", "1", _PLAUSIBLE_LOG)) if self.free else width
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return d deflection / d width, and by the logarithm of the threshold."""
+        lag, by_log = self._lags(state.steps, values)
+        whole = _at_largest(state.steps, state.deflection)
+        found = [whole * lag[:, None]]
+        if self.free:
+            found.append(values[0] * whole * by_log[:, None])
+        return np.stack(found, -1)
+
+    def moved(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return how far the deflection stays behind."""
+        lag, _ = self._lags(state.steps, values)
+        return np.asarray(values[0] * _at_largest(state.steps, state.deflection) * lag[:, None])
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes of the deflection, with those of what lags behind."""
+        lag, _ = self._lags(state.steps, values)
+        return np.asarray(slopes + values[0] * _at_largest(state.steps, slopes) * lag[:, None, :, None])
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the width, and the threshold as a share of the largest load."""
+        width = ReportedParameter("width", float(values[0]), float(np.sqrt(covariance[0, 0])), "1")
+        if not self.free:
+            return (width, ReportedParameter("threshold", self.threshold, self.threshold * _PLAUSIBLE_LOG, "1"))
+        threshold = self.threshold * float(np.exp(values[1]))
+        return (width, ReportedParameter("threshold", threshold, threshold * float(np.sqrt(covariance[1, 1])), "1"))
+
+    def _lags(self, steps: LoadSteps, values: NDArray) -> tuple[NDArray, NDArray]:
+        """Return by how much deflections (B, 6) change per width, over their largest, and by the threshold's logarithm.
+
+        Readings count from the start of their run, whatever had stayed behind by then.
+        """
+        shape = values[1] if self.free else 0.0
+        lag, by_log = steps.lagging(self.threshold * float(np.exp(np.real(shape))), exercised=self.exercised)
+        by_log = by_log - by_log[steps.first]
+        lag = lag - lag[steps.first] + by_log * (shape - np.real(shape))
+        own = np.array([not self.axis or axis == self.axis for axis in AXES])
+        return -0.5 * lag * own, -0.5 * by_log * own
+
+
+def _at_largest(steps: LoadSteps, deflection: NDArray) -> NDArray:
+    """Return deflections (B, 6, 6, ...) under each axis' largest load, in proportion to those at its largest step:
+    (1, 6, 6, ...)."""
+    step, axis = np.argmax(np.abs(steps.share), 0), np.arange(len(AXES))
+    share = steps.share[step, axis]
+    whole = np.moveaxis(deflection[step, :, axis], 0, 1) / np.where(share != 0.0, share, np.inf).reshape(
+        -1, *([1] * (deflection.ndim - 3))
+    )
+    return np.asarray(whole[None])
+
+
+def _turns(steps: LoadSteps, axis: int) -> int:
+    """Return how often a load turns back within a run."""
+    way = steps.direction[:, axis]
+    return int(np.sum(way * way[steps.before] < 0.0))
+
+
+def _usual_step(steps: LoadSteps) -> float:
+    """Return the usual step of a load that changes, as a share of its largest."""
+    changes = np.abs(steps.share - steps.share[steps.before])
+    return float(np.median(changes[changes > 0.0])) if np.any(changes > 0.0) else 0.0
