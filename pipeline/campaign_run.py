@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from truing.stages.declaration import Progress
 
 PROJECT = Path(truing.__file__).parent.parent
+_VERDICT = "verdict"  # the artifact that decides the exit code
 _Piece = TypeVar("_Piece")
 Result = TypeVar("Result")
 
@@ -217,8 +218,18 @@ class CampaignRun:
 
     def failed_checks(self, stages: tuple[Stage, ...]) -> tuple[str, ...]:
         """The checks that failed in these stages' last success."""
+        entries = (entry for entry in self._entries(stages) if _VERDICT not in entry.artifacts)
+        return tuple(check for entry in entries for check in entry.failed_checks)
+
+    def is_refused(self, stages: tuple[Stage, ...]) -> bool:
+        """Whether the verdict refuses the data; where no stage here gives a verdict, whether a check failed."""
+        entries = self._entries(stages)
+        verdicts = [entry for entry in entries if _VERDICT in entry.artifacts]
+        return any(entry.failed_checks for entry in verdicts or entries)
+
+    def _entries(self, stages: tuple[Stage, ...]) -> list[Entry]:
         entries = (self.ledger.entries.get(stage.name) for stage in stages)
-        return tuple(check for entry in entries if entry is not None for check in entry.failed_checks)
+        return [entry for entry in entries if entry is not None]
 
 
 def _lost(piece: object) -> NoReturn:

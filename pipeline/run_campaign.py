@@ -95,7 +95,7 @@ def run_campaign(campaign: CampaignFolder, folder: Path, wish: Wish, voice: Voic
         if not ran:
             voice.say(f"{campaign.name}: everything is up to date")
         _say_where(run, voice)
-        return _verdict(run.failed_checks(stages), wish, voice)
+        return _exit_code(run, stages, wish, voice)
 
 
 def _validate(run: CampaignRun) -> None:
@@ -138,9 +138,10 @@ def _say_where(run: CampaignRun, voice: Voice) -> None:
     voice.say(f"report: {run.folder / ARTIFACTS['report'].file}" if made else f"results: {run.folder}")
 
 
-def _verdict(failed: tuple[str, ...], wish: Wish, voice: Voice) -> ExitCode:
-    if not failed:
+def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], wish: Wish, voice: Voice) -> ExitCode:
+    if not run.is_refused(stages):
         return ExitCode.DONE
+    failed = run.failed_checks(stages)
     voice.warn(f"QA: {len(failed)} failed ({', '.join(failed)}); the report says why")
     return ExitCode.DONE if wish.accept_failed_checks else ExitCode.FAILED_CHECK
 

@@ -318,7 +318,7 @@ _DIAGNOSIS = (
         "rank* cause verdict subject p_value probability parameters follows rms_before rms_after heldout_rms_before "
         "heldout_rms_after noise_floor unit explanation next_measurement",
         optional="signal_to_noise share_explained log_evidence scale_holds reason_code rival settings clause "
-        "largest_motion advice_kind next_in_short",
+        "largest_motion advice_kind next_in_short relation",
     ),
     parquet(
         "adequacy",
@@ -415,6 +415,12 @@ _DIAGNOSIS = (
         "numbers of several runs of one machine, each against the run before (`truing compare`)",
         "place* folder campaign group* effect_of* leg* parameter* value sigma unit difference sigma_difference z "
         "changed change sigma_change instead reason",
+    ),
+    parquet(
+        "verdict",
+        "one row per section of the page, and one of the whole campaign, led by the worst that a reader must act on",
+        "section* state reason_code value unit limit explanation",
+        optional="decided_by",
     ),
     Artifact("report", "report.html", "the page: what was measured, found and left out"),
 )

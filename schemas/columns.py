@@ -190,7 +190,14 @@ _MEASURED = (
     text("check", "the name of the check"),
     real("limit", "", "the limit that the verdict rests on, in the unit of its row", nullable=True),
     text("accepted", "who accepted the verdict and why; empty where nobody did", nullable=True),
-    text("relation", "the tested relation between two parts of the campaign: the name of its check"),
+    text(
+        "relation",
+        "the tested relation between two parts of the campaign: the name of its check; of a cause, what its search "
+        "relates: readings-poses, loads-readings, loads-signals, commands-encoders, bodies-survey or rays-points",
+        nullable=True,
+    ),
+    text("section", "the section of the page, or campaign"),
+    text("decided_by", "of campaign: the section whose state it takes; empty of a section", nullable=True),
     text(
         "test",
         "what is looked for in what a model leaves: more noise of observations or of inputs than declared, or "
@@ -199,14 +206,17 @@ _MEASURED = (
     ),
     text("along", "the column along which neighbours are compared; several, separated by blanks; empty for noise"),
     text(
-        "state", "result of the test of a relation, or of a model", choices=("ok", "attention", "fails", "not tested")
+        "state",
+        "result of the test of a relation or of a model, or of all tests of a section",
+        choices=("ok", "attention", "fails", "not tested"),
     ),
     text(
         "reason_code",
         "code of the reason for the state or the verdict; of a cause: found, noise, rival, chance, held-out (predicts "
         "it worse), dropped (not needed next to others), contained (in what was found), unseen (the campaign cannot "
         "show it), or, of one that is suspected, inadequate (the model does not hold as a whole) or unnamed (something "
-        "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it)",
+        "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it); of a "
+        "section: the list in docs/verdict.md",
     ),
     real("misfit", "", "rms of what the relation leaves as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "the same with the slips undone; empty where no slip explains it", nullable=True),
@@ -329,7 +339,7 @@ _CONCLUDED = (
     ),
     text(
         "verdict",
-        "the finding: pass, warn, fail; found, suspected, indistinguishable, rejected; or agrees, differs",
+        "the finding: pass, warn, fail; found, suspected, indistinguishable, rejected, not testable; agrees, differs",
         nullable=True,
     ),
     share("probability", "among the candidates, given the data", nullable=True),

@@ -1,4 +1,4 @@
-"""Report: everything the run knows, on one page that opens without a network."""
+"""Report: the verdict on the campaign, and everything the run knows on one page that opens without a network."""
 
 from __future__ import annotations
 
@@ -17,26 +17,35 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="report",
     reads=tuple(f"{table}?" for table in tables_read()),
-    leaves=("report",),
+    leaves=("verdict", "report"),
     settings=("campaign.name", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
-    summary="one self-contained page with figures, findings and exclusions",
+    summary="the verdict, and one self-contained page with figures, findings and exclusions",
 )
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """Render the page."""
+    """Give the verdict, and render the page that reads it."""
     from truing.report.page import all_of
     from truing.report.rendering.render import render_page
-    from truing.runs.page_parts import page_parts
+    from truing.report.verdict import gates
+    from truing.runs.page_parts import page_parts, verdict_table
 
-    head, sections = page_parts(settings.campaign.name, tables, _joints(settings), _declared_noise(settings))
+    verdict = verdict_table(tables)
+    told = {**tables, "verdict": verdict}
+    head, sections = page_parts(settings.campaign.name, told, _joints(settings), _declared_noise(settings))
     progress(1, 2, "figures")
     page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
-    read = f"{len(tables)} artifacts"
-    return Outcome(
-        {"report": page}, read, "nothing", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
-    )
+    read, size = f"{len(tables)} artifacts", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
+    left = {"verdict": verdict, "report": page}
+    return Outcome(left, read, "nothing", f"{size}; {_in_short(verdict)}", tuple(gates(verdict.to_pylist())))
+
+
+def _in_short(verdict: pa.Table) -> str:
+    """The row of the campaign, as the log tells it."""
+    whole = verdict.to_pylist()[0]
+    of = f" by {whole['decided_by']}" if whole["decided_by"] else ""
+    return f"verdict: {whole['state']}{of} ({whole['reason_code']}). {whole['explanation']}"
 
 
 def _declared_noise(settings: Campaign) -> pd.DataFrame:

@@ -140,11 +140,14 @@ def accuracy_rows(artifact: str, told: Sequence[tuple[Key, PoseErrors]], measure
     return rows
 
 
-def requirement_rows(asked: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray) -> Rows:
+def requirement_rows(
+    asked: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray, misfit: float | None = None
+) -> Rows:
     """A row per component that something is asked of, judged by the errors of a model.
 
     noise (B, 6, 6): covariance of the measured poses, which is not the machine's; held_out (B,): the poses judged by,
-    and where there are none all of them.
+    and where there are none all of them. ``misfit``: by how many times the noise the model misses what it was fitted
+    to, None where it fits; a model that does not fit meets nothing.
     """
     rows, judged = Rows("requirements"), held_out if held_out.any() else ~held_out
     by = "" if held_out.any() else ", judged by the poses that were fitted"
@@ -155,6 +158,11 @@ def requirement_rows(asked: Requirement, key: Key, errors: PoseErrors, noise: ND
             continue
         found = error_of_95_percent(errors.error[judged, i] / si, noise[judged, i, i] / si**2)
         verdict = _verdict(found, limit)
+        words = _requirement_words(found, verdict, limit, unit) + by
+        if misfit is not None and verdict in ("meets", "undecided"):
+            verdict = "not evaluated"
+            words = f"not tested: the model misses what it was fitted to by {misfit:.3g} times the declared noise; "
+            words += "correct [noise], or find the cause that is missing"
         rows.add(
             model=key[0],
             deformation=key[1],
@@ -165,7 +173,7 @@ def requirement_rows(asked: Requirement, key: Key, errors: PoseErrors, noise: ND
             upper=found and found.high,
             unit=unit,
             verdict=verdict,
-            message=f"{component}: {_requirement_words(found, verdict, limit, unit)}{by}",
+            message=f"{component}: {words}",
         )
     return rows
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.calibration.accuracy import Extended, Judged, choice, doubts
+from truing.calibration.accuracy import Extended, Judged, choice, doubts, misfit_of
 from truing.calibration.every_case import LEAST_LEGS, OFF, Screened, calibrations, judged, screened_poses
 from truing.calibration.measured import Gathered
 from truing.calibration.question import Case, cases
@@ -130,7 +130,8 @@ def _calibrated(
     if best.errors is not None:
         add_uncalibrated(rows["model_choice"], gathered.machine, measured)
         noise = measured.platform.covariance
-        rows["requirements"] = requirement_rows(asked, best.calibration.case.key, best.errors, noise, ~fitted)
+        key, misfit = best.calibration.case.key, misfit_of(best)
+        rows["requirements"] = requirement_rows(asked, key, best.errors, noise, ~fitted, misfit)
     if extended is not None:
         add_extended(rows, extended, asked, gathered, fitted)
         if extended.effects and best.errors is not None:

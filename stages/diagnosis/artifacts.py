@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from truing.inference.detectable import assessed
 from truing.report.numbers import count as counted
 from truing.report.numbers import gross_errors, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
@@ -73,10 +75,11 @@ def artifacts_of(
     diagnosis: Diagnosis, gathered: Gathered[Any], rule: Settings, settings: Campaign
 ) -> dict[str, pa.Table | str]:
     """Tables and text by artifact."""
+    diagnosis = replace(diagnosis, verdicts=assessed(diagnosis.verdicts, diagnosis.search, rule.level))
     last, legs = diagnosis.search, diagnosis.plain.model.part_count
     own = gathered.leaves(diagnosis, gathered, settings)
     detectable = detectable_words(last, rule.level, [verdict.cause for verdict in diagnosis.verdicts], legs)
-    words = Words(detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown)
+    words = Words(detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown, gathered.relation)
     left = {
         "diagnosis": diagnosis_table(diagnosis, words, rule.noise_level),
         "adequacy": adequacy_table(diagnosis.adequacy, rule.doubted_level, gathered.shown.what),

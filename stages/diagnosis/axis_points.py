@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.inference.observations import Epochs, Frames, Observations
+from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import AxisRows
@@ -67,6 +68,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[AxisM
         _left,
         model_text=_model_text,
         shown=_shown(columns),
+        relation=Relation.COMMANDS_ENCODERS,
     )
 
 

@@ -14,6 +14,7 @@ from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.target_positions import median_places
 from truing.report.numbers import count as counted
 from truing.schemas.covariates import stand_in
+from truing.schemas.verdict import Relation
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
 from truing.simulation.bodies.measured_bodies import (
     FEWEST_TARGETS,
@@ -83,6 +84,7 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
         "; ".join([*words, *thinned]),
         _left,
         tuple(cause for body in found for cause in body.certain),
+        relation=Relation.BODIES_SURVEY,
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.schemas.verdict import Relation
 from truing.simulation.effects_model import EffectsModel
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ class Left:
 class Gathered(Generic[M]):
     """Measured values by role, the model of the plain simulation, and what was left out, in words.
 
-    ``leaves`` is what its instrument leaves beside what all do.
+    ``leaves`` is what its instrument leaves beside what all do; ``relation`` what its model relates.
     """
 
     model: M
@@ -159,4 +160,5 @@ class Gathered(Generic[M]):
     shown: Shown | Channels = POINTS
     model_text: Callable[[FittedModel[Any], Campaign], str] | None = None  # what stands in model.toml of a fit
     is_calibrated: Callable[[Cause], bool] = lambda cause: False  # whether a calibration can hold a cause's effect
+    relation: Relation = Relation.READINGS_POSES
     framing: int | None = None  # platform targets that sit on no attachment; None where there is no mechanism

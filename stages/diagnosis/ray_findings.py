@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.bundle.shared_errors import MOST_PATTERNS, independent_errors
 from truing.estimation.bundle.shared_errors import with_shared_errors as points_with_shared_errors
+from truing.inference.detectable import assessed
 from truing.report.numbers import count as counted
 from truing.report.numbers import two_decimals
 from truing.schemas.artifacts import ARTIFACTS
@@ -45,7 +46,8 @@ Recorded = PointModel | BodyModel
 
 _SI = 1e-3
 _UM = 1e6
-_ORDER = ("found", "suspected", "indistinguishable", "rejected")
+_ORDER = ("found", "suspected", "indistinguishable", "rejected", "not testable")
+_LOST = ("rejected", "not testable")
 
 
 @dataclass(frozen=True)
@@ -161,10 +163,11 @@ def _keys(table: pa.Table) -> list[tuple[Any, str]]:
 
 def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -> dict[str, Any]:
     """The artifacts of a diagnosis of points, with what rays told before them; ``rule`` is the whole campaign's."""
-    diagnosis, found = rays.diagnosis, dict(artifacts)
-    own_rule = rule_of_rays(rule)
-    level, causes = own_rule.level, [verdict.cause for verdict in diagnosis.verdicts]
-    words = Words(detectable_words(diagnosis.search, level, causes, 0), shown=rays.gathered.shown)
+    own_rule, found = rule_of_rays(rule), dict(artifacts)
+    level, search = own_rule.level, rays.diagnosis.search
+    diagnosis = replace(rays.diagnosis, verdicts=assessed(rays.diagnosis.verdicts, search, level))
+    sizes = detectable_words(search, level, [verdict.cause for verdict in diagnosis.verdicts], 0)
+    words = Words(sizes, shown=rays.gathered.shown, relation=rays.gathered.relation)
     own = diagnosis_table(diagnosis, words, own_rule.noise_level).to_pylist()
     of_causes = [row for row in own if "noise_ratio" not in json.loads(row["parameters"])]
     for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):
@@ -183,14 +186,15 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
 def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:
     """All rows in the order of their verdicts, those of rays first; what either found is rejected by neither."""
     rows = [*rays, *points.to_pylist()]
-    told = {row["cause"] for row in rows if row["verdict"] != "rejected"}
+    told = {row["cause"] for row in rows if row["verdict"] not in _LOST}
     kept: list[dict[str, Any]] = []
     for verdict in _ORDER:
         of_verdict = [row for row in rows if row["verdict"] == verdict]
-        if verdict == "rejected":
+        if verdict in _LOST:
             of_verdict.sort(key=lambda row: -row["probability"])
             once = {row["cause"]: row for row in reversed(of_verdict) if row["cause"] not in told}
             of_verdict = [row for row in of_verdict if once.get(row["cause"]) is row]
+            told |= once.keys()
         kept += of_verdict
     return ranked_table(kept)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.bundle.ray_statistics import RayChannels, ray_channels
 from truing.inference.observations import Epochs, Frames, Observations
+from truing.schemas.verdict import Relation
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
 from truing.stages.common.point_arrays import default_motions, number_column, pose_ids, positions
@@ -65,6 +66,7 @@ def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gat
         "",
         _nothing_more,
         shown=RAYS,
+        relation=Relation.RAYS_POINTS,
     )
     return gathered, whole
 

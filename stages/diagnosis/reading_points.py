@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.inference.observations import Epochs, Frames, Observations
+from truing.schemas.verdict import Relation
 from truing.simulation.bench.causes.rows_exchanged import (
     RowsExchanged,
     exchanged_rows,
@@ -91,6 +92,7 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
             np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)]),
             np.arange(len(units)) >= len(CHANNELS),
         ),
+        relation=Relation.LOADS_READINGS if seen[:, : len(CHANNELS)].any() else Relation.LOADS_SIGNALS,
     )
 
 

@@ -16,6 +16,7 @@ from truing.report.wordings.catalogue import clause, confirming, own_clause
 from truing.report.wordings.claim import Advice, Claim
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
+from truing.schemas.verdict import Relation
 from truing.simulation.bodies.causes.terms import CAME_FROM
 from truing.simulation.inputs import ORDER, TIME
 from truing.stages.diagnosis.gathered import POINTS, Channels, Shown
@@ -31,12 +32,13 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Words:
     """What the rows say beside the verdicts: the smallest sizes that would have been seen, and what to measure next, by
-    a cause's key, what limits all statements, and in which unit numbers are told."""
+    a cause's key, what limits all statements, in which unit numbers are told, and what the search relates."""
 
     detectable: Mapping[str, str] = field(default_factory=dict)
     next_measurement: Mapping[str, Advice] = field(default_factory=dict)
     remark: str = ""
     shown: Shown | Channels = POINTS
+    relation: Relation = Relation.READINGS_POSES
 
 
 def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> pa.Table:
@@ -47,7 +49,7 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
     found = sum(row["verdict"] in ("found", "suspected") for row in rows)
     rows[found:found] = _noise_rows(diagnosis, words.shown, noise_level)
-    return ranked_table(rows)
+    return ranked_table([{**row, "relation": words.relation.value} for row in rows])
 
 
 def ranked_table(rows: list[dict[str, Any]]) -> pa.Table:

@@ -50,7 +50,7 @@ MISSED = {
 def rejected() -> list[dict]:
     """What usually is rejected."""
     causes = ("stiffness-scale", "hysteresis", "creep", "zero-drift", "thermal-drift", "cosine-error", "crosstalk")
-    return [row(cause, "rejected", unit="um") for cause in causes]
+    return [row(cause, "rejected", unit="um", relation="loads-readings") for cause in causes]
 
 
 def detectable() -> pd.DataFrame:

@@ -13,6 +13,8 @@ from truing.report.diagnosis.next_measurements import following
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.section import diagnosis, sizes
 from truing.report.page import Section, all_of
+from truing.report.section_verdict import SectionVerdict
+from truing.report.verdict import section_verdicts
 
 Frames = dict[str, pd.DataFrame]
 PARTS = {
@@ -32,6 +34,16 @@ def part_of(name: str, tables: Frames) -> Section:
     part = PARTS[name](tables)
     assert part.id == name
     return part
+
+
+def verdict_of(section: str, tables: Frames) -> SectionVerdict:
+    """The row of the verdict that a section or a part has."""
+    return section_verdicts(tables)["adequacy" if section == "gain" else section]
+
+
+def state_of(section: str, tables: Frames) -> str:
+    """State of a section or a part in the verdict."""
+    return verdict_of(section, tables).state.value
 
 
 def parts_of(tables: Frames) -> dict[str, Section]:

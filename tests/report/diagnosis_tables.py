@@ -24,6 +24,7 @@ def size(value: Any, sigma: float | None = None, unit: str = "1") -> dict[str, A
 
 # Of noise alone, of one actuator that reads wrong, of a target that moved by 50 um.
 NOISE = {"parameters": {"noise_ratio": size(1.41, 0.05)}, "rms_before": 7.3, "rms_after": 7.3, "log_evidence": None}
+NOISE |= {"heldout_rms_before": 7.5, "heldout_rms_after": 7.5}
 GAIN_3 = {"gain_3": size(0.0021, 0.0001)}
 MOVED = {"dx": size(0.03, 0.003, "mm"), "dy": size(-0.04, 0.003, "mm"), "dz": size(0.0, 0.003, "mm")}
 
@@ -63,6 +64,7 @@ def row(cause: str, verdict: str = "found", **given: Any) -> dict[str, Any]:
         "signal_to_noise": 41.0,
         "log_evidence": 812.0,
         "scale_holds": "holds",
+        "relation": "readings-poses",
     }
     if verdict == "rejected":
         facts |= {"p_value": 0.4, "probability": 0.0, "log_evidence": -6.0, "signal_to_noise": 1.3}

@@ -175,22 +175,25 @@ def test_verdicts_are_told_in_words_not_by_colour_alone():
     tables = campaign_tables()
     told = dict(re.findall(r'<li class="(\w+)">(.*?)</li>', render(tables), re.S))
     assert {"found", "fail", "next"} <= set(told)
-    for mark in ("found", "fail"):
-        assert f'<b class="mark"><span aria-hidden="true">✗</span> {mark}</b>' in told[mark]
+    for mark, sign, word in (("found", "◆", "found"), ("fail", "✗", "fails")):
+        assert f'<b class="mark"><span aria-hidden="true">{sign}</span> {word}</b>' in told[mark]
     tables["qa"] = tables["qa"].iloc[:0]
     idle = [said for mark, said in build_head("c", tables).verdicts if mark == "none"]
-    assert [said.partition(" not evaluated: ")[0] for said in idle] == ["Requirements", "Quality"]
-    assert '<span aria-hidden="true">–</span> not evaluated</b>' in render(tables)
+    assert [said.partition(" not evaluated: ")[0] for said in idle] == ["Quality", "Requirements"]
+    assert '<span aria-hidden="true">–</span> not tested</b>' in render(tables)
 
 
 def test_every_section_that_judges_has_a_state_and_no_cell_is_blank(page, whole):
     judged = {section.id: section.state for section in whole.values()}
-    assert judged["diagnosis"] == judged["qa"] == judged["deformation"] == "fail"
+    assert judged["qa"] == "fail"
+    assert judged["diagnosis"] == judged["deformation"] == "found"  # a result is neither passed nor failed
     assert judged["poses"] == "pass"
-    assert judged["calibration"] == judged["requirements"] == "not evaluated"
+    assert judged["calibration"] == "not evaluated"
+    assert judged["requirements"] == "not tested"
     assert not [body for body in re.findall(r"<tbody>.*?</tbody>", page, re.S) if "<td></td>" in body]
-    for state, sign in (("pass", "✓"), ("fail", "✗"), ("not evaluated", "–")):
-        assert f'<span class="state {state}"><span aria-hidden="true">{sign}</span> {state}</span>' in page
+    marks = (("pass", "✓", "ok"), ("fail", "✗", "fails"), ("found", "◆", "found"), ("not tested", "–", "not tested"))
+    for state, sign, word in marks:
+        assert f'<span class="state {state}"><span aria-hidden="true">{sign}</span> {word}</span>' in page
 
 
 def test_every_section_has_its_figure(whole):
@@ -251,7 +254,7 @@ def test_empty_tables_are_not_evaluated_and_say_why(name, whole):
 
 def _idle(sections):
     """The sections that are not evaluated, with what they say."""
-    return {s.id: s.lead for s in sections.values() if "not evaluated" in s.state or s.state == "empty"}
+    return {s.id: s.lead for s in sections.values() if s.state in ("not evaluated", "not tested", "empty")}
 
 
 def test_a_run_without_diagnosis_never_claims_agreement():
@@ -264,9 +267,16 @@ def test_a_run_without_diagnosis_never_claims_agreement():
 
 def test_nothing_found_says_agreement():
     tables = campaign_tables()
-    tables["diagnosis"] = tables["diagnosis"].iloc[1:].assign(rms_before=4.9, heldout_rms_before=5.0)
-    assert build_head("c", tables).verdicts[0][0] == "pass"
-    assert "agrees with the data" in build_head("c", tables).verdicts[0][1]
+    nothing = tables["diagnosis"].iloc[1:].assign(rms_before=4.9, heldout_rms_before=5.0)
+    tables["diagnosis"] = nothing.assign(relation="readings-poses")
+    assert build_head("c", tables).verdicts[0][0] == "fail"  # a check of quality failed
+    del tables["qa"]
+    mark, said = build_head("c", tables).verdicts[0]
+    assert mark == "pass"
+    assert said.startswith("Actuator readings and measured poses (through the mechanism)")
+    assert "agree to within the noise" in said
+    tables["diagnosis"] = nothing  # which does not say what was tested
+    assert "agree" not in build_head("c", tables).verdicts[0][1]
 
 
 @pytest.mark.parametrize("left", [set(), {"exclusions"}, {"observations"}, {"poses", "residuals", "observations"}])
@@ -278,10 +288,10 @@ def test_any_part_of_the_tables_makes_a_page(left):
 
 def test_the_head_is_short_and_tells_what_to_do(page):
     verdicts = build_head("c", campaign_tables()).verdicts
-    assert verdicts[0][0] == "found"
-    assert "K11" not in verdicts[0][1]
-    assert "verification errors from 7.8 to 4.6 µm, noise floor 4.8" in verdicts[0][1]
-    assert verdicts[1] == ("next", "Next: move one actuator at a time.")
+    assert [mark for mark, _ in verdicts[:3]] == ["fail", "found", "next"]
+    assert "K11" not in verdicts[1][1]
+    assert "verification errors from 7.8 to 4.6 µm, noise floor 4.8" in verdicts[1][1]
+    assert verdicts[2] == ("next", "Next: move one actuator at a time.")
     assert all(len(sentence) < 320 for _, sentence in verdicts)
 
 

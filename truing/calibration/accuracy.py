@@ -16,6 +16,7 @@ from truing.calibration.question import common_effects, is_deformation, own_cova
 from truing.estimation.held_out import Choice, Contender, choose_model, held_out_misfit
 from truing.estimation.rotation import log_so3
 from truing.inference.pulls import TOLD
+from truing.schemas.verdict import does_not_fit
 from truing.simulation.cause import Effect
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.extended_model import (
@@ -219,6 +220,15 @@ def _pull_p_value(calibration: Calibration, own: NDArray) -> float:
     spread = np.diag(calibration.tolerance[own] ** 2) - calibration.declared[np.ix_(own, own)]
     shift = (calibration.values - calibration.nominal)[own]
     return float(chdtrc(len(shift), max(float(shift @ np.linalg.solve(spread, shift)), 0.0)))
+
+
+def misfit_of(one: Judged) -> float | None:
+    """Return rms misfit over the declared noise of a calibration that does not fit; None of one that fits."""
+    figures = {name: value for name, value, _ in fit_figures(one)}
+    if "misfit_p_value" not in figures:
+        return None
+    ratio = float(np.sqrt(figures["chi_square"] / figures["freedom"]))
+    return ratio if does_not_fit(figures["misfit_p_value"], ratio) else None
 
 
 def doubts(one: Judged) -> str:

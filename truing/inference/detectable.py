@@ -7,7 +7,7 @@ strengths; the search's F test then has a noncentral distribution, and its power
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Generic
 
@@ -16,11 +16,14 @@ import numpy as np
 from truing.inference.arrays import Array
 from truing.inference.model import CauseT
 from truing.inference.search import Candidate, ChannelFamily, Search
+from truing.inference.verdicts import NOT_TESTABLE, REJECTED, Reason, Verdict
 
 POWER = 0.8
 # Patterns of an effect's parameters, over which its power is averaged.
 _PATTERNS = 64
 _HALVINGS = 40
+# An effect so many times its plausible scale is not plausible: a candidate that shows from there on is not testable.
+_IMPLAUSIBLE = 10.0
 _SMALLEST, _LARGEST = 1e-6, 1e4  # plausible scales; beyond the larger one an effect counts as never seen
 # Power is tabulated up to this signal-to-noise; beyond it everything is found.
 _ROOTS = np.linspace(0.0, 40.0, 401)
@@ -110,6 +113,26 @@ def sight(search: Search[CauseT], cause: CauseT, level: float) -> Sight[CauseT] 
     key = cause.key
     own = (candidate for candidate in search.candidates if candidate.key == key)
     return next(_of_candidates(search, level, own), None)
+
+
+def assessed(verdicts: Iterable[Verdict[CauseT]], search: Search[CauseT], level: float) -> tuple[Verdict[CauseT], ...]:
+    """Return verdicts in their order; rejected candidates of which no plausible size would have been seen are not
+    testable."""
+    told = (
+        replace(verdict, verdict=NOT_TESTABLE) if _is_hidden(verdict, search, level) else verdict
+        for verdict in verdicts
+    )
+    return tuple(sorted(told, key=lambda verdict: verdict.rank))
+
+
+def _is_hidden(verdict: Verdict[CauseT], search: Search[CauseT], level: float) -> bool:
+    if verdict.verdict != REJECTED or verdict.reason not in (Reason.CHANCE, Reason.UNSEEN):
+        return False
+    own = sight(search, verdict.cause, level)
+    if own is None:  # no size of its own is told of it
+        return verdict.reason == Reason.UNSEEN
+    smallest = own.smallest()
+    return smallest is None or smallest > _IMPLAUSIBLE
 
 
 def _of_candidates(

@@ -19,6 +19,8 @@ from truing.inference.signatures import Signature
 
 FOUND, SUSPECTED, INDISTINGUISHABLE, REJECTED = "found", "suspected", "indistinguishable", "rejected"
 
+NOT_TESTABLE = "not testable"  # no plausible size of it would have been seen
+
 
 class Reason(StrEnum):
     """Why a candidate was not found, or is only suspected."""
@@ -39,7 +41,7 @@ class Verdict(Generic[CauseT]):
     """One candidate cause: what was decided, on what grounds, and what predictions miss without and with it."""
 
     cause: CauseT
-    verdict: str  # found, suspected, indistinguishable, rejected
+    verdict: str  # found, suspected, indistinguishable, rejected, not testable
     p_value: float
     probability: float
     log_odds: float  # over the model without it: where it was found, or where it first competed
@@ -63,7 +65,7 @@ class Verdict(Generic[CauseT]):
     @property
     def rank(self) -> tuple[int, float]:
         """What verdicts are sorted by: accepted ones in order of acceptance, the others by probability."""
-        order = {FOUND: 0, SUSPECTED: 0, INDISTINGUISHABLE: 1, REJECTED: 2}[self.verdict]
+        order = {FOUND: 0, SUSPECTED: 0, INDISTINGUISHABLE: 1, REJECTED: 2, NOT_TESTABLE: 3}[self.verdict]
         return order, (0.0 if order == 0 else -self.probability)
 
 

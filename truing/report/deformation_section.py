@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.belonging.relation import State
 from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
 from truing.report.model_tests import ModelTest, by_p, listing_of
 from truing.report.numbers import p_equals, p_value, plain, quantity, with_uncertainty
@@ -17,7 +19,9 @@ from truing.report.reasons import why_no_deformation
 from truing.report.scene.by_leg import by_leg
 from truing.report.scene.scenes import pose_scene
 from truing.report.scene.view import picture
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
+from truing.schemas.verdict import ReasonCode
 
 _KEYS = ["body", "target", "axis"]
 _COORDINATES_SHOWN = 6
@@ -39,7 +43,19 @@ def deformation(tables: Tables) -> Section | None:
         return Section("deformation", "Deformation", why, tuple(shown), _legwise(tables), "not evaluated")
     tests = _tests(tables)
     listings = (listing_of(tests, "Tests of the models"), *_legwise(tables), _errors(tables))
-    return Section("deformation", "Deformation", _sentence(tables), tuple(shown), listings, tests[0].state)
+    return Section("deformation", "Deformation", _sentence(tables), tuple(shown), listings)
+
+
+def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether a body is rigid, or follows the drives: a result either way."""
+    if filled(tables, "deformation_errors") is None or "deformation" not in tables:
+        return None
+    rigid, said = _tests(tables)[0], _sentence(tables)
+    if rigid.holds is None:
+        return SectionVerdict("deformation", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, rigid.says)
+    if rigid.holds:
+        return SectionVerdict("deformation", State.OK, ReasonCode.RIGID, said, rigid.p, "1")
+    return SectionVerdict("deformation", State.ATTENTION, ReasonCode.DEFORMS, said, rigid.p, "1")
 
 
 def _tests(tables: Tables) -> list[ModelTest]:

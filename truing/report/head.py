@@ -2,129 +2,72 @@
 
 from __future__ import annotations
 
-import math
-
+from truing.belonging.relation import State
 from truing.report.calibration.calibrations import EXTENDED, TO_POINTS, figures_by_calibration, main_calibration
-from truing.report.calibration.requirements import chosen_requirements, tally
 from truing.report.calibration.with_findings import choice_verdicts
-from truing.report.diagnosis.pulls import change_words, has_changed
-from truing.report.diagnosis.words import diagnosis_verdicts, lower
-from truing.report.numbers import count, handy, plain, printed, quantity
+from truing.report.diagnosis.words import diagnosis_details
+from truing.report.numbers import quantity
 from truing.report.page import Head, Verdict
-from truing.report.quality_section import accepted_verdicts
-from truing.report.reasons import why_absent, why_no_quality, why_no_requirement
-from truing.report.sensor.positioning import not_stated
+from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.tables import Tables, filled, in_channel_order, is_bench, load_steps, signal_names
-from truing.schemas.quality_checks import WITHHOLDING
+from truing.report.verdict import with_verdict
+from truing.schemas.verdict import CAMPAIGN, ReasonCode
 
 _MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
 _BENCH_WORDS = {"none": "rms response", "linear": "left by its own axis", "matrix": "left by a full compliance"}
 _OF_AXES = {"A": "accuracy A", "B": "reversal B"}  # as ISO 230-2 has them
-_OF_POSITIONING = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
 _FEW_AXES = 3
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
+# Sections whose good news have a line of their own, and those that are told in a line together.
+_TOLD_ALONE = ("diagnosis", "simulation", "positioning", "requirements", "changes", "quality")
+_TOGETHER = ("belonging", "adequacy", "pulls", "calibration")
+# What is not tested and asks for nothing.
+_SILENT = (ReasonCode.NO_READINGS,)
 
 
 def build_head(campaign: str, tables: Tables) -> Head:
-    """The sentences that a busy person acts on, and the figures that place them."""
-    withheld = _withheld(tables)
-    told = [
-        *withheld,
-        *_positioning(tables),
-        *diagnosis_verdicts(tables),
-        *_changes(tables),
-        *choice_verdicts(tables),
-        *_requirements(tables),
-        *_quality(tables, len(withheld)),
-    ]
-    verdicts = sorted(told, key=lambda verdict: verdict[0] == "none")
-    return Head(campaign, tuple(verdicts), tuple(_tiles(tables)))
+    """The sentences that a busy person acts on, read from the table ``verdict``, and the figures that place them."""
+    rows = verdict_rows(with_verdict(tables))
+    return Head(campaign, tuple(_lines(rows, tables)), tuple(_tiles(tables)))
 
 
-def _positioning(tables: Tables) -> list[Verdict]:
-    """What a campaign of positioning alone is measured for: accuracy, repeatability and reversal of its worst axis."""
-    rows = filled(tables, "positioning")
-    if rows is None or len(load_steps(tables)) or filled(tables, "observations") is not None:
+def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
+    """The campaign's verdict first, what asks for attention, what is as it should be, what was not tested."""
+    if not rows:
         return []
-    axis = rows[rows["subject"].isna() & rows["figure"].isin(list(_OF_POSITIONING))]
-    worst = axis[axis["figure"].eq("A")].nlargest(1, "value")["run"]
-    own = axis[axis["run"].isin(worst)].set_index("figure")
-    if not len(own):
-        return []
-    sigma = own["sigma"] if "sigma" in own else own["value"] * math.nan
-    told = [
-        f"{words} {handy(float(own.loc[name, 'value']), float(sigma[name]), str(own.loc[name, 'unit']))}"
-        for name, words in _OF_POSITIONING.items()
-        if name in own.index
-    ]
-    several = rows["run"].nunique()
-    withheld = len(not_stated(tables))
-    also = f" Of {count(withheld, 'further run')} nothing is stated, see Positioning." if withheld else ""
-    which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
-    return [("measured", printed(f"By ISO 230-2, {which}: {', '.join(told)}, each with one standard deviation.{also}"))]
+    lead = rows[CAMPAIGN]
+    others = [one for name, one in rows.items() if name != CAMPAIGN and one.explanation != lead.explanation]
+    lines: list[Verdict] = [(lead.mark, lead.explanation)]
+    details = diagnosis_details(tables)
+    if lead.explanation == _explanation(rows, "diagnosis"):
+        lines += details
+    for one in sorted(others, key=lambda one: _URGENCY[one.state]):
+        if _is_told(one):
+            lines.append((one.mark, one.explanation))
+        if one.section == "diagnosis":
+            lines += details
+    return [*lines, *choice_verdicts(tables), *_together(others)]
 
 
-def _changes(tables: Tables) -> list[Verdict]:
-    said = change_words(tables)
-    return [("warn" if has_changed(tables) else "pass", said)] if said else []
+_URGENCY = {State.FAILS: 0, State.ATTENTION: 1, State.OK: 2, State.NOT_TESTED: 3}
 
 
-def _withheld(tables: Tables) -> list[Verdict]:
-    """The failed checks by which the data do not belong together: which, what it found, what to do, what waits."""
-    qa = filled(tables, "qa")
-    if qa is None:
-        return []
-    failed = qa[qa["verdict"].eq("fail") & qa["check"].isin(list(WITHHOLDING)) & ~accepted_verdicts(qa)]
-    told = []
-    for name, own in failed.groupby("check", sort=False):
-        check = WITHHOLDING[str(name)]
-        more = f" ({len(own) - 1} more under Quality.)" if len(own) > 1 else ""
-        first = f"Quality check {name} failed: {printed(own['message'].iloc[0])}{more}"
-        do = printed(check.to_do.replace("`", ""))
-        told.append(("fail", f"{first} {do} Until then {check.stages_withheld} are not evaluated."))
-    return told
+def _explanation(rows: dict[str, SectionVerdict], section: str) -> str:
+    return rows[section].explanation if section in rows else ""
 
 
-def _quality(tables: Tables, told: int) -> list[Verdict]:
-    """All checks in a line; ``told``: how many failed ones stand above it already."""
-    if "qa" not in tables:
-        return []
-    qa = tables["qa"]
-    if not len(qa):
-        return [("none", f"Quality not evaluated: {lower(why_no_quality(tables))}")]
-    accepted = accepted_verdicts(qa)
-    said = f" {count(int(accepted.sum()), 'verdict')} accepted by a person, see Quality." if accepted.any() else ""
-    failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
-    if len(failed):
-        if told:
-            return [("fail", f"{len(failed)} of {len(qa)} quality checks failed, see Quality.{said}")]
-        rest = f" {len(failed) - 1} more under Quality." if len(failed) > 1 else ""
-        return [
-            (
-                "fail",
-                f"{len(failed)} of {len(qa)} quality checks failed. {printed(failed['message'].iloc[0])}{rest}{said}",
-            )
-        ]
-    if len(warned):
-        first = printed(warned["message"].iloc[0])
-        return [("warn", f"No quality check failed; {len(warned)} of {len(qa)} call for a look. First: {first}{said}")]
-    return [("pass", f"None of the {len(qa)} quality checks failed or calls for a look.{said}")]
+def _is_told(one: SectionVerdict) -> bool:
+    """Whether a section has a line: all that fails, and of the others those that a reader looks for."""
+    if one.state == State.FAILS:
+        return True
+    if one.state == State.ATTENTION:
+        return one.section != "deformation" and one.reason_code != ReasonCode.NOTHING_FOUND
+    return one.section in _TOLD_ALONE and one.reason_code not in _SILENT
 
 
-def _requirements(tables: Tables) -> list[Verdict]:
-    own = chosen_requirements(tables)
-    if own is None:
-        return _no_requirements(tables)
-    failed = own[own["verdict"] == "fails"]
-    if len(failed):
-        worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
-        return [("fail", f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required.")]
-    return [("warn" if (own["verdict"] == "undecided").any() else "pass", f"{tally(own)}, by the calibrated model.")]
-
-
-def _no_requirements(tables: Tables) -> list[Verdict]:
-    why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
-    return [("none", f"Requirements not evaluated: {lower(why)}")]
+def _together(others: list[SectionVerdict]) -> list[Verdict]:
+    named = [one.section for one in others if one.section in _TOGETHER and one.state == State.OK]
+    return [("pass", f"Tested and as it should be: {', '.join(named)}.")] if named else []
 
 
 def _tiles(tables: Tables) -> list[tuple[str, str]]:

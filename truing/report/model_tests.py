@@ -9,6 +9,7 @@ from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 
 _UNLIKELY, _MARGIN = 1e-3, 1.1  # of errors that are called smaller than noise allows: by chance, and in size
+BY_A_FACTOR = 2.0  # errors so many times the noise fail: no declared noise is wrong by so much unnoticed
 _PASS, _FAIL, _IDLE = "pass", "fail", "not evaluated"
 _MARKS = {_PASS: "pass", _FAIL: "fail", _IDLE: "none"}
 
@@ -48,12 +49,6 @@ def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> Mode
     times = plain((chi_square / freedom) ** 0.5)
     said = f"It is {times} times what noise leaves, less than chance explains: {why}."
     return ModelTest(asked, False, said, p) if p < _UNLIKELY else None
-
-
-def state_of(tests: Sequence[ModelTest]) -> str:
-    """What they come to together: failed where one is, passed where at least one is evaluated and none failed."""
-    states = [test.state for test in tests]
-    return _FAIL if _FAIL in states else _PASS if _PASS in states else _IDLE
 
 
 def listing_of(tests: Sequence[ModelTest], caption: str) -> Listing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from truing.belonging.relation import State
 from truing.report.figure_style import (
     BLUE,
     MANY_POINTS,
@@ -22,7 +24,9 @@ from truing.report.figure_style import (
 )
 from truing.report.numbers import count, quantity, with_uncertainty
 from truing.report.page import Listing, Section
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import SIGMA, Tables, filled
+from truing.schemas.verdict import ReasonCode
 
 _METHODS = {
     "maximum_likelihood": "maximum likelihood against the survey",
@@ -46,8 +50,20 @@ def poses(tables: Tables) -> Section | None:
     lost = chosen[chosen["status"] != "ok"]
     listings = [_lost(lost)] if len(lost) else []
     listings.append(_all(chosen))
-    state = "fail" if len(lost) else "pass"
-    return Section("poses", "Poses", _lead(chosen, good), _figures(tables, good), tuple(listings), state)
+    return Section("poses", "Poses", _lead(chosen, good), _figures(tables, good), tuple(listings))
+
+
+def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether every body has its pose wherever it was measured; None of a run without poses."""
+    table = filled(tables, "poses")
+    if table is None:
+        return None
+    chosen = table[table["default"]]
+    good = chosen[chosen["status"] == "ok"]
+    lost, said = float(len(chosen) - len(good)), _lead(chosen, good)
+    if lost:
+        return SectionVerdict("poses", State.ATTENTION, ReasonCode.POSES_LOST, said, lost, "1")
+    return SectionVerdict("poses", State.OK, ReasonCode.COMPLETE, said, lost, "1")
 
 
 def _lead(chosen: pd.DataFrame, good: pd.DataFrame) -> str:

@@ -1,16 +1,22 @@
-"""The section of the quality checks."""
+"""The section of the quality checks, and what they come to: do the data belong together, are they good enough?"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 
+from truing.belonging.relation import State
+from truing.report.belonging import RELATIONS, listed
 from truing.report.numbers import count as counted
 from truing.report.numbers import printed, quantity
 from truing.report.page import Listing, Section
 from truing.report.reasons import why_no_quality
-from truing.report.tables import Tables, cell
+from truing.report.section_verdict import SectionVerdict
+from truing.report.tables import Tables, cell, filled
+from truing.schemas.quality_checks import WITHHOLDING
+from truing.schemas.verdict import ReasonCode
 
 _ORDER = {"fail": 0, "warn": 1, "pass": 2, "not evaluated": 3}
 _HEADS = ("verdict", "check", "subject", "value", "limit", "what it says")
@@ -35,10 +41,110 @@ def qa(tables: Tables) -> Section | None:
     counts = qa[~accepted]["verdict"].value_counts()  # as the head of the page, the log and the exit code count them
     told = [f"{counts[v]} {v}" for v in _ORDER if v in counts]
     lead = ", ".join([*told, *([f"{int(accepted.sum())} accepted"] if accepted.any() else [])])
-    idle = (qa["verdict"] == "not evaluated").all()
-    state = "fail" if listings[0].rows else "not evaluated" if idle else "pass"
     shown = tuple(x for x in listings if x.rows)
-    return Section("qa", "Quality", f"{counted(len(qa), 'check')}: {lead}.", listings=shown, state=state)
+    return Section("qa", "Quality", f"{counted(len(qa), 'check')}: {lead}.", listings=shown)
+
+
+def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether the tables of the campaign belong together: which relations were tested, and which were not."""
+    qa, relations = filled(tables, "qa"), filled(tables, "belonging")
+    failed = None if qa is None else qa[qa["verdict"].eq("fail") & _withholds(qa) & ~accepted_verdicts(qa)]
+    if failed is not None and len(failed):
+        return _apart(failed)
+    if relations is None:
+        return None
+    by_state = {state: relations[relations["state"].eq(state.value)] for state in State}
+    odd = by_state[State.ATTENTION]
+    odd = odd[odd["accepted"].isna()]
+    if len(odd):
+        first = odd.iloc[0]
+        said = _warning(qa, str(first["relation"])) or f"Under Quality, look at: {_named(odd)}."
+        numbers = _number(first["misfit"]), cell(first["unit"]) or None, _number(first["limit"])
+        return SectionVerdict("belonging", State.ATTENTION, ReasonCode.DEPARTS, said, *numbers)
+    untested = by_state[State.NOT_TESTED]
+    rest = f" Not tested: {_named(untested)}." if len(untested) else ""
+    if not len(by_state[State.OK]):
+        said = f"Whether the tables belong together was not tested.{rest}"
+        return SectionVerdict("belonging", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+    said = f"The data belong together, as far as tested: {_named(by_state[State.OK])}.{rest}"
+    return SectionVerdict("belonging", State.OK, ReasonCode.BELONG, said)
+
+
+def _warning(qa: pd.DataFrame | None, check: str) -> str:
+    """What a check says that warns; empty where none of this name does."""
+    if qa is None:
+        return ""
+    told = qa.loc[qa["check"].eq(check) & qa["verdict"].eq("warn"), "message"]
+    return printed(str(told.iloc[0])) if len(told) else ""
+
+
+def _withholds(qa: pd.DataFrame) -> pd.Series:
+    return qa["check"].isin(list(WITHHOLDING))
+
+
+def _apart(failed: pd.DataFrame) -> SectionVerdict:
+    """The failed checks by which the data do not belong together: which, what they found, what to do, what waits."""
+    told = []
+    for name, own in failed.groupby("check", sort=False):
+        check = WITHHOLDING[str(name)]
+        more = f" ({len(own) - 1} more under Quality.)" if len(own) > 1 else ""
+        first = f"Quality check {name} failed: {printed(own['message'].iloc[0])}{more}"
+        do = printed(check.to_do.replace("`", ""))
+        told.append(f"{first} {do} Until then {check.stages_withheld} are not evaluated.")
+    return _of_checks("belonging", State.FAILS, ReasonCode.DO_NOT_BELONG, " ".join(told), failed)
+
+
+def _named(relations: pd.DataFrame) -> str:
+    return listed([RELATIONS[str(name)].lower() for name in dict.fromkeys(relations["relation"])], sep="; ")
+
+
+def _of_checks(
+    section: str, state: State, code: ReasonCode, said: str, checks: pd.DataFrame | None = None
+) -> SectionVerdict:
+    """A verdict with the figures of the first of some checks."""
+    if checks is None or not {"value", "unit", "limit"} <= set(checks):
+        return SectionVerdict(section, state, code, said)
+    first = checks.iloc[0]
+    return SectionVerdict(
+        section, state, code, said, _number(first["value"]), cell(first["unit"]) or None, _number(first["limit"])
+    )
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None or value != value else float(value)
+
+
+def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """All checks of quality in a sentence; those by which the data do not belong together stand under belonging."""
+    if "qa" not in tables:
+        return None
+    qa = tables["qa"]
+    if not len(qa):
+        why = why_no_quality(tables)
+        said = f"Quality not evaluated: {why[:1].lower()}{why[1:]}"
+        return SectionVerdict("quality", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+    accepted = accepted_verdicts(qa)
+    also = f" {counted(int(accepted.sum()), 'verdict')} accepted by a person, see Quality." if accepted.any() else ""
+    failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
+    if len(failed):
+        return _of_checks("quality", State.FAILS, ReasonCode.CHECK_FAILED, _failed_words(failed, qa, also), failed)
+    if len(warned):
+        first = printed(warned["message"].iloc[0])
+        said = f"No quality check failed; {len(warned)} of {len(qa)} call for a look. First: {first}{also}"
+        return _of_checks("quality", State.ATTENTION, ReasonCode.CHECK_WARNS, said, warned)
+    if (qa["verdict"] == "not evaluated").all():
+        said = f"None of the {len(qa)} quality checks could be evaluated.{also}"
+        return SectionVerdict("quality", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+    said = f"None of the {len(qa)} quality checks failed or calls for a look.{also}"
+    return SectionVerdict("quality", State.OK, ReasonCode.CHECKS_HOLD, said)
+
+
+def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:
+    own = failed[~_withholds(failed)]  # the others are told under belonging
+    if not len(own):
+        return f"{len(failed)} of {len(qa)} quality checks failed, see Quality.{also}"
+    rest = f" {len(failed) - 1} more under Quality." if len(failed) > 1 else ""
+    return f"{len(failed)} of {len(qa)} quality checks failed. {printed(own['message'].iloc[0])}{rest}{also}"
 
 
 def accepted_verdicts(qa: pd.DataFrame) -> pd.Series:

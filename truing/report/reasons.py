@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 from truing.report.tables import Tables, filled, is_bench, reason
 from truing.schemas.columns import COLUMNS
+
+_READING = re.compile(r"_(mm|um|deg|rad|mrad|arcsec|counts)$")
 
 
 def why_no_quality(tables: Tables) -> str:
@@ -34,6 +38,12 @@ def why_no_deformation(tables: Tables) -> str:
     if not _has_readings(tables):
         return "Nothing that deformation could follow: no actuator readings, and no drives named in [campaign]."
     return "No target sits at an attachment, or too few of them were seen."
+
+
+def recorded_readings(tables: Tables) -> list[str]:
+    """The columns of the configurations that hold lengths or angles, as readings of drives and joints do."""
+    configurations = filled(tables, "configurations")
+    return [] if configurations is None else [str(c) for c in configurations.columns if _READING.search(str(c))]
 
 
 def _has_readings(tables: Tables) -> bool:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from truing.report.page import Listing, Section
 
 if TYPE_CHECKING:
+    from truing.report.section_verdict import SectionVerdict
     from truing.report.tables import Tables
 
 
@@ -58,6 +59,7 @@ SECTIONS = (
 _TABLES = """
 observations survey configurations readings signals displacement run_terms scans exclusions exclusion_effects
 diagnosis_left_out calibration_left_out relabelled resurveys likely_names repeats lack_of_fit pose_repeatability qa
+belonging
 poses residuals reading_residuals deformation target_deformation deformation_models deformation_errors compliance
 axis_curves quadrature reading_corrections positions positioning calibration implicit_calibration correlations
 accuracy model_choice observability absorption requirements sensor_matrix sensor_merit sensor_choice error_classes
@@ -79,14 +81,34 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     ``provenance``: the metadata of each artifact.
     """
     from truing.report.figure_style import common_look
+    from truing.report.section_verdict import verdict_rows
     from truing.report.tables import is_bench
+    from truing.report.verdict import with_verdict
 
     bench = is_bench(tables) or "displacement" in tables or "positioning" in tables
     wanted = [section for section in SECTIONS if section.bench in (None, bench)]
     with common_look():
         drawn = {section.name: _drawn(section, tables) for section in wanted}
     shown = [drawn[section.name] or _absent(section, drawn, tables) for section in wanted]
-    return [*(section for section in shown if section is not None), _provenance(provenance)]
+    rows = verdict_rows(with_verdict(tables))
+    return [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance)]
+
+
+# Sections of the page, and parts of them, that are called otherwise than their rows in the verdict.
+_ROWS = {"qa": ("belonging", "quality"), "gain": ("adequacy",)}
+
+
+def _marked(section: Section, rows: Mapping[str, SectionVerdict]) -> Section:
+    """A section and its parts with the marks that the verdict has for them; its own where the verdict has none."""
+    own = [rows[name] for name in _ROWS.get(section.id, (section.id,)) if name in rows]
+    parts = tuple(_marked(part, rows) for part in section.parts)
+    if not own:
+        return replace(section, parts=parts)
+    worst = min(own, key=lambda one: _GRAVITY.index(one.state.value))
+    return replace(section, parts=parts, state="not tested" if worst.mark == "none" else worst.mark)
+
+
+_GRAVITY = ("fails", "attention", "ok", "not tested")
 
 
 def _drawn(section: PageSection, tables: Tables) -> Section | None:

@@ -35,19 +35,18 @@ def page_parts(
     legs: pd.DataFrame | None = None,
     declared_noise: pd.DataFrame | None = None,
 ) -> tuple[Head, list[Section]]:
-    """Return the head and the sections of the page for tables by artifact name.
+    """Return the head and the sections of the page for tables by artifact name; their verdict is made where none is.
 
     ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame, and ``declared_noise``
     (signal_mv, NaN where none is declared): what no table holds.
     """
     from truing.report.head import build_head
     from truing.report.sections import build_sections
-    from truing.report.tables import WHY_NOT
+    from truing.report.verdict import with_verdict
 
     provenance = {name: provenance_of(table) for name, table in tables.items()}
-    frames = {name: table.to_pandas() for name, table in tables.items()}
-    for name, frame in frames.items():  # nothing else: pandas copies attributes with every step
-        frame.attrs[WHY_NOT] = provenance[name].get(WHY_NOT, "")
+    frames = _frames(tables)
+    frames |= with_verdict(frames)
     places = target_places(frames)
     if places is not None:
         frames["shape"] = places
@@ -59,6 +58,28 @@ def page_parts(
     if declared_noise is not None:
         frames["declared_noise"] = declared_noise
     return build_head(campaign, frames), build_sections(frames, provenance)
+
+
+def verdict_table(tables: Mapping[str, pa.Table]) -> pa.Table:
+    """Return the artifact ``verdict`` of tables by artifact name."""
+    import pyarrow as pa
+
+    from truing.report.verdict import verdict_frame
+    from truing.schemas.artifacts import ARTIFACTS
+
+    schema = ARTIFACTS["verdict"].arrow_schema(present=("decided_by",))
+    rows = verdict_frame(_frames(tables)).astype(object)
+    return pa.Table.from_pylist(rows.where(rows.notna(), None).to_dict("records"), schema=schema)
+
+
+def _frames(tables: Mapping[str, pa.Table]) -> dict[str, pd.DataFrame]:
+    """Tables with the reason, as an attribute, why their stage evaluated nothing."""
+    from truing.report.tables import WHY_NOT
+
+    frames = {name: table.to_pandas() for name, table in tables.items()}
+    for name, frame in frames.items():  # nothing else: pandas copies attributes with every step
+        frame.attrs[WHY_NOT] = provenance_of(tables[name]).get(WHY_NOT, "")
+    return frames
 
 
 def _body_motions(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:

@@ -13,7 +13,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from truing.runs.page_parts import page_parts, provenance_of
+from truing.runs.page_parts import page_parts, provenance_of, verdict_table
 from truing.schemas.artifact import whole_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.memory import raise_shortage
@@ -65,6 +65,13 @@ class Run(Mapping[str, "pd.DataFrame"]):
     def origin(self, name: str) -> dict[str, str]:
         """Return where a table comes from: stage, digest, software_version, campaign, and what its stage said."""
         return provenance_of(self.table(name))
+
+    @property
+    def verdict(self) -> pd.DataFrame:
+        """State, reason and explanation of the campaign (first row) and of each section, as the page reads them."""
+        if "verdict" in self:
+            return self["verdict"]
+        return verdict_table({name: self.table(name) for name in self.files}).to_pandas()
 
     @property
     def verdicts(self) -> tuple[tuple[str, str], ...]:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from tests.report import diagnosis_tables as made
-from tests.report.diagnosis_parts import part_of, text_of
+from tests.report.diagnosis_parts import part_of, state_of, text_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.head import build_head
@@ -19,12 +19,18 @@ from truing.report.rendering.render import render_page
 
 
 @pytest.mark.parametrize(
-    ("after", "state", "words"), [(33.0, "pass", "is where it was"), (60.0, "fail", "farther"), (9.0, "pass", "closer")]
+    ("after", "p", "state", "words"),
+    [
+        (33.0, 0.3, "ok", "is where it was"),
+        (49.0, 0.02, "attention", "farther"),
+        (90.0, 1e-9, "fails", "farther"),
+        (9.0, 0.99, "ok", "closer"),
+    ],
 )
-def test_pulls_are_held_against_their_band(after, state, words):
-    tables = diagnosis_tables() | {"pull_sums": made.pull_sums(after)}
+def test_pulls_are_held_against_their_band(after, p, state, words):
+    tables = diagnosis_tables() | {"pull_sums": made.pull_sums(after).assign(p_value=p)}
     part = part_of("pulls", tables)
-    assert part.state == state
+    assert state_of("pulls", tables) == state
     assert words in part.lead
     # sqrt(1080 / 30), and the band sqrt(16.8 / 30) .. sqrt(47 / 30).
     assert "Rms pull 6.0 with the causes left out" in part.lead
@@ -41,7 +47,7 @@ def test_pulls_of_parameters_that_the_data_do_not_determine_are_left_out():
 def test_empty_pulls_are_not_evaluated(table):
     tables = diagnosis_tables()
     tables[table] = tables[table].iloc[:0]
-    assert part_of("pulls", tables).state == "not evaluated"
+    assert state_of("pulls", tables) == "not tested"
     del tables["pulls"]
     assert pulls(tables) is None
 
@@ -127,7 +133,7 @@ def test_without_configurations_the_words_of_the_findings_stand():
 def test_what_has_changed_is_told_with_what_it_cannot_be_told_from():
     tables = diagnosis_tables() | {"changes": made.changes()}
     part = part_of("changes", tables)
-    assert part.state == "changed"
+    assert state_of("changes", tables) == "attention"
     assert part.lead == (
         "Since the earlier model 1 of 35 numbers changed: "
         "l of leg 4 by 150.0 ± 2.0 µm (or a_y4, which this campaign cannot tell from it)."
@@ -140,7 +146,7 @@ def test_what_has_changed_is_told_with_what_it_cannot_be_told_from():
 
 def test_no_change_is_a_pass_and_nothing_in_common_is_not_evaluated():
     tables = diagnosis_tables() | {"changes": made.changes(moved=False)}
-    assert part_of("changes", tables).state == "pass"
+    assert state_of("changes", tables) == "ok"
     said = "Since the earlier model none of 35 numbers changed beyond chance."
     assert ("pass", said) in build_head("c", tables).verdicts
     tables["changes"] = tables["changes"].assign(z=np.nan)
@@ -151,8 +157,9 @@ def test_no_change_is_a_pass_and_nothing_in_common_is_not_evaluated():
 
 def test_another_machine_is_said_to_be_one():
     table = made.changes().assign(changed=True, change=np.nan, sigma_change=np.nan, z=np.nan)
-    part = part_of("changes", diagnosis_tables() | {"changes": table})
-    assert part.state == "changed"
+    tables = diagnosis_tables() | {"changes": table}
+    part = part_of("changes", tables)
+    assert state_of("changes", tables) == "attention"
     assert "another machine, or this one was rebuilt" in part.lead
     assert not part.figures
 

@@ -89,11 +89,11 @@ def test_a_rival_says_against_what_and_with_which_odds():
             {"detectable": detectable_words("alpha", 1.2e-6, "1/K")},
             "alpha of 1.2 ppm/K would have been found with 80 %",
         ),
-        ({}, "could not have shown it at any plausible size"),
+        ({"verdict": "not testable"}, "is not testable here: this campaign would have shown it at no plausible size."),
     ],
 )
 def test_what_is_rejected_says_why(given, words):
-    assert words in explanation(replace(FACTS, verdict="rejected", **given))
+    assert words in explanation(replace(FACTS, **{"verdict": "rejected", **given}))
 
 
 def test_many_parameters_are_told_by_the_most_certain():

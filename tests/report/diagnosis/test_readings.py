@@ -9,14 +9,13 @@ import pandas as pd
 import pytest
 
 from tests.report.bench_tables import AXES, CHANNELS, LEVELS, NOISE, bench_tables, rejected
-from tests.report.diagnosis_parts import PARTS, part_of, text_of
+from tests.report.diagnosis_parts import PARTS, part_of, state_of, text_of
 from tests.report.diagnosis_tables import row, rows, size
 from tests.report.test_page import Reader, render
 from tests.tolerance import assert_close
 from truing.report.diagnosis.judged import judged
 from truing.report.diagnosis.misses import reading_misses
 from truing.report.diagnosis.reading_gain import against_load, where_missed
-from truing.report.diagnosis.section import diagnosis
 from truing.report.diagnosis.unwritten_loads import load_warning, unwritten_loads
 from truing.report.head import build_head
 from truing.report.measured_section import measured
@@ -124,7 +123,7 @@ def test_readings_missed_by_less_than_noise_leaves_are_no_success():
     assert mark == "warn"
     assert "less than chance explains: the declared noise is too large" in said
     part = part_of("gain", tables)
-    assert part.state == "fail"
+    assert state_of("gain", tables) == "attention"
     assert "that is below the noise floor" in part.lead
 
 
@@ -238,7 +237,7 @@ def test_signals_alone_are_measured_and_say_why_nothing_was_diagnosed():
         "none",
         "Diagnosis not evaluated: needs the elements of a leg, or a compliance_file.",
     )
-    assert diagnosis(tables).state == "not evaluated"
+    assert state_of("diagnosis", tables) == "not tested"
     assert "8 signals (v1 to v8); how the platform moved was not measured" in text_of(measured(tables))
     assert "readings" not in dict(head.tiles)
     Reader(render(tables))

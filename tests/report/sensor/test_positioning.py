@@ -73,7 +73,7 @@ def test_a_run_that_failed_a_check_is_told_with_the_reason_and_without_a_figure(
     assert section.lead == "Run Y is not evaluated: Run Y: positions jump by 65.5 mm."
     rows = [("X", figure, 5.0) for figure in ("A", "R", "B")]
     table = pd.DataFrame(rows, columns=["run", "figure", "value"]).assign(subject=None, unit="um", sigma=1.3)
-    _, said = build_head("stage", {"positions": measured, "positioning": table, "qa": qa.assign(value=None)}).verdicts[
-        0
-    ]
+    told = {"positions": measured, "positioning": table, "qa": qa.assign(value=None)}
+    (failed, _), (mark, said), *_ = build_head("stage", told).verdicts
+    assert (failed, mark) == ("fail", "measured")
     assert said.endswith("Of 1 further run nothing is stated, see Positioning.")

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.report.calibration.calibrations import Key, called, keys_of, main_calibration, rows_of, shown_calibration
+from truing.belonging.relation import State
+from truing.report.calibration.calibrations import (
+    Key,
+    called,
+    chosen_calibration,
+    keys_of,
+    main_calibration,
+    rows_of,
+    shown_calibration,
+)
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
 from truing.report.numbers import count, in_one_unit, plain, quantity
 from truing.report.page import Listing, Section
-from truing.report.reasons import why_no_requirement
+from truing.report.reasons import why_absent, why_no_requirement
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
+from truing.schemas.verdict import ReasonCode
 
 _TITLE = "Requirements"
 _MARKS = {"meets": "pass", "fails": "fail", "undecided": "warn"}
@@ -29,7 +41,7 @@ def requirements(tables: Tables) -> Section | None:
         return None
     judged = filled(tables, "requirements")
     if judged is None:
-        return Section("requirements", _TITLE, why_no_requirement(tables), state="not evaluated")
+        return Section("requirements", _TITLE, why_no_requirement(tables))
     main = main_calibration(tables)
     key = main if main in keys_of(judged) else shown_calibration(tables, judged)
     own = rows_of(judged, key)
@@ -41,10 +53,40 @@ def requirements(tables: Tables) -> Section | None:
     others = judged.drop(index=own.index)
     if len(others):
         listings.append(_others(others))
-    verdicts = set(own["verdict"])
-    state = "fail" if "fails" in verdicts else "pass" if verdicts == {"meets"} else "not evaluated"
-    state = "undecided" if state == "not evaluated" and "undecided" in verdicts else state
-    return Section("requirements", _TITLE, _lead(own, key), tuple(figures), tuple(listings), state)
+    return Section("requirements", _TITLE, _lead(own, key), tuple(figures), tuple(listings))
+
+
+def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
+    """Whether the calibrated machine is as accurate as was asked for; not tested by a model that does not fit."""
+    judged = filled(tables, "requirements")
+    own = chosen_requirements(tables)
+    failed = None if own is None else own[own["verdict"] == "fails"]
+    if own is not None and failed is not None and len(failed):
+        worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
+        said = f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required."
+        return SectionVerdict("requirements", State.FAILS, ReasonCode.NOT_MET, said, float(worst["ratio"]), "1", 1.0)
+    of_recorded = main_calibration(tables) == chosen_calibration(tables)
+    if judged is not None and of_recorded and (to_do := _why_not_by(before.get("calibration"))):
+        said = f"Requirements not tested: the calibration that predicts the errors does not fit. {to_do}"
+        return SectionVerdict("requirements", State.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
+    if own is None:
+        why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
+        said = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
+        return SectionVerdict("requirements", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+    said = f"{tally(own)}, by the calibrated model."
+    if (own["verdict"] == "undecided").any():
+        return SectionVerdict("requirements", State.ATTENTION, ReasonCode.UNDECIDED, said)
+    return SectionVerdict("requirements", State.OK, ReasonCode.MET, said)
+
+
+def _why_not_by(calibration: SectionVerdict | None) -> str:
+    """What to do about a calibration that does not fit; empty of one that does."""
+    if calibration is None:
+        return ""
+    if calibration.reason_code == ReasonCode.CAUSE_LEFT_OUT:
+        return "It leaves out what was found: errors of the extended model stand under Requirements."
+    misfit = calibration.reason_code == ReasonCode.MISFIT and calibration.state == State.FAILS
+    return "Correct [noise], or find the cause that is missing." if misfit else ""
 
 
 def _lead(own: pd.DataFrame, key: Key) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
+from truing.belonging.relation import State
 from truing.report.calibration import figures as calibration_figures
 from truing.report.calibration.calibrations import (
     ERRORS_IN_VARIABLES,
@@ -23,16 +26,20 @@ from truing.report.calibration.calibrations import (
 from truing.report.calibration.figures import geometry_picture, has_geometry
 from truing.report.calibration.listings import GOOD, all_calibrations, all_deviations, deviations, strong_correlations
 from truing.report.calibration.with_findings import compared_calibrations, data_words
-from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of, state_of
+from truing.report.model_tests import BY_A_FACTOR, ModelTest, below_noise, by_p, listing_of
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Drawn, Listing, Section
 from truing.report.reasons import why_no_calibration
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, filled
+from truing.schemas.verdict import ReasonCode, does_not_fit
 
 _BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives"
 
 _LEAST_LEGS = 6
 _HELD_OUT = "position_mean_verification"
+# Of the tests of the chosen calibration, in their order.
+_CODES = (ReasonCode.MISFIT, ReasonCode.BEYOND_TOLERANCE, ReasonCode.HELD_OUT_MISSED)
 _UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
 _DEPARTS = "reading_rms_from_rigid_legs"
 
@@ -43,11 +50,78 @@ def calibration(tables: Tables) -> Section | None:
         return None
     fitted = filled(tables, "calibration")
     if fitted is None:
-        return Section("calibration", "Calibration", why_no_calibration(tables), state="not evaluated")
+        return Section("calibration", "Calibration", why_no_calibration(tables))
     shown = [*_errors(tables), *_geometry(tables, fitted), *_correlations(tables, fitted)]
     tests = _tests_of_chosen(tables)
     listings = [listing_of(tests, "Tests of the chosen calibration"), *_listings(tables, fitted)]
-    return Section("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(listings), state_of(tests))
+    return Section("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(listings))
+
+
+def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether the chosen calibration fits what it was fitted to, and what it was not; None of a run without any."""
+    if "calibration" not in tables:
+        return None
+    figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
+    if filled(tables, "calibration") is None or figures is None or chosen is None:
+        why = why_no_calibration(tables) if filled(tables, "calibration") is None else "none was chosen."
+        return _calibrated(State.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {why}")
+    adequate = "adequacy" in before and before["adequacy"].reason_code == ReasonCode.WITHIN_NOISE
+    if main_calibration(tables) != chosen and adequate:
+        said = "The main calibration holds the findings that are applied, and what it leaves is noise."
+        return _calibrated(State.OK, ReasonCode.FITS, said)
+    return _of_chosen(chosen, figures.loc[chosen], _tests_of_chosen(tables), before)
+
+
+def _of_chosen(
+    chosen: Key, facts: pd.Series, tests: list[ModelTest], before: Mapping[str, SectionVerdict]
+) -> SectionVerdict:
+    misfit = misfit_ratio(facts)
+    if misfit is not None and does_not_fit(float(facts["misfit_p_value"]), misfit):
+        return _misfit(chosen, misfit, before)
+    failed = [test for test in tests if test.holds is False]
+    who = called(chosen)
+    if failed:
+        said = f"{who[:1].upper()}{who[1:]} fails a test ({failed[0].asked}). {failed[0].says}"
+        return _failed(said, _CODES[tests.index(failed[0])], misfit, facts)
+    if all(test.holds is None for test in tests):
+        return _calibrated(State.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {tests[0].says}")
+    passed = "; ".join(test.asked for test in tests if test.holds)
+    return _calibrated(State.OK, ReasonCode.FITS, f"{who[:1].upper()}{who[1:]} fits: {passed}.", misfit)
+
+
+def _failed(said: str, code: ReasonCode, misfit: float | None, facts: pd.Series) -> SectionVerdict:
+    """A failed test, other than a misfit: it fails the section where what was held out is missed by a factor."""
+    if code == ReasonCode.HELD_OUT_MISSED and _known(facts, "heldout_ratio"):
+        ratio = float(facts["heldout_ratio"])
+        state = State.FAILS if ratio > BY_A_FACTOR else State.ATTENTION
+        return SectionVerdict("calibration", state, code, said, ratio, "1", BY_A_FACTOR)
+    if code == ReasonCode.MISFIT and misfit is not None and misfit < 1.0:
+        code = ReasonCode.BELOW_NOISE
+    return _calibrated(State.ATTENTION, code, said, misfit)
+
+
+def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
+    """A misfit is explained where the model that the diagnosis extended leaves nothing but noise."""
+    said = f"The calibration does not fit: {called(chosen)} misses what it was fitted to by {plain(misfit)} times the "
+    codes = {name: before[name].reason_code for name in ("diagnosis", "adequacy") if name in before}
+    if codes == {"diagnosis": ReasonCode.FOUND, "adequacy": ReasonCode.WITHIN_NOISE}:
+        said += (
+            "noise, because it leaves out what the diagnosis found. With that, predictions miss by no more than noise."
+        )
+        return _calibrated(State.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, said, misfit)
+    said += "noise. Correct [noise], or find the cause that is missing, before its numbers are used."
+    return _calibrated(State.FAILS, ReasonCode.MISFIT, said, misfit)
+
+
+def misfit_ratio(facts: pd.Series) -> float | None:
+    """Rms misfit of a calibration over what the declared noise leaves; None where that is not known."""
+    if not all(_known(facts, name) for name in ("misfit_p_value", "chi_square", "freedom")):
+        return None
+    return float(np.sqrt(facts["chi_square"] / facts["freedom"])) if facts["freedom"] > 0.0 else None
+
+
+def _calibrated(state: State, code: ReasonCode, said: str, misfit: float | None = None) -> SectionVerdict:
+    return SectionVerdict("calibration", state, code, said, misfit, None if misfit is None else "1")
 
 
 def _errors(tables: Tables) -> Drawn:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from truing.report.numbers import count, p_value, rough
+from truing.belonging.relation import State
+from truing.report.diagnosis.judged import accepted_of, judged
+from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, missed_by
+from truing.report.model_tests import BY_A_FACTOR
+from truing.report.numbers import count, p_value, rough, sign
 from truing.report.page import Listing, Section
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.followed import columns_words
+from truing.schemas.verdict import ReasonCode
 
 _TITLE = "Does the model hold as a whole?"
 _LOOKED_FOR = {
@@ -37,8 +44,67 @@ def adequacy(tables: Tables) -> Section | None:
     marks = tuple({"fails": "fail", "ok": "pass"}.get(row.state, "none") for row in rows)
     heads = ("looked for", "along", "value", "p (corrected)", "state")
     listing = Listing(heads, cells, marks, "All tests", len(cells) > 8, "adequacy.parquet")
-    state = "fail" if failed else "pass" if tested else "not evaluated"
-    return Section("adequacy", _TITLE, lead, (), (listing,), state)
+    return Section("adequacy", _TITLE, lead, (), (listing,))
+
+
+def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether the last model holds as a whole, and leaves what noise leaves; None where nothing was diagnosed."""
+    rows = judged(tables)
+    if not rows:
+        return None
+    found = [row for row in accepted_of(rows) if not row.is_noise]
+    missed = [one for one in missed_by(rows, found, tables) if one.floor]
+    beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
+    none = "" if found else f"none of {count(len(rows), 'candidate')} was found, and yet "
+    if beyond:
+        return _beyond(max(beyond, key=_times_noise), none, shortcoming(tables))
+    if short := shortcoming(tables):
+        said = f"The picture is incomplete: {none}{short}."
+        p, limit = _least_likely(tables)
+        return SectionVerdict("adequacy", State.ATTENTION, ReasonCode.LACK_OF_FIT, said, p, "1", limit)
+    if below:
+        return _below(below[0], none)
+    if not missed:
+        said = "Nothing says how far noise alone would let predictions miss: declare [noise]."
+        return SectionVerdict("adequacy", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+    one = max([one for one in missed if not one.held_out] or missed, key=_times_noise)
+    ratio, size = _times_noise(one), f"{rough(one.after)} {sign(one.unit)}"
+    said = f"Predictions miss by {size} rms, and noise alone leaves {rough(one.floor or 0.0)}."
+    said += " So few numbers may miss by as much by chance." if ratio > AT_THE_FLOOR else ""
+    return SectionVerdict("adequacy", State.OK, ReasonCode.WITHIN_NOISE, said, ratio, "1", AT_THE_FLOOR)
+
+
+def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
+    """Errors beyond noise: by a factor they fail, for no declared noise is wrong by so much unnoticed."""
+    ratio, unit, also = _times_noise(one), sign(one.unit), f"; {short}" if short else ""
+    said = f"The picture is incomplete: {none}predictions miss by {rough(one.after)} {unit} rms where noise alone "
+    said += f"would leave {rough(one.floor or 0.0)}{also}. Look at how they miss, under Diagnosis."
+    if ratio > BY_A_FACTOR:
+        return SectionVerdict("adequacy", State.FAILS, ReasonCode.BEYOND_NOISE, said, ratio, "1", BY_A_FACTOR)
+    return SectionVerdict("adequacy", State.ATTENTION, ReasonCode.BEYOND_NOISE, said, ratio, "1", AT_THE_FLOOR)
+
+
+def _below(one: Overall, none: str) -> SectionVerdict:
+    size = f"{rough(one.after)} {sign(one.unit)}"
+    said = f"{none}predictions miss by only {size} rms where noise alone would leave {rough(one.floor or 0.0)}, less "
+    said += f"than chance explains: {one.why_below}. Causes that hide in such noise cannot show: correct [noise]."
+    said = said[:1].upper() + said[1:]
+    return SectionVerdict("adequacy", State.ATTENTION, ReasonCode.BELOW_NOISE, said, _times_noise(one), "1")
+
+
+def _is_beyond(one: Overall) -> bool:
+    """Whether errors are beyond noise; what was held out is also missed by what parameters are uncertain by."""
+    return one.is_beyond_noise and (not one.held_out or _times_noise(one) > BY_A_FACTOR)
+
+
+def _times_noise(one: Overall) -> float:
+    return one.after / (one.floor or 1.0)
+
+
+def _least_likely(tables: Tables) -> tuple[float, float]:
+    """The p-value of the test that speaks most against the model, and its limit."""
+    failed = tables["adequacy"][tables["adequacy"]["state"] == "fails"].sort_values("p_value")
+    return float(failed["p_value"].iloc[0]), float(failed["limit"].iloc[0])
 
 
 def shortcoming(tables: Tables) -> str:

@@ -7,20 +7,31 @@ import math
 import numpy as np
 import plotly.graph_objects as go
 
-from truing.report.diagnosis.judged import EQUAL_ODDS, FOUND, REJECTED, RIVAL, SUSPECTED, Judged, accepted_of
+from truing.report.diagnosis.judged import (
+    EQUAL_ODDS,
+    FOUND,
+    NOT_TESTABLE,
+    REJECTED,
+    RIVAL,
+    SUSPECTED,
+    Judged,
+    accepted_of,
+)
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
 from truing.report.numbers import count, p_value, plain, rough, sign
 from truing.report.page import Listing, Section
 from truing.report.parameter_names import UNBROKEN
 from truing.report.wordings.catalogue import cause_words
 
+_PALE = "#C8C8C8"
 _VERDICTS = {
     FOUND: ("found", BLUE),
     SUSPECTED: ("suspected", GREEN),
     RIVAL: ("explains the data as well", ORANGE),
     REJECTED: ("rejected", GREY),
+    NOT_TESTABLE: ("not testable here", _PALE),
 }
-_MARKS = {FOUND: "fail", SUSPECTED: "warn", RIVAL: "warn", REJECTED: "none"}
+_MARKS = {FOUND: "fail", SUSPECTED: "warn", RIVAL: "warn", REJECTED: "none", NOT_TESTABLE: "none"}
 # Candidates that a figure shows; the table has them all.
 _SHOWN = 16
 _RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"

@@ -67,6 +67,7 @@ def explanation(facts: Facts) -> str:
         "suspected": _suspected,
         "indistinguishable": _indistinguishable,
         "rejected": _rejected,
+        "not testable": _hidden,
     }
     said = of_verdict[facts.verdict](facts)
     return " ".join(f"{said} {facts.remark}".split())
@@ -155,7 +156,13 @@ def _rejected(facts: Facts) -> str:
     )
     if facts.detectable:
         return f"{shown}; {facts.detectable} would have been found with 80 % probability."
-    return f"{shown}; this campaign could not have shown it at any plausible size."
+    return f"{shown}."
+
+
+def _hidden(facts: Facts) -> str:
+    """A candidate that could not have been seen: no word on whether it is there."""
+    said = f"Whether {facts.clause} is not testable here: this campaign would have shown it at no plausible size"
+    return f"{said}, only from {facts.detectable} on." if facts.detectable else f"{said}."
 
 
 def _reach(facts: Facts) -> str:

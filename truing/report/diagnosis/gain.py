@@ -15,9 +15,8 @@ from truing.report.diagnosis.misses import (
     POINTS,
     Compared,
     Overall,
-    as_it_is,
     compared,
-    overall,
+    missed_by,
     reading_misses,
     rms_with_interval,
     root_mean_square,
@@ -70,31 +69,17 @@ def gained(rows: list[Judged], tables: Tables) -> Section:
     """
     found = [row for row in accepted_of(rows) if not row.is_noise]
     of = compared(tables)
-    missed = _missed(rows, found, tables, of)
+    missed = [_Missed(_words_of(one, of), one, bool(found)) for one in missed_by(rows, found, tables)]
     told = [*_cause_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]
     misses = reading_misses(tables)
     by_part = _by_role(tables) if misses is None else by_channel(misses)
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if found else "How far predictions miss"
-    return Section("gain", title, _lead(missed, of, rows), tuple(told), tuple(listings), _state(missed))
+    return Section("gain", title, _lead(missed, of, rows), tuple(told), tuple(listings))
 
 
-def _missed(rows: list[Judged], found: list[Judged], tables: Tables, of: Compared) -> list[_Missed]:
-    """What is missed on what was held out, then on the rest."""
-    missed = []
-    for held, words in ((True, f"{of.held_out}, {_NOT_FITTED}"), (False, of.fitted)):
-        whole = overall(found, tables, held_out=held) if found else None
-        told = [whole] if whole is not None else [] if found else as_it_is(rows, tables, held_out=held)
-        missed += [_Missed(words, one, bool(found)) for one in told]
-    return missed
-
-
-def _state(missed: list[_Missed]) -> str:
-    """Whether what is left is noise, and no less; not evaluated where nothing says what noise leaves."""
-    if not missed or missed[0].floor is None:
-        return "not evaluated"
-    one = missed[0].of
-    return "fail" if one.after > AT_THE_FLOOR * missed[0].floor or one.is_below_noise else "pass"
+def _words_of(one: Overall, of: Compared) -> str:
+    return f"{of.held_out}, {_NOT_FITTED}" if one.held_out else of.fitted
 
 
 def _lead(missed: list[_Missed], of: Compared, rows: list[Judged]) -> str:

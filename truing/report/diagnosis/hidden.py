@@ -8,7 +8,7 @@ import pandas as pd
 
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
-from truing.report.diagnosis.judged import FOUND, SUSPECTED, Judged
+from truing.report.diagnosis.judged import FOUND, NOT_TESTABLE, REJECTED, SUSPECTED, Judged
 from truing.report.numbers import count, printed
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled
@@ -109,5 +109,5 @@ def _all(table: pd.DataFrame) -> Listing:
 
 def _in_words(rows: list[Judged]) -> Listing:
     """What the explanations of the rejected say of it, where there is no table."""
-    told = tuple((row.name, printed(row.explanation)) for row in rows if row.verdict == "rejected")
+    told = tuple((row.name, printed(row.explanation)) for row in rows if row.verdict in (REJECTED, NOT_TESTABLE))
     return Listing(("cause", "what the data say"), told, (), "What was not found", True, "diagnosis.parquet")

@@ -15,7 +15,8 @@ from truing.report.wordings.claim import Claim, Size
 from truing.report.wordings.followed import columns_words
 from truing.schemas.covariates import named
 
-FOUND, SUSPECTED, RIVAL, REJECTED = "found", "suspected", "indistinguishable", "rejected"
+FOUND, SUSPECTED, RIVAL = "found", "suspected", "indistinguishable"
+REJECTED, NOT_TESTABLE = "rejected", "not testable"
 # Odds below which two causes count as explaining the data equally well.
 EQUAL_ODDS = 20.0
 
@@ -27,6 +28,7 @@ class Judged(Claim):
     rank: int
     verdict: str
     reason_code: str
+    relation: str  # what its search relates; empty where the run is older than the column
     rms: tuple[float | None, float | None]
     held_out: tuple[float | None, float | None]
     floor: float | None
@@ -81,6 +83,7 @@ def _judged(row: Mapping[Any, Any]) -> Judged:
         words=cell(row.get("clause")),
         largest_motion=_number(row.get("largest_motion")),
         reason_code=cell(row.get("reason_code")),
+        relation=cell(row.get("relation")),
         rms=(_number(row["rms_before"]), _number(row["rms_after"])),
         held_out=(_number(row["heldout_rms_before"]), _number(row["heldout_rms_after"])),
         floor=_number(row["noise_floor"]),

@@ -24,6 +24,8 @@ _FEWEST_POSES = 8  # whose scatter tells how much a pose is worth
 AT_THE_FLOOR = 1.1
 # How rarely chance leaves errors that are called smaller than noise allows.
 _UNLIKELY = 1e-3
+# The same of errors that are called larger than noise allows.
+_RARE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,17 @@ class Overall:
     freedom: float = 0.0
 
     @property
+    def is_beyond_noise(self) -> bool:
+        """Whether more is left than declared noise may be wrong by, and than it would leave once in 100 campaigns."""
+        if not self.floor or self.after <= AT_THE_FLOOR * self.floor:
+            return False
+        if not self.freedom > 0.0:
+            return True
+        from scipy.special import chdtrc
+
+        return bool(chdtrc(self.freedom, self.freedom * (self.after / self.floor) ** 2) < _RARE)
+
+    @property
     def is_below_noise(self) -> bool:
         """Whether noise as large as declared would hardly ever leave so little."""
         if self.floor is None or self.after * AT_THE_FLOOR >= self.floor or not self.freedom > 0.0:
@@ -206,6 +219,15 @@ def as_it_is(rows: list[Judged], tables: Tables, *, held_out: bool) -> list[Over
     )
 
 
+def missed_by(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Overall]:
+    """How far predictions miss what was held out, then the rest; ``found``: what of all candidates is modelled."""
+    missed: list[Overall] = []
+    for held in (True, False):
+        whole = overall(found, tables, held_out=held) if found else None
+        missed += [whole] if whole is not None else [] if found else as_it_is(rows, tables, held_out=held)
+    return missed
+
+
 def _freedom(tables: Tables, unit: str, held_out: bool) -> float:
     """Independent numbers behind an rms, at least: readings of a channel less one zero per run; of points, poses.
 
@@ -217,6 +239,9 @@ def _freedom(tables: Tables, unit: str, held_out: bool) -> float:
             return 0.0
         zeros = own.groupby(["run", "channel"]).ngroups
         return max(len(own) - zeros, 0) / own["channel"].nunique()
+    if (rows := filled(tables, "axis_errors")) is not None:  # encoders share how far the axis stands from its command
+        own = rows[rows["role"].eq("verification") == held_out]
+        return float(max(own["pose"].nunique() - 1, 0))
     poses = filled(tables, "prediction")
     if poses is None:
         return 0.0

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import pandas as pd
 
-from truing.report.diagnosis.judged import Judged
+from truing.report.diagnosis.judged import NOT_TESTABLE, REJECTED, Judged
 from truing.report.diagnosis.misses import POINTS, READINGS, compared
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, Section
@@ -30,7 +30,7 @@ def following(rows: list[Judged], tables: Tables) -> Section:
     asked = tuple(
         ("next", f"{row.name}: {printed(row.in_short or row.then)}")
         for row in rows
-        if row.then and row.verdict != "rejected"
+        if row.then and row.verdict not in (REJECTED, NOT_TESTABLE)
     )
     loads = filled(tables, "next_loads")
     if loads is not None:

@@ -10,12 +10,15 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.belonging.relation import State
 from truing.report.diagnosis.misses import Compared, compared
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
 from truing.report.numbers import count, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, Section
 from truing.report.parameter_names import kind_of, name_of, shown_in
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
+from truing.schemas.verdict import ReasonCode
 
 _BEFORE, _AFTER = "plain", "extended"
 _COLUMNS = {"pull_before": "the causes left out", "pull_after": "the causes modelled"}
@@ -23,6 +26,7 @@ _COLUMNS = {"pull_before": "the causes left out", "pull_after": "the causes mode
 # Larger ones are drawn at the edge, so that the others can be seen.
 _CLIPPED = 25.0
 _BAND = 1.96
+_UNLIKELY = 1e-3  # that pulls as large fail by chance alone
 _LOOK = ((ORANGE, "circle-open", -0.16), (BLUE, "circle", 0.16))
 # A table of K has a kind per column; beyond this a kind has no room.
 _KINDS = 40
@@ -40,15 +44,38 @@ def pulls(tables: Tables) -> Section | None:
     title = f"Pulls: {of.built_question}"
     own = table[table["identifiable"].astype(bool)] if table is not None else None
     if table is None or own is None or not len(own):
-        why = f"Nothing of the {of.built} is known better from the data than from its tolerance."
-        return Section("pulls", title, why, state="not evaluated")
+        return Section("pulls", title, _unknown(of))
     sums = _sums(tables)
     axis = "shift / √(tolerance² − sigma²)"
     figure = pull_figure(own, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
     words = "What a model leaves out, other numbers have to swallow: a right cause brings the pulls back."
     left = len(table) - len(own)
     words += f" {count(left, 'parameter')} that the data do not determine left out." if left else ""
-    return Section("pulls", title, _lead(sums, of), ((figure, words),), (_together(sums), _all(own)), _state(sums))
+    return Section("pulls", title, _lead(sums, of), ((figure, words),), (_together(sums), _all(own)))
+
+
+def _unknown(of: Compared) -> str:
+    return f"Nothing of the {of.built} is known better from the data than from its tolerance."
+
+
+def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether all pulls together are as small as honest tolerances let them be; None where the run left none."""
+    if "pulls" not in tables:
+        return None
+    table, of = filled(tables, "pulls"), compared(tables)
+    known = table is not None and bool(table["identifiable"].any())
+    sums = _sums(tables) if known else {}
+    if not sums:
+        why = _lead(sums, of) if known else _unknown(of)
+        return SectionVerdict("pulls", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Pulls not tested: {why}")
+    last = _last(sums)
+    size, limit = (_rms(chi_square, last.freedom) for chi_square in (last.chi_square, last.upper))
+    said = f"Pulls of the {of.built}: rms {rough(size)}, at most {rough(limit)} in 95 % of campaigns with honest "
+    said += f"tolerances (p = {p_value(last.p_value)}). {_verdict(last, of)}"
+    if last.chi_square <= last.upper:
+        return SectionVerdict("pulls", State.OK, ReasonCode.WITHIN_TOLERANCE, said, size, "1", limit)
+    state = State.FAILS if last.p_value < _UNLIKELY else State.ATTENTION
+    return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, said, size, "1", limit)
 
 
 def _sums(tables: Tables) -> dict[str, Any]:
@@ -64,14 +91,6 @@ def _rms(chi_square: float, freedom: float) -> float:
 
 def _known(row: Any) -> bool:
     return row.freedom > 0 and math.isfinite(row.chi_square) and math.isfinite(row.upper)
-
-
-def _state(sums: dict[str, Any]) -> str:
-    """Whether the pulls of the extended model are as small as honest tolerances let them be."""
-    if not sums:
-        return "not evaluated"
-    last = _last(sums)
-    return "pass" if last.chi_square <= last.upper else "fail"
 
 
 def _last(sums: dict[str, Any]) -> Any:
@@ -184,8 +203,18 @@ def changes(tables: Tables) -> Section | None:
     if table is None or not said:
         why = "The earlier model and this campaign have no number in common that both determine."
         return Section("changes", _TITLE, why, state="not evaluated")
-    state = "changed" if has_changed(tables) else "pass"
-    return Section("changes", _TITLE, said, tuple(_figures(table)), (_listing(table),), state)
+    return Section("changes", _TITLE, said, tuple(_figures(table)), (_listing(table),))
+
+
+def changes_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether numbers changed since the earlier model; None where there is none to compare with."""
+    table, said = filled(tables, "changes"), change_words(tables)
+    if table is None or not said:
+        return None
+    changed = float(table["changed"].sum())
+    if changed:
+        return SectionVerdict("changes", State.ATTENTION, ReasonCode.CHANGED, said, changed, "1")
+    return SectionVerdict("changes", State.OK, ReasonCode.UNCHANGED, said, changed, "1")
 
 
 def change_words(tables: Tables) -> str:
@@ -205,12 +234,6 @@ def change_words(tables: Tables) -> str:
     most = "; ".join(_change(r) for r in changed.head(_NAMED).itertuples())
     more = f"; and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
     return f"Since the earlier model {len(changed)} of {judged} changed: {most}{more}."
-
-
-def has_changed(tables: Tables) -> bool:
-    """Whether anything changed since the earlier model."""
-    table = filled(tables, "changes")
-    return table is not None and bool(table["changed"].any())
 
 
 def _is_another(table: pd.DataFrame) -> bool:

@@ -46,17 +46,14 @@ def diagnosis(tables: Tables) -> Section | None:
     rows = judged(tables)
     if not rows:
         why = why_no_diagnosis(tables)
-        return Section("diagnosis", _TITLE, why[:1].upper() + why[1:], state="not evaluated")
+        return Section("diagnosis", _TITLE, why[:1].upper() + why[1:])
     found = accepted_of(rows)
-    of_whole = adequacy(tables)
     rivals = [row for row in rows if row.verdict == RIVAL]
     told = [_accepted(row, tables) for row in found]
     told += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
     listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
-    parts = tuple(part for part in (of_whole, *_parts(rows, found, tables)) if part is not None)
-    is_whole = of_whole is None or of_whole.state != "fail"
-    state = "pass" if is_whole and all(row.is_noise for row in found) else "fail"
-    return Section("diagnosis", _TITLE, counted(rows, tables), (), listings, state, tuple(told), parts)
+    parts = tuple(part for part in (adequacy(tables), *_parts(rows, found, tables)) if part is not None)
+    return Section("diagnosis", _TITLE, counted(rows, tables), (), listings, said=tuple(told), parts=parts)
 
 
 def _parts(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Section | None]:

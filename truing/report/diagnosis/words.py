@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pandas as pd
 
+from truing.belonging.relation import State
 from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
-from truing.report.diagnosis.judged import REJECTED, RIVAL, SUSPECTED, Judged, accepted_of, judged
-from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, as_it_is
+from truing.report.diagnosis.judged import NOT_TESTABLE, REJECTED, RIVAL, SUSPECTED, Judged, accepted_of, judged
 from truing.report.diagnosis.unwritten_loads import load_warning
-from truing.report.numbers import count, printed, rough, sign
+from truing.report.numbers import count, printed, rough
+from truing.report.numbers import listed as listed_shortly
 from truing.report.page import Verdict
 from truing.report.parameter_names import UNBROKEN
-from truing.report.reasons import why_no_diagnosis
+from truing.report.reasons import recorded_readings, why_no_diagnosis
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled, is_bench
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.claim import AdviceKind
+from truing.schemas.verdict import ReasonCode, Relation
 
 # Findings that the first line tells, and causes whose smallest detectable size it tells.
 _TOLD, _SIZES = 3, 3
-_INCOMPLETE = "The picture is incomplete"
 _COUNTED = {2: "Two", 3: "Three"}
 # What a reader asks for first, of causes that stayed hidden.
 _ASKED = (
@@ -39,41 +43,80 @@ _ASKED = (
 _USEFULNESS: dict[str, int] = {AdviceKind.SEPARATE: 0, AdviceKind.IN_VAIN: 2}
 
 
-def diagnosis_verdicts(tables: Tables) -> list[Verdict]:
-    """The lines of the head that tell the diagnosis, the one to act on first."""
+def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
+    """What the search for causes came to: found, suspected, nothing with what was tested, or not tested."""
     rows = judged(tables)
     if not rows:
-        return [("none", f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")]
+        apart = "belonging" in before and before["belonging"].state == State.FAILS
+        code = ReasonCode.WITHHELD if apart else ReasonCode.NOT_EVALUATED
+        return _diagnosed(State.NOT_TESTED, code, f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")
     found = accepted_of(rows)
-    warning = ("warn", load_warning(rows, tables))
-    told = [_first(found, rows, tables), *_rivals(found, rows, tables), warning, *_next(found, tables)]
+    effects = [row for row in found if not row.is_noise]
+    if effects:
+        doubted = any(row.verdict == SUSPECTED for row in effects)
+        code = ReasonCode.SUSPECTED if doubted else ReasonCode.FOUND
+        return _diagnosed(State.ATTENTION, code, _found_words(found, tables), len(effects))
+    if found:
+        said = f"{clause(found[0], tables)}; beyond that {_none(rows)}."
+        return _diagnosed(State.ATTENTION, ReasonCode.NOISE, said)
+    if not _testable(rows):
+        said = f"{_upper(tested_words(rows))}: not tested, {_none(rows)}."
+        return _diagnosed(State.NOT_TESTED, ReasonCode.NOT_TESTABLE, said)
+    adequacy = before.get("adequacy")
+    if adequacy is not None and adequacy.state in (State.ATTENTION, State.FAILS):
+        said = f"{_upper(_none(rows))}; yet what is left is not the declared noise."
+        return _diagnosed(State.ATTENTION, ReasonCode.NOTHING_FOUND, said)
+    return _diagnosed(State.OK, ReasonCode.AGREES, _agreement(rows, tables))
+
+
+def _diagnosed(state: State, code: ReasonCode, said: str, causes: int | None = None) -> SectionVerdict:
+    number = None if causes is None else float(causes)
+    return SectionVerdict("diagnosis", state, code, said, number, None if causes is None else "1")
+
+
+def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """That no simulation was tested, where none relates what was recorded; None where one does, or is not known."""
+    relations = {row.relation for row in judged(tables)} - {""}
+    if not relations or any(Relation(name).is_simulated for name in relations):
+        return None
+    recorded = recorded_readings(tables)
+    if not recorded:
+        said = "No simulation was tested: no readings were recorded that it could relate to the measured poses."
+        return SectionVerdict("simulation", State.NOT_TESTED, ReasonCode.NO_READINGS, said)
+    names = listed_shortly(recorded)
+    said = f"Whether the machine moves as its readings say was not tested: no [mechanism] relates {names} to the "
+    said += f"measured poses. {_bodies_words(judged(tables))}"
+    return SectionVerdict("simulation", State.NOT_TESTED, ReasonCode.NO_MECHANISM, said)
+
+
+def _bodies_words(rows: list[Judged]) -> str:
+    found = accepted_of(rows)
+    return f"Tested: {tested_words(rows)}; {'see Diagnosis' if found else _none(rows)}."
+
+
+def diagnosis_details(tables: Tables) -> list[Verdict]:
+    """What stands behind the diagnosis at the head of the page: rivals, loads that nobody wrote down, what to do."""
+    rows = judged(tables)
+    found = accepted_of(rows)
+    if not rows:
+        return []
+    told = [*_rivals(found, rows, tables), ("warn", load_warning(rows, tables)), *_next(found, tables)]
     return [line for line in told if line[1]]
 
 
-def _first(found: list[Judged], rows: list[Judged], tables: Tables) -> Verdict:
-    """The line that a busy person acts on."""
-    effects = [row for row in found if not row.is_noise]
-    noise = [row for row in found if row.is_noise]
-    short = shortcoming(tables)
-    if not effects and short:
-        beside = f"; {lower(clause(noise[0], tables))}" if noise else ""
-        return ("warn", f"{_INCOMPLETE}: no cause of the catalogue was found, and yet {short}{beside}.")
-    if not found:
-        return _nothing(rows, tables)
-    if not effects:
-        left = "; beyond that the simulation agrees with the measurement: no cause moves it."
-        return ("warn", clause(noise[0], tables) + left)
+def _found_words(found: list[Judged], tables: Tables) -> str:
+    """What was found, and what modelling it brings."""
+    effects, noise = [row for row in found if not row.is_noise], [row for row in found if row.is_noise]
     brings = gain(found, tables)
     sure = [row for row in [*effects, *noise] if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
-    said = [f"{_INCOMPLETE}: {short}"] if short else []
-    said += [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _further(sure)] if sure else []
+    said = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _further(sure)] if sure else []
     if doubted:
         names = "; ".join(lower(clause(row, tables)) for row in doubted[:_TOLD])
         said.append(f"Suspected, not found: {names}{_further(doubted)}")
     modelling = "modelling it" if len(effects) == 1 else f"modelling {'both' if len(effects) == 2 else 'all of it'}"
     told = ". ".join(said)
-    return ("warn" if short or doubted else "found", f"{told}; {modelling} {brings}." if brings else f"{told}.")
+    return f"{told}; {modelling} {brings}." if brings else f"{told}."
 
 
 def _further(rows: list[Judged]) -> str:
@@ -81,32 +124,38 @@ def _further(rows: list[Judged]) -> str:
     return f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""
 
 
-def _nothing(rows: list[Judged], tables: Tables) -> Verdict:
-    """Agreement; and where predictions miss by more than noise all the same, that and no pass."""
-    beyond = _beyond_noise(rows, tables)
-    if not beyond and (below := [one for one in _missed(rows, tables) if one.is_below_noise]):
-        one = below[0]
-        said = f"None of {count(len(rows), 'candidate')} was found; yet predictions miss by only {rough(one.after)} "
-        said += f"{sign(one.unit)} rms where noise alone would leave {rough(one.floor)}, less than chance explains: "
-        return ("warn", f"{said}{one.why_below}. Causes that hide in such noise cannot show: correct [noise].")
-    if not beyond:
-        return ("pass", _agreement(rows, tables))
-    said = f"None of {count(len(rows), 'candidate')} was found; yet predictions miss by {rough(beyond[0].after)} "
-    said += (
-        f"{sign(beyond[0].unit)} rms where noise alone would leave {rough(beyond[0].floor)}: look at how they miss, "
-    )
-    return ("warn", f"{said}pose by pose, under Diagnosis.")
+def _testable(rows: list[Judged]) -> list[Judged]:
+    """The candidates that this campaign could have shown."""
+    return [row for row in rows if row.verdict != NOT_TESTABLE and not row.is_noise]
 
 
-def _beyond_noise(rows: list[Judged], tables: Tables) -> list[Overall]:
-    """By how much predictions miss where nothing was found and that is more than noise leaves."""
-    missed = _missed(rows, tables)
-    return [one for one in missed if one.floor is not None and one.after > AT_THE_FLOOR * one.floor]
+def _none(rows: list[Judged]) -> str:
+    """``none of 9 candidates was found, 2 more are not testable here``."""
+    tested, idle = len(_testable(rows)), sum(row.verdict == NOT_TESTABLE for row in rows)
+    if not tested:
+        return f"none of {count(idle, 'candidate')} is testable here: no plausible size of them would have been seen"
+    more = f"; {idle} more {'is' if idle == 1 else 'are'} not testable here" if idle else ""
+    return f"none of {count(tested, 'candidate')} was found{more}"
 
 
-def _missed(rows: list[Judged], tables: Tables) -> list[Overall]:
-    """How far predictions miss on what was held out, or else on the rest."""
-    return as_it_is(rows, tables, held_out=True) or as_it_is(rows, tables, held_out=False)
+# What a search relates, as the subject of a sentence.
+_RELATED = {
+    Relation.READINGS_POSES: "actuator readings and measured poses (through the mechanism)",
+    Relation.LOADS_READINGS: "loads and readings (through the simulated compliance)",
+    Relation.LOADS_SIGNALS: "loads and signals (through the equations of the sensor)",
+    Relation.COMMANDS_ENCODERS: "commands and encoders of the axis",
+    Relation.BODIES_SURVEY: "measured bodies and their survey",
+    Relation.RAYS_POINTS: "rays of photographs and the points where they meet",
+}
+
+
+def tested_words(rows: list[Judged]) -> str:
+    """The relations that were tested, named by what stands on either side; empty where the rows do not say."""
+    return "; ".join(_RELATED[Relation(name)] for name in dict.fromkeys(row.relation for row in rows) if name)
+
+
+def _upper(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
 
 
 def _listed(clauses: list[str], several: int) -> str:
@@ -118,9 +167,9 @@ def _listed(clauses: list[str], several: int) -> str:
 
 
 def _agreement(rows: list[Judged], tables: Tables) -> str:
-    said = (
-        f"The simulation agrees with the data to within its noise: none of {count(len(rows), 'candidate')} was found."
-    )
+    of = tested_words(rows)
+    said = f"{_upper(of)} agree to within the noise" if of else "What is left is noise"
+    said = f"{said}: {_none(rows)}."
     sizes = _hidden_sizes(filled(tables, "detectable"))
     if not sizes:
         return said
@@ -205,6 +254,7 @@ def _probability(p: float) -> str:
 def counted(rows: list[Judged], tables: Tables) -> str:
     """How many candidates were judged, and what became of them; bodies without legs leave no model."""
     rivals, out = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
+    idle, of = sum(row.verdict == NOT_TESTABLE for row in rows), tested_words(rows) or "what was measured"
     accepted = [row for row in accepted_of(rows) if not row.is_noise]
     found, suspected = len(accepted), sum(row.verdict == SUSPECTED for row in accepted)
     causes = [row for row in rows if not row.is_noise]
@@ -212,16 +262,15 @@ def counted(rows: list[Judged], tables: Tables) -> str:
     if not found:
         if short := shortcoming(tables):
             return f"{judged_words}, none found; yet the model does not hold as a whole: {short}."
-        if len(causes) == len(rows) and _beyond_noise(rows, tables):
-            return f"{judged_words}, none found; yet predictions miss by more than noise, and nothing judged tells why."
-        noise = "" if len(causes) == len(rows) else ", which is not as declared"
-        return f"{judged_words}, none found: the simulation agrees with the data to within its noise{noise}."
+        noise = "" if len(causes) == len(rows) else "; the noise is not as declared"
+        return f"{judged_words}, held against {of}: {_none(rows)}{noise}."
     other = f", {rivals} as good and not to be told from it" if rivals else ""
+    unseen = f", {idle} not testable here" if idle else ""
     into = "modelled in what follows"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "accepted into the extended model (model.toml)"
     return (
-        f"{judged_words}: {_accepted_words(found - suspected, suspected)} and {into}{other}, {out} rejected. "
+        f"{judged_words}: {_accepted_words(found - suspected, suspected)} and {into}{other}, {out} rejected{unseen}. "
         f"Each is held against the others by all that was measured, with every other parameter left free."
     )
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.belonging.relation import State
 from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, style
-from truing.report.model_tests import ModelTest, below_noise, listing_of, state_of
+from truing.report.model_tests import BY_A_FACTOR, ModelTest, below_noise, listing_of
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, Section
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import LOAD_UNITS, LOADS, WHY_NOT, Tables, cell, filled, reason
+from truing.schemas.verdict import ReasonCode
 
 _TITLE = "Calibration of the sensor"
 _TYPES = {"type_1_error": "Type 1, with the synthetic error", "type_2_error": "Type 2, without"}
@@ -35,7 +40,7 @@ def calibration(tables: Tables) -> Section | None:
         return None
     matrices = filled(tables, "sensor_matrix")
     if matrices is None:
-        return Section("calibration", _TITLE, _why(tables), state="not evaluated")
+        return Section("calibration", _TITLE, _why(tables))
     choice, classes, merit = (filled(tables, name) for name in ("sensor_choice", "error_classes", "sensor_merit"))
     largest = _largest(tables)
     shown: Drawn = []
@@ -55,7 +60,30 @@ def calibration(tables: Tables) -> Section | None:
     lead = _lead(tables, choice, matrices, largest)
     tests = _tests(choice)
     listings.insert(0, listing_of(tests, "Tests of the chosen calibration"))
-    return Section("calibration", _TITLE, lead, tuple(shown), tuple(listings), state_of(tests))
+    return Section("calibration", _TITLE, lead, tuple(shown), tuple(listings))
+
+
+def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether the chosen calibration of a sensor misses what it has not seen by no more than noise."""
+    if "sensor_matrix" not in tables:
+        return None
+    choice = filled(tables, "sensor_choice")
+    tests = _tests(choice) if filled(tables, "sensor_matrix") is not None else []
+    evaluated = [test for test in tests if test.holds is not None]
+    if choice is None or not evaluated:
+        why = tests[0].says if tests else _why(tables)
+        said = f"Calibration not tested: {why}"
+        return SectionVerdict("calibration", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+    chosen = _chosen(choice)
+    failed = [test for test in evaluated if not test.holds]
+    if not failed:
+        said = f"The calibration {chosen} fits: {'; '.join(test.asked for test in evaluated)}."
+        return SectionVerdict("calibration", State.OK, ReasonCode.FITS, said)
+    said = f"The calibration {chosen} fails a test ({failed[0].asked}). {failed[0].says}"
+    own = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
+    ratio = max(filter(None, (_ratio(own, what) for what in ("heldout", "verification"))))
+    state = State.FAILS if ratio > BY_A_FACTOR else State.ATTENTION
+    return SectionVerdict("calibration", state, ReasonCode.HELD_OUT_MISSED, said, ratio, "1", _AT_NOISE)
 
 
 def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
@@ -73,13 +101,21 @@ def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
 
 
 def _missed(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
+    times = _ratio(facts, what)
+    if times is None:
+        return ModelTest(asked, None, why_not)
+    chi_square, freedom = (float(facts[f"{what}_{name}"]) for name in ("chi_square", "freedom"))
+    if (small := below_noise(asked, chi_square, freedom, "the noise is declared too large")) is not None:
+        return small
+    return ModelTest(asked, times <= _AT_NOISE, f"By {plain(times)} times what noise leaves, rms.")
+
+
+def _ratio(facts: pd.Series, what: str) -> float | None:
+    """Rms of what is missed over noise; None where that is not known."""
     chi_square, freedom = facts.get(f"{what}_chi_square"), facts.get(f"{what}_freedom")
     if chi_square is None or freedom is None or not freedom > 0.0:
-        return ModelTest(asked, None, why_not)
-    if (small := below_noise(asked, float(chi_square), float(freedom), "the noise is declared too large")) is not None:
-        return small
-    times = float(np.sqrt(chi_square / freedom))
-    return ModelTest(asked, times <= _AT_NOISE, f"By {plain(times)} times what noise leaves, rms.")
+        return None
+    return float(np.sqrt(chi_square / freedom))
 
 
 def _why(tables: Tables) -> str:

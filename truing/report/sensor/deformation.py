@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,15 +10,18 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from truing.belonging.relation import State
 from truing.report.deformation_section import compliance_map
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
-from truing.report.model_tests import ModelTest, by_p, listing_of, state_of
+from truing.report.model_tests import ModelTest, by_p, listing_of
 from truing.report.numbers import p_equals, p_value, plain, printed, quantity, with_uncertainty
 from truing.report.page import Drawn, Listing, Section
 from truing.report.scene.by_leg import by_leg_of_sensor
 from truing.report.scene.scenes import load_scene
 from truing.report.scene.view import picture
+from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import CHANNELS, LOADS, Tables, cell, filled, kilo, moved_unit, per_kilo, reason
+from truing.schemas.verdict import ReasonCode
 
 _UNCLEAR = 0.01
 
@@ -41,8 +45,24 @@ def deformation(tables: Tables) -> Section | None:
     listings = [listing_of(tests, "Tests of the models"), by_leg_of_sensor(tables), _entries(compliance)]
     listings.append(_errors(tables["deformation_errors"]))
     told = tuple(listing for listing in listings if listing.rows)
-    state = state_of(tests)
-    return Section("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), told, state)
+    return Section("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), told)
+
+
+def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Whether the measured compliance is the simulated one, and an elastic one: a result either way."""
+    compliance = filled(tables, "compliance")
+    if compliance is None or "deformation_errors" not in tables:
+        return None
+    tests = _tests(tables)
+    evaluated = [test for test in tests if test.holds is not None]
+    if not evaluated:
+        return SectionVerdict("deformation", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, tests[0].says)
+    failed = [test for test in evaluated if not test.holds]
+    first = (failed or evaluated)[0]
+    said = _lead(tables, compliance)
+    if failed:
+        return SectionVerdict("deformation", State.ATTENTION, ReasonCode.DEFORMS, said, first.p, "1", _UNCLEAR)
+    return SectionVerdict("deformation", State.OK, ReasonCode.RIGID, said, first.p, "1", _UNCLEAR)
 
 
 def _tests(tables: Tables) -> list[ModelTest]:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.belonging.relation import State
 from truing.report.figure_style import BLUE, ORANGE, label, style
 from truing.report.measured_section import corrections
-from truing.report.numbers import with_uncertainty
+from truing.report.numbers import count, handy, printed, with_uncertainty
 from truing.report.page import Listing, Section
-from truing.report.tables import Tables, filled
+from truing.report.section_verdict import SectionVerdict
+from truing.report.tables import Tables, filled, load_steps
+from truing.schemas.verdict import ReasonCode
 
 _MEANING = {
     "A": "accuracy, both directions",
@@ -19,6 +25,7 @@ _MEANING = {
     "B": "reversal",
 }
 _WAYS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-left"))
+_TOLD = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
 _DRAWN = 6  # runs
 _CAPTION = "Where the two lines part, the axis stands elsewhere according to the side from which it comes."
 
@@ -35,6 +42,31 @@ def positioning(tables: Tables) -> Section | None:
     drawn = tuple((deviations(own), _CAPTION) for own in _few_runs(targets))
     said = tuple(("fail", why) for why in withheld)
     return Section("positioning", "Positioning", lead, figures=drawn, listings=shown, said=said)
+
+
+def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """What a campaign of positioning alone is measured for: accuracy, repeatability and reversal of its worst axis."""
+    rows = filled(tables, "positioning")
+    if rows is None or len(load_steps(tables)) or filled(tables, "observations") is not None:
+        return None
+    axis = rows[rows["subject"].isna() & rows["figure"].isin(list(_TOLD))]
+    worst = axis[axis["figure"].eq("A")].nlargest(1, "value")["run"]
+    own = axis[axis["run"].isin(worst)].set_index("figure")
+    if not len(own):
+        return None
+    sigma = own["sigma"] if "sigma" in own else own["value"] * math.nan
+    told = [
+        f"{words} {handy(float(own.loc[name, 'value']), float(sigma[name]), str(own.loc[name, 'unit']))}"
+        for name, words in _TOLD.items()
+        if name in own.index
+    ]
+    several = rows["run"].nunique()
+    withheld = len(not_stated(tables))
+    also = f" Of {count(withheld, 'further run')} nothing is stated, see Positioning." if withheld else ""
+    which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
+    said = printed(f"By ISO 230-2, {which}: {', '.join(told)}, each with one standard deviation.{also}")
+    size, unit = float(own.loc["A", "value"]), str(own.loc["A", "unit"])
+    return SectionVerdict("positioning", State.OK, ReasonCode.MEASURED, said, size, unit)
 
 
 def not_stated(tables: Tables) -> list[str]:

@@ -20,6 +20,7 @@ def summary(run: Run) -> Iterator[tuple[str, bytes]]:
         "format": _FORMAT,
         "campaign": run.campaign,
         "software_versions": sorted({run.origin(name)["software_version"] for name in run}),
+        "verdict": _rows(run.verdict),
         "verdicts": [{"mark": mark, "sentence": sentence} for mark, sentence in run.verdicts],
         **_quality(run),
         **_causes(run),

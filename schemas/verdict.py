@@ -1,0 +1,140 @@
+"""What a verdict can say: why a section of the page has its state, and which relation a diagnosis tests."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+CAMPAIGN = "campaign"
+# Sections that have a row of their own, in the order in which a failure leads.
+SECTIONS = (
+    "belonging",
+    "quality",
+    "simulation",
+    "adequacy",
+    "pulls",
+    "calibration",
+    "requirements",
+    "diagnosis",
+    "positioning",
+    "changes",
+    "poses",
+    "deformation",
+)
+# Sections whose failure says that the data cannot be used as they are: exit code 3.
+GATES = ("belonging", "quality")
+
+
+class ReasonCode(StrEnum):
+    """Why a section has its state."""
+
+    BELONG = "belong"
+    DEPARTS = "departs"
+    DO_NOT_BELONG = "do-not-belong"
+    CHECKS_HOLD = "checks-hold"
+    CHECK_WARNS = "check-warns"
+    CHECK_FAILED = "check-failed"
+    WITHIN_NOISE = "within-noise"
+    BEYOND_NOISE = "beyond-noise"
+    BELOW_NOISE = "below-noise"
+    LACK_OF_FIT = "lack-of-fit"
+    WITHIN_TOLERANCE = "within-tolerance"
+    BEYOND_TOLERANCE = "beyond-tolerance"
+    FITS = "fits"
+    MISFIT = "misfit"
+    CAUSE_LEFT_OUT = "cause-left-out"
+    HELD_OUT_MISSED = "held-out-missed"
+    MET = "met"
+    UNDECIDED = "undecided"
+    NOT_MET = "not-met"
+    MODEL_DOES_NOT_FIT = "model-does-not-fit"
+    NO_MECHANISM = "no-mechanism"
+    NO_READINGS = "no-readings"
+    AGREES = "agrees"
+    FOUND = "found"
+    SUSPECTED = "suspected"
+    NOISE = "noise"
+    NOTHING_FOUND = "nothing-found"
+    NOT_TESTABLE = "not-testable"
+    MEASURED = "measured"
+    UNCHANGED = "unchanged"
+    CHANGED = "changed"
+    COMPLETE = "complete"
+    POSES_LOST = "poses-lost"
+    RIGID = "rigid"
+    DEFORMS = "deforms"
+    WITHHELD = "withheld"
+    NOT_EVALUATED = "not-evaluated"
+
+    @property
+    def meaning(self) -> str:
+        """The code in words, as the reference has it."""
+        return _MEANING[self]
+
+
+_MEANING = {
+    ReasonCode.BELONG: "every tested relation between the tables holds",
+    ReasonCode.DEPARTS: "a tested relation holds only in part, or numbers were written down in coarse steps",
+    ReasonCode.DO_NOT_BELONG: "tables do not belong together; nothing that rests on them is evaluated",
+    ReasonCode.CHECKS_HOLD: "no check of quality failed or warns",
+    ReasonCode.CHECK_WARNS: "a check of quality warns",
+    ReasonCode.CHECK_FAILED: "a check of quality failed, and nobody accepted it",
+    ReasonCode.WITHIN_NOISE: "the last model leaves what the declared noise leaves; value: rms error over noise floor",
+    ReasonCode.BEYOND_NOISE: "it leaves more: the picture is incomplete; value: rms error over noise floor",
+    ReasonCode.BELOW_NOISE: "it leaves less than chance explains: the declared noise is too large",
+    ReasonCode.LACK_OF_FIT: "a test of what it leaves fails: the picture is incomplete; value: its p-value",
+    ReasonCode.WITHIN_TOLERANCE: "all pulls together are what tolerances allow; value: rms pull",
+    ReasonCode.BEYOND_TOLERANCE: "parts are farther from nominal than tolerances allow; value: rms pull",
+    ReasonCode.FITS: "the chosen calibration passes its tests; value: misfit over noise",
+    ReasonCode.MISFIT: "the chosen calibration does not fit what it was fitted to; value: misfit over noise",
+    ReasonCode.CAUSE_LEFT_OUT: "it does not fit, because it leaves out a cause that the diagnosis found",
+    ReasonCode.HELD_OUT_MISSED: "it misses what was held out by more than noise",
+    ReasonCode.MET: "every requirement is met",
+    ReasonCode.UNDECIDED: "an interval contains its limit",
+    ReasonCode.NOT_MET: "a requirement is not met; value: error over limit",
+    ReasonCode.MODEL_DOES_NOT_FIT: "requirements were not tested: the model that predicts the errors does not fit",
+    ReasonCode.NO_MECHANISM: "readings were recorded, and no [mechanism] relates them to poses",
+    ReasonCode.NO_READINGS: "no readings were recorded that a simulation could relate to poses",
+    ReasonCode.AGREES: "no cause was found, and what is left is noise",
+    ReasonCode.FOUND: "causes were found; value: how many",
+    ReasonCode.SUSPECTED: "causes are plausible, but the whole picture does not hold; value: how many",
+    ReasonCode.NOISE: "the noise is not as declared, and no cause was found",
+    ReasonCode.NOTHING_FOUND: "no cause was found, and what is left is not the declared noise",
+    ReasonCode.NOT_TESTABLE: "no cause of the catalogue could have been seen",
+    ReasonCode.MEASURED: "a result without a limit",
+    ReasonCode.UNCHANGED: "no number changed since the earlier model",
+    ReasonCode.CHANGED: "numbers changed since the earlier model; value: how many",
+    ReasonCode.COMPLETE: "every body has its pose wherever it was measured",
+    ReasonCode.POSES_LOST: "bodies without a pose somewhere; value: how many",
+    ReasonCode.RIGID: "no model of deformation explains more than chance, or the simulated one holds",
+    ReasonCode.DEFORMS: "something deforms beyond chance, or otherwise than simulated",
+    ReasonCode.WITHHELD: "not evaluated, because the data do not belong together",
+    ReasonCode.NOT_EVALUATED: "not evaluated: the explanation says why",
+}
+
+
+class Relation(StrEnum):
+    """What a search for causes relates."""
+
+    READINGS_POSES = "readings-poses"
+    LOADS_READINGS = "loads-readings"
+    LOADS_SIGNALS = "loads-signals"
+    COMMANDS_ENCODERS = "commands-encoders"
+    BODIES_SURVEY = "bodies-survey"
+    RAYS_POINTS = "rays-points"
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether a simulation of the machine relates them."""
+        return self not in (Relation.BODIES_SURVEY, Relation.RAYS_POINTS)
+
+
+# By chance a right model leaves as much once in 1,000 campaigns; and declared noise is known to a tenth.
+_UNLIKELY, _MARGIN = 1e-3, 1.1
+
+
+def does_not_fit(p_value: float, ratio: float) -> bool:
+    """Whether a model misses what it was fitted to by more than chance and declared noise explain.
+
+    ``ratio``: rms misfit over declared noise; ``p_value``: probability of as large a misfit of a right model.
+    """
+    return p_value < _UNLIKELY and ratio > _MARGIN

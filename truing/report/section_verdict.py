@@ -1,0 +1,57 @@
+"""The verdict on one section of the page, and the mark of colour that stands for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pandas as pd
+
+from truing.belonging.relation import State
+from truing.report.tables import Tables, filled
+from truing.schemas.verdict import ReasonCode
+
+_MARKS = {State.OK: "pass", State.ATTENTION: "warn", State.FAILS: "fail", State.NOT_TESTED: "none"}
+# A result is neither passed nor failed.
+_OF_RESULTS = {
+    ReasonCode.FOUND: "found",
+    ReasonCode.DEFORMS: "found",
+    ReasonCode.MEASURED: "measured",
+}
+
+
+@dataclass(frozen=True)
+class SectionVerdict:
+    """State of a section, the code and the sentence of its reason, and the figure that the state rests on."""
+
+    section: str
+    state: State
+    reason_code: ReasonCode
+    explanation: str
+    value: float | None = None
+    unit: str | None = None
+    limit: float | None = None
+
+    @property
+    def mark(self) -> str:
+        """Mark of colour: pass, warn, fail, none, or that of a result: found, measured."""
+        return _OF_RESULTS.get(self.reason_code, _MARKS[self.state])
+
+
+def verdict_rows(tables: Tables) -> dict[str, SectionVerdict]:
+    """The rows of verdict.parquet by section, campaign first; none where the run has no such table."""
+    table = filled(tables, "verdict")
+    return {} if table is None else {str(row["section"]): _row(row) for row in table.to_dict("records")}
+
+
+def _row(row: dict[str, object]) -> SectionVerdict:
+    value, limit = (None if pd.isna(row[name]) else float(str(row[name])) for name in ("value", "limit"))
+    unit = row["unit"]
+    return SectionVerdict(
+        str(row["section"]),
+        State(str(row["state"])),
+        ReasonCode(str(row["reason_code"])),
+        str(row["explanation"]),
+        value,
+        unit if isinstance(unit, str) else None,
+        limit,
+    )

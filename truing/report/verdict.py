@@ -1,0 +1,121 @@
+"""The verdict on a campaign: a row per section, and one of the whole that the worst of them leads.
+
+The page (its first line and the marks of its sections), the log, summary.json and the exit code read these rows alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+import pandas as pd
+
+from truing.belonging.relation import State
+from truing.report.section_verdict import SectionVerdict
+from truing.report.tables import Tables
+from truing.schemas.verdict import CAMPAIGN, GATES, SECTIONS, ReasonCode
+
+# What assesses each section, from the run's tables and from the verdicts before it.
+_Assess = Callable[[Tables, Mapping[str, SectionVerdict]], SectionVerdict | None]
+_ASSESSED_BY = (
+    "truing.report.quality_section:belonging_verdict",
+    "truing.report.quality_section:quality_verdict",
+    "truing.report.diagnosis.adequacy:adequacy_verdict",
+    "truing.report.diagnosis.words:simulation_verdict",
+    "truing.report.diagnosis.words:diagnosis_verdict",
+    "truing.report.diagnosis.pulls:pulls_verdict",
+    "truing.report.calibration.section:calibration_verdict",
+    "truing.report.sensor.calibration:calibration_verdict",
+    "truing.report.calibration.requirements:requirements_verdict",
+    "truing.report.sensor.positioning:positioning_verdict",
+    "truing.report.diagnosis.pulls:changes_verdict",
+    "truing.report.poses_section:poses_verdict",
+    "truing.report.deformation_section:deformation_verdict",
+    "truing.report.sensor.deformation:deformation_verdict",
+)
+# What leads where nothing fails: the picture, then what was found in it.
+_LEADS = (
+    *("adequacy", "diagnosis", "simulation", "positioning", "pulls", "calibration", "requirements", "changes"),
+    *("belonging", "quality", "poses"),
+)
+# Sections that say how the machine is: without any of them a campaign is not tested, however good its data are.
+_OF_MACHINE = ("diagnosis", "positioning", "calibration", "requirements", "adequacy", "pulls")
+# What a reader must act on although it was not tested: what was recorded for it lies there unused.
+_TO_ACT_ON = (ReasonCode.NO_MECHANISM, ReasonCode.MODEL_DOES_NOT_FIT)
+
+
+def section_verdicts(tables: Tables) -> dict[str, SectionVerdict]:
+    """Assess every section of which a run holds tables; in the order of ``SECTIONS``."""
+    found: dict[str, SectionVerdict] = {}
+    for place in _ASSESSED_BY:
+        module, _, function = place.partition(":")
+        assess: _Assess = getattr(importlib.import_module(module), function)
+        if (verdict := assess(tables, found)) is not None:
+            found[verdict.section] = verdict
+    return {name: found[name] for name in SECTIONS if name in found}
+
+
+def leading(verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
+    """Return the verdict that a reader must act on first; None without any.
+
+    Failures come first, those of the data before those of models; then what asks for attention; then what was not
+    tested and could be; then what is as it should be.
+    """
+    candidates = (
+        *_of(verdicts, State.FAILS, SECTIONS),
+        *_of(verdicts, State.ATTENTION, _attention_order(verdicts)),
+        *(one for one in _of(verdicts, State.NOT_TESTED, _LEADS) if one.reason_code in _TO_ACT_ON),
+        *_of(verdicts, State.OK, _OF_MACHINE),
+        *_of(verdicts, State.ATTENTION, ("deformation",)),
+        *_of(verdicts, State.NOT_TESTED, _OF_MACHINE),
+        *_of(verdicts, State.OK, _LEADS),
+        *_of(verdicts, State.NOT_TESTED, _LEADS),
+    )
+    return next(iter(candidates), None)
+
+
+def _of(verdicts: Mapping[str, SectionVerdict], state: State, order: Iterable[str]) -> list[SectionVerdict]:
+    return [verdicts[name] for name in order if name in verdicts and verdicts[name].state == state]
+
+
+def _attention_order(verdicts: Mapping[str, SectionVerdict]) -> tuple[str, ...]:
+    """An incomplete picture comes before what was found in it; noise that is declared wrong comes behind."""
+    codes = {name: one.reason_code for name, one in verdicts.items()}
+    wrong_noise = codes.get("diagnosis") == ReasonCode.NOISE
+    below = codes.get("diagnosis") == ReasonCode.FOUND and codes.get("adequacy") == ReasonCode.BELOW_NOISE
+    return ("diagnosis", *_LEADS) if wrong_noise or below else _LEADS
+
+
+def verdict_frame(tables: Tables) -> pd.DataFrame:
+    """Return the rows of verdict.parquet: the campaign's first, then a row per section."""
+    verdicts = section_verdicts(tables)
+    lead = leading(verdicts)
+    nothing = SectionVerdict(
+        CAMPAIGN, State.NOT_TESTED, ReasonCode.NOT_EVALUATED, "This run holds nothing that could be assessed."
+    )
+    whole = nothing if lead is None else replace(lead, section=CAMPAIGN)
+    rows = [{**_cells(whole), "decided_by": None if lead is None else lead.section}]
+    return pd.DataFrame([*rows, *({**_cells(one), "decided_by": None} for one in verdicts.values())])
+
+
+def with_verdict(tables: Tables) -> Tables:
+    """Return tables with that of their verdict, made where a run has none."""
+    return tables if "verdict" in tables else {**tables, "verdict": verdict_frame(tables)}
+
+
+def _cells(verdict: SectionVerdict) -> dict[str, object]:
+    return {
+        "section": verdict.section,
+        "state": verdict.state.value,
+        "reason_code": verdict.reason_code.value,
+        "value": verdict.value,
+        "unit": verdict.unit,
+        "limit": verdict.limit,
+        "explanation": verdict.explanation,
+    }
+
+
+def gates(rows: Iterable[Mapping[str, object]]) -> list[str]:
+    """Return the sections of rows of verdict.parquet whose failure says that the data cannot be used as they are."""
+    return [str(row["section"]) for row in rows if row["section"] in GATES and row["state"] == State.FAILS.value]
