@@ -213,6 +213,15 @@ def read_artifact(folder: Path, artifact: Artifact) -> pa.Table | str:
         raise Unreadable((str(error).splitlines() or [""])[0]) from None
 
 
+def table_of(folder: Path, name: str) -> pa.Table | None:
+    """The table of an artifact by its name; None where the folder has none that can be read."""
+    try:
+        found = read_artifact(folder, ARTIFACTS[name])
+    except Unreadable:
+        return None
+    return None if isinstance(found, str) else found
+
+
 def read_provenance(folder: Path, artifact: Artifact) -> dict[str, str] | None:
     """The metadata that an artifact carries, or None where the file is absent, broken, or not of this project."""
     path = folder / artifact.file

@@ -10,7 +10,7 @@ import pyarrow as pa
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import CampaignFolder, open_campaign
-from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
+from truing.pipeline.given_files import check_file, read_given, table_bytes
 from truing.pipeline.in_memory import bench_tables
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.voice import Voice
@@ -37,11 +37,8 @@ class DesignFiles:
 
 def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCode:
     """Choose configurations, say how good they are, and write them to a file or say them. Raises CampaignFaults."""
-    if files.out is not None and files.out.suffix not in ENDINGS:
-        raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(files.out))])
     campaign = open_campaign(place)
-    if files.out is not None:
-        check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
+    check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
     voice = Voice(quiet=False)
     if campaign.validated().campaign.kind == "interferometer":
         return (_loads_for_causes if wish.causes else _plan_loads)(campaign, wish, files, voice)

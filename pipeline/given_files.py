@@ -75,13 +75,17 @@ def leave_tables(file: Path, tables: Mapping[str, pa.Table], page: str) -> list[
     return [*written, file.with_suffix(".html")]
 
 
-def check_file(place: Path, *, reads: Sequence[Path | None] = (), campaign: CampaignFolder | None = None) -> None:
-    """Raise CampaignFaults where a file that a call shall write is one that nobody may overwrite."""
-    if why := next(_file_objections(place, reads, campaign), None):
+def check_file(
+    place: Path | None, *, reads: Sequence[Path | None] = (), campaign: CampaignFolder | None = None
+) -> None:
+    """Raise CampaignFaults where a file that a call shall write is no table, or one that nobody may overwrite."""
+    if place is not None and (why := next(_file_objections(place, reads, campaign), None)):
         raise CampaignFaults([Fault(_OPTION, why, value=str(place))])
 
 
 def _file_objections(place: Path, reads: Sequence[Path | None], campaign: CampaignFolder | None) -> Iterator[str]:
+    if place.suffix not in ENDINGS:
+        yield "a file that ends in .csv or .parquet"
     if place.is_dir():
         yield "a file to write, not a folder"
     if any(_is_same(place, read) for read in reads if read is not None):

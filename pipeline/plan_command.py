@@ -15,9 +15,9 @@ from truing.estimation.bundle.photograph_plan import PhotographPlan, PlanWish, T
 from truing.formats.faultlog import FaultLog
 from truing.formats.photographs import list_photographs
 from truing.formats.source import CampaignFiles
-from truing.pipeline.artifacts import Unreadable, read_artifact
+from truing.pipeline.artifacts import table_of
 from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
-from truing.pipeline.given_files import ENDINGS, check_file, leave_tables, read_given
+from truing.pipeline.given_files import check_file, leave_tables, read_given
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_beside_run, note_owner
@@ -49,10 +49,9 @@ def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
     """Choose stations, say how well the targets will be known, and leave tables and a page. Raises CampaignFaults."""
     campaign, voice = usable_campaign(place), Voice(quiet=False)
     settings = campaign.validated()
-    _check(settings.campaign.kind, wish, files)
+    _check(settings.campaign.kind, wish)
+    check_file(files.out, reads=(files.normals,), campaign=campaign)
     folder = folder_beside_run(campaign)
-    if files.out is not None:
-        check_file(files.out, reads=(files.normals,), campaign=campaign)
     normals = None if files.normals is None else read_given(files.normals, "a table of normals")
     known = _tables(campaign)
     cameras = known_cameras(campaign, known.pop("cameras_given", None), files.run)
@@ -92,12 +91,10 @@ def _not_modelled(targets: Targets) -> list[str]:
     return [f"{said}; {count} a normal, without which it counts as seen from behind, too (--normals)."]
 
 
-def _check(kind: str, wish: PlanWish, files: PlanFiles) -> None:
+def _check(kind: str, wish: PlanWish) -> None:
     faults = []
     if kind != "photogrammetry":
         faults.append(Fault("campaign.toml", "photogrammetry", column="campaign.kind", value=kind))
-    if files.out is not None and files.out.suffix not in ENDINGS:
-        faults.append(Fault("--out", "a file that ends in .csv or .parquet", value=str(files.out)))
     low, high = wish.elevation_deg
     if not -90.0 <= low < high <= 90.0:
         faults.append(Fault("--elevation", "two angles from -90 to 90, the lower one first", value=f"{low:g},{high:g}"))
@@ -169,12 +166,8 @@ def known_cameras(campaign: CampaignFolder, given: pa.Table | None, run: Path | 
 
 def _adjusted(run: Path) -> _KnownCameras | None:
     """The cameras of a run as it adjusted them; what it calibrated would be calibrated again."""
-    try:
-        cameras = read_artifact(run, ARTIFACTS["cameras"])
-        rays = read_artifact(run, ARTIFACTS["image_residuals"])
-    except Unreadable:
-        return None
-    if isinstance(cameras, str) or isinstance(rays, str):
+    cameras, rays = table_of(run, "cameras"), table_of(run, "image_residuals")
+    if cameras is None or rays is None:
         return None
     kept = rays.to_pandas().query("not rejected")
     noise = kept.groupby("camera")[["sigma_x_px", "sigma_y_px"]].median().mean(axis=1)

@@ -15,10 +15,10 @@ import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
-from truing.pipeline.artifacts import Unreadable, read_artifact
+from truing.pipeline.artifacts import table_of
 from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
 from truing.pipeline.executor import Workforce, results
-from truing.pipeline.given_files import ENDINGS, check_file, leave_tables
+from truing.pipeline.given_files import check_file, leave_tables
 from truing.pipeline.in_memory import bench_tables, call_stage
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from truing.pipeline.run_campaign import usable_campaign
@@ -37,7 +37,6 @@ from truing.report.power_page import (
 from truing.report.rendering.render import render_page
 from truing.report.tables import cell
 from truing.report.wordings.catalogue import cause_words
-from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.catalogue import catalogue_of_rays, of_photographed_points
@@ -92,13 +91,13 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
     voice, campaign = Voice(quiet=False), usable_campaign(place)
     settings = campaign.validated()
     of_rays = wants_rays(wish.causes, campaign)
-    _check(wish, out, settings, of_rays)
+    check_file(out, campaign=campaign)
+    if not of_rays:
+        check_causes(wish.causes, settings)
     reads_run = out is None or campaign.has_photographs
     run = folder_beside_run(campaign) if reads_run else run_folder_of(campaign, None, several=False)
     beside = said_of_rays(run) if of_rays else of_photographs(campaign, run)
     file = run / _DEFAULT_FILE if out is None else out
-    if out is not None:
-        check_file(out, campaign=campaign)
     with voice.during("power") as progress:
         progress(0, 2, "steps: the campaign's layout")
         plan = _plan(campaign, settings, wish, run if of_rays else None)
@@ -114,13 +113,6 @@ def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path
         raise
     _tell(campaign, asked, answers, (file, beside), voice)
     return ExitCode.DONE
-
-
-def _check(wish: PowerWish, out: Path | None, settings: Campaign, of_rays: bool) -> None:
-    if out is not None and out.suffix not in ENDINGS:
-        raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
-    if not of_rays:
-        check_causes(wish.causes, settings)
 
 
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
@@ -296,21 +288,13 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
     catalogues: tuple[Mapping[str, Cause], ...] = (catalogue_of_rays(), of_photographed_points())
     names = list(dict.fromkeys(name for own in catalogues for name, kind in own.items() if kind.catalogued))
     listed = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
-    table = _detectable(run)
-    own = None if table is None else table[table["cause"].isin(names)]
+    table = table_of(run, "detectable")
+    own = None if table is None else table.to_pandas().query("cause in @names")
     if own is None or not len(own):
         why = f"{listed.capitalize()} are not judged here: `truing run` tells from which size on they would be found."
         return OfPhotographs(_DRAWN + why)
     what = f"{listed.capitalize()} are not drawn either: what the run in {run.as_posix()} would have shown of them, "
     return OfPhotographs(_DRAWN + what + "with a probability of 80 %, is told by theory alone." + _ASKED, _rows(own))
-
-
-def _detectable(run: Path) -> pd.DataFrame | None:
-    try:
-        table = read_artifact(run, ARTIFACTS["detectable"])
-    except Unreadable:
-        return None
-    return None if isinstance(table, str) else table.to_pandas()
 
 
 def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
@@ -340,14 +324,7 @@ def _names_of_rays() -> list[str]:
 
 def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
     """The network of the run in a folder; raises CampaignFaults where it has left none."""
-    tables: dict[str, pa.Table] = {}
-    for name in NEEDS:
-        try:
-            table = read_artifact(run, ARTIFACTS[name])
-        except Unreadable:
-            continue
-        if not isinstance(table, str):
-            tables[name] = table
+    tables = {name: table for name in NEEDS if (table := table_of(run, name)) is not None}
     try:
         return power.ray_plan_of(tables, settings)
     except ValueError as why:

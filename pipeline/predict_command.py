@@ -11,7 +11,7 @@ import pyarrow as pa
 from truing import __version__
 from truing.pipeline.artifacts import Stamp, Unreadable, read_artifact, write_table
 from truing.pipeline.campaign_folder import FILE, identity_faults, open_campaign
-from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
+from truing.pipeline.given_files import check_file, read_given, table_bytes
 from truing.pipeline.ledger import digest_of
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import campaign_of
@@ -34,10 +34,7 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
 
     Where ``inputs`` is a campaign's folder, the errors of the models in that campaign.
     """
-    if out is not None and out.suffix not in ENDINGS:
-        raise CampaignFaults([Fault("--out", "a file that ends in .csv or .parquet", value=str(out))])
-    if out is not None:
-        check_file(out, reads=(model, inputs))
+    check_file(out, reads=(model, inputs))
     text = _model_text(model)
     is_campaign = inputs.is_dir() or inputs.name == FILE
     predicted = _errors(model, text, inputs) if is_campaign else _predicted(model, text, inputs)

@@ -10,8 +10,8 @@ from tests.estimation.interferometry.bench import ALL_PAIRS, LEVELS, OWN_PAIRS, 
 from tests.simulation.bench.six_upur.sensors import sensor_of
 from truing.estimation.interferometry import log_quality as quality
 from truing.estimation.interferometry.compliance import Compliance, axis_curve, compare, fit_compliance
+from truing.estimation.interferometry.jumps import find_slips
 from truing.estimation.interferometry.load_run import PLAIN, RunFit, Term, fit_run, run_columns
-from truing.estimation.interferometry.quadrature import find_slips
 
 LOADS, CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz"), ("dx", "dy", "dz", "rx", "ry", "rz")
 STEP_S, SIGMA_M = 120.0, 0.5e-6

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import gather
-from truing.formats.shapes import TARGETS
+from truing.formats.shapes import COORDINATE_SIGMAS, TARGETS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
@@ -22,7 +22,6 @@ from truing.stages.common.point_arrays import number_column
 
 # An edge of a marker is known to this share of it where no noise is declared: what printers keep.
 PRINTED_TO = 1e-3
-_SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 
 
 def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles) -> Mapping[str, pa.Table]:
@@ -165,7 +164,7 @@ def surveyed_points(source: CampaignFiles, seen: frozenset[str], settings: Any) 
         return None
     body, target = (np.array(found.table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))
     xyz = np.column_stack([number_column(found.table, f"{axis}_mm") for axis in "xyz"])
-    variance = np.column_stack([_variance(found.table, name, settings.noise.point_mm) for name in _SIGMA])
+    variance = np.column_stack([_variance(found.table, name, settings.noise.point_mm) for name in COORDINATE_SIGMAS])
     name = np.array([_name(*both, seen) for both in zip(body, target, strict=True)], dtype=object)
     known = (name != "") & np.isfinite(xyz).all(1)
     return SurveyedPoints(name[known], body[known], xyz[known], variance[known])

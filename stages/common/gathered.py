@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -109,6 +109,34 @@ def check_variance(found: Gathered, values: Array, name: str, unit: str, log: Fa
     found.fault(log, np.asarray(wrong, dtype=bool), name, f"a variance above 0, from {least:g} to {most:g} {unit}²")
 
 
+def sigmas(
+    found: Gathered, columns: Sequence[str], declared: float | None, key: str, what: str, log: FaultLog
+) -> Array:
+    """Standard deviations (N, K) in the columns' unit, the declared one where a cell or column is missing.
+
+    ``key``: where to declare one; ``what`` they are of, in words.
+    """
+    values = np.full((len(found.table), len(columns)), np.nan)
+    for number, name in enumerate(columns):
+        if name in found.table.column_names:
+            values[:, number] = numbers(found, name)
+            check_sigma(found, values[:, number], name, name.rpartition("_")[2], log)
+    if np.isnan(values).any() and declared is None:
+        log.lacks(key, f"a standard deviation of {what}", found.first_file)
+    return np.where(np.isnan(values), np.nan if declared is None else declared, values)
+
+
+def filled(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.Table:
+    """The table, a column filled with a value (None: left) where it is empty, made of it where absent."""
+    constant = pa.scalar(value, kind)
+    if name not in table.column_names:
+        return table.append_column(name, pa.repeat(constant, len(table)))
+    column = table.column(name).cast(kind)
+    return table.set_column(
+        table.column_names.index(name), name, column if value is None else column.fill_null(constant)
+    )
+
+
 @dataclass
 class SmallTable:
     """A table of the run, and how many raw rows were left out of it, by (file, reason)."""
@@ -118,12 +146,11 @@ class SmallTable:
     file: str = field(default="", kw_only=True)
 
 
-def once(found: Gathered, log: FaultLog, key: tuple[str, ...]) -> None:
-    """A fault at every row whose key stood in a row before."""
+def once(found: Gathered, log: FaultLog, *key: str, cure: str = "") -> None:
+    """A fault at every row whose key stood in a row before; cure: what to do where that is meant."""
     if any(name not in found.table.column_names for name in key):
         return
-    rows = found.table.select(key).append_column("row", pa.array(np.arange(len(found.table))))
-    first = rows.group_by(list(key)).aggregate([("row", "min")]).column("row_min")
-    again = np.ones(len(rows), dtype=bool)
-    again[np.asarray(first)] = False
-    found.fault(log, again, key[-1], f"every {', '.join(key)} once")
+    again = found.sound(*key)
+    rows = np.flatnonzero(again)
+    again[rows[np.unique(numbered(found, *key)[rows], return_index=True)[1]]] = False
+    found.fault(log, again, key[-1], f"every {', '.join(key)} once{cure}")

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
-from truing.formats.shapes import CAMERAS, IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
+from truing.formats.shapes import CAMERAS, COORDINATE_SIGMAS, IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
 from truing.formats.source import OF_IMAGES, CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, RINGS
-from truing.stages.common.gathered import SmallTable, check_sigma, numbers, once
+from truing.stages.common.gathered import SmallTable, check_sigma, filled, numbers, once
 from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:
@@ -56,8 +56,8 @@ def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: Faul
         return None
     if source.entries("images"):
         check_codes(found, boards, log)
-    once(found, log, ("family", "code"))
-    once(found, log, ("body", "target"))
+    once(found, log, "family", "code")
+    once(found, log, "body", "target")
     return SmallTable(_as_artifact("image_targets", found.table), dict(found.left_out))
 
 
@@ -66,7 +66,7 @@ def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultL
     found = gather(source, SCALE_BARS, log, "pose")
     if found is None or lacks(found, SCALE_BARS.required):
         return None
-    once(found, log, ("pose", "bar") if "pose" in found.table.column_names else ("bar",))
+    once(found, log, *(("pose", "bar") if "pose" in found.table.column_names else ("bar",)))
     found.fault(log, numbers(found, "length_mm") <= 0.0, "length_mm", "a number above 0")
     check_sigma(found, numbers(found, "sigma_mm"), "sigma_mm", "mm", log)
     if "repeat_sigma_mm" in found.table.column_names:
@@ -76,8 +76,8 @@ def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultL
     found.fault(log, ends[0] == ends[1], "second", "another point than the first")
     for name, values in zip(("first", "second"), ends, strict=True):
         table = table.set_column(table.column_names.index(name), name, pa.array(values, pa.string()))
-    table = _filled(table, "repeat_sigma_mm", 0.0, pa.float64())
-    table = _filled(table, "serves", "scale", pa.string())
+    table = filled(table, "repeat_sigma_mm", 0.0, pa.float64())
+    table = filled(table, "serves", "scale", pa.string())
     return SmallTable(_as_artifact("scale_bars", table), dict(found.left_out))
 
 
@@ -96,7 +96,7 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
     if "point" in table.column_names:
         table = table.drop_columns("point")
     table = table.append_column("point", pa.array(point, pa.string()))
-    for name in ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm"):
+    for name in COORDINATE_SIGMAS:
         if name not in table.column_names or table.column(name).null_count:
             log.add(Fault(found.first_file, "a standard deviation in every row", column=name))
             return None
@@ -115,13 +115,6 @@ def _named(table: pa.Table, column: str, targets: pa.Table | None) -> NDArray[np
     if column not in table.column_names:
         return np.full(len(table), "", dtype=object)
     return own_names(np.array([name or "" for name in table.column(column).to_pylist()], dtype=object), targets)[0]
-
-
-def _filled(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.Table:
-    constant = pa.scalar(value, kind)
-    if name not in table.column_names:
-        return table.append_column(name, pa.repeat(constant, len(table)))
-    return table.set_column(table.column_names.index(name), name, table.column(name).cast(kind).fill_null(constant))
 
 
 def _as_artifact(name: str, table: pa.Table) -> pa.Table:
@@ -167,7 +160,7 @@ def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTa
     rows: dict[str, Row] = {}
     left_out: dict[tuple[str, str], int] = {}
     if found is not None and not lacks(found, CAMERAS.required):
-        once(found, log, ("camera",))
+        once(found, log, "camera")
         rows = {row["camera"]: row for row in found.table.to_pylist()}
         left_out = dict(found.left_out)
         for row in rows.values():

@@ -17,6 +17,7 @@ from truing.formats.dictionaries import strings
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import FileRows
+from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.source import RawFile
 from truing.report.numbers import count as counted
 from truing.schemas.faults import Fault
@@ -34,7 +35,6 @@ ONE_BODY = "object"
 """What the body is called where targets name none and there is no survey to tell."""
 OF_NO_BODY = "points of no body: ends of scale bars, or targets that no survey has"
 Names = NDArray[np.object_]
-_SIGMA = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _PAIRS = (("corr_xy", 0, 1), ("corr_xz", 0, 2), ("corr_yz", 1, 2))
 MOST_POINTS = 1500  # whose covariance is found as a whole
 
@@ -69,7 +69,7 @@ class AdjustedPoints:
         yield file, TableBatch(self._columns(keep, body, target, point), keep, left_out=left_out)
 
     def _columns(self, keep: Index, body: Names, target: Names, point: Names) -> dict[str, pa.Array]:
-        names = ("x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "corr_xy", "corr_xz", "corr_yz")
+        names = (*COORDINATES, *COORDINATE_SIGMAS, *(name for name, _, _ in _PAIRS))
         columns = {name: self.table.column(name).combine_chunks().take(keep) for name in names}
         pose = self.table.column("pose").combine_chunks().take(keep)
         columns["pose"] = pose.dictionary_encode() if pa.types.is_string(pose.type) else pose
@@ -109,7 +109,7 @@ def _bodies(
 def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
     """The table object_points with standard deviations and correlations as of a free network, where coordinates of it
     are held; else as it is."""
-    held = np.column_stack([number_column(points, name) for name in _SIGMA]) == 0.0
+    held = np.column_stack([number_column(points, name) for name in COORDINATE_SIGMAS]) == 0.0
     errors = point_errors(points, correlations, None) if held.any() else None
     if errors is None:
         return points
@@ -127,7 +127,7 @@ def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
 
 def _with(points: pa.Table, cov: Array) -> pa.Table:
     sigma = np.sqrt(np.einsum("nii->ni", cov))
-    columns = {name: 1e3 * sigma[:, k] for k, name in enumerate(_SIGMA)}
+    columns = {name: 1e3 * sigma[:, k] for k, name in enumerate(COORDINATE_SIGMAS)}
     columns |= {name: cov[:, i, j] / (sigma[:, i] * sigma[:, j]) for name, i, j in _PAIRS}
     for name, values in columns.items():
         points = points.set_column(points.column_names.index(name), name, pa.array(values, pa.float64()))

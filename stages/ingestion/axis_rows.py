@@ -38,7 +38,7 @@ def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
         log.throw()
         raise AssertionError("a table that cannot be read is a fault")
-    once(found, log, ("pose",))
+    once(found, log, "pose")
     columns = AxisColumns.of(settings.mechanism, found.table.column_names)
     _check_columns(found, columns, settings, log)
     table = completed(found.table)

@@ -14,17 +14,16 @@ from truing.arrays import Array, Mask
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
-from truing.formats.shapes import COORDINATES, RESURVEYS
+from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES, RESURVEYS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
-from truing.stages.common.gathered import SmallTable, check_sigma, numbers, once, texts
+from truing.stages.common.gathered import SmallTable, numbers, once, sigmas, texts
 from truing.stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
 from truing.stages.ingestion.tables import check_legs, legs_of
 
 _FILE = "campaign.toml"
-_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _MM = 1e-3
 
 
@@ -69,7 +68,7 @@ def read_later_surveys(
         return None
     if any(name not in found.table.column_names for name in RESURVEYS.required):
         return None  # told as the table was read
-    once(found, log, ("survey", "body", "target"))
+    once(found, log, "survey", "body", "target")
     check_legs(found, log, len(legs_of(settings)))
     if first is None:
         log.add(Fault(found.first_file, "targets.csv, or [files.targets]: a later survey is compared with the first"))
@@ -144,14 +143,7 @@ def _wishes(settings: Any, found: Gathered, order: PoseOrder, log: FaultLog) -> 
 
 def _covariances(found: Gathered, declared: float | None, log: FaultLog) -> Array:
     """(N, 3, 3) in m^2 of the rows, by their sigmas or by the declared noise."""
-    sigma = np.full((len(found.table), 3), np.nan if declared is None else declared)
-    for k, name in enumerate(_SIGMAS):
-        if name in found.table.column_names:
-            given = numbers(found, name)
-            check_sigma(found, given, name, "mm", log)
-            sigma[:, k] = np.where(np.isnan(given), sigma[:, k], given)
-    if np.isnan(sigma).any():
-        log.lacks("noise.point_mm", "a standard deviation of the points", found.first_file)
+    sigma = sigmas(found, COORDINATE_SIGMAS, declared, "noise.point_mm", "the points", log)
     return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)
 
 
@@ -167,7 +159,7 @@ def _seen(found: Gathered, cov: Array, rows: Mask) -> dict[str, Place]:
 
 def _places(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
     """The first survey: body to target to place."""
-    sigma = np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in _SIGMAS])
+    sigma = np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in COORDINATE_SIGMAS])
     sigma = np.where(np.isnan(sigma), np.nan if declared is None else declared, sigma)
     points = _MM * np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in COORDINATES])
     names = (survey.column(name).to_pylist() for name in ("body", "target", "leg"))
@@ -225,7 +217,7 @@ def _added(out: LaterSurveys, body: str, now: Place, name: str, found: SurveyCom
     point, cov = (part[0] for part in found.place(now.point[None], now.cov[None]))
     sigma = np.sqrt(np.diag(cov)) / _MM
     row = {"body": body, "target": name, "leg": now.leg or None}
-    row |= dict(zip((*COORDINATES, *_SIGMAS), (*(point / _MM).tolist(), *sigma.tolist()), strict=True))
+    row |= dict(zip((*COORDINATES, *COORDINATE_SIGMAS), (*(point / _MM).tolist(), *sigma.tolist()), strict=True))
     out.added.append(row)
     return Place(point, cov, now.leg, name)
 

@@ -15,7 +15,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered
 from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
-from truing.stages.common.gathered import declared_missing, numbered, numbers, texts, unit_factors, without
+from truing.stages.common.gathered import declared_missing, numbered, numbers, once, texts, unit_factors, without
 
 AXES = tuple(name[:2] for name in WRENCH)
 _KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
@@ -104,15 +104,6 @@ def _allowed(loads: Array) -> Array:
 def _load_column(found: Gathered) -> str:
     """The column to name where loads do not agree."""
     return next((name for name in ("load", *WRENCH) if name in found.table.column_names), "load")
-
-
-def check_once(found: Gathered, log: FaultLog, *key: str, cure: str = "") -> None:
-    """A fault at every row whose key stood in a row before; cure: what to do where that is meant."""
-    rows = np.flatnonzero(found.sound(*key))
-    _, first = np.unique(numbered(found, *key)[rows], return_index=True)
-    again = found.sound(*key)
-    again[rows[first]] = False
-    found.fault(log, again, key[-1], f"every {', '.join(key)} once{cure}")
 
 
 def check_times(found: Gathered, log: FaultLog) -> None:
@@ -220,7 +211,7 @@ def checked_steps(
 ) -> tuple[Gathered, Array]:
     """The rows of load steps that count, and their loads (N, 6); notes what keys, times, roles and loads break."""
     found = with_known_loads(without_transit(found))
-    check_once(found, log, *key, cure=cure)
+    once(found, log, *key, cure=cure)
     check_times(found, log)
     check_roles(found, log)
     return found, six_loads(found, loading, log)

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.formats.faultlog import FaultLog, discreet
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import POSITIONING, WRENCH
@@ -19,10 +20,9 @@ from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault, Unfit
 from truing.schemas.settings_text import read_settings_text
-from truing.stages.common.gathered import SmallTable, numbered, numbers, texts
+from truing.stages.common.gathered import SmallTable, numbered, numbers, once, texts
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
-from truing.stages.ingestion.load_steps import check_once
 from truing.stages.ingestion.reading_table import ReadingTable, read_readings
 from truing.stages.ingestion.signal_table import read_signals
 from truing.stages.ingestion.tables import (
@@ -34,8 +34,6 @@ from truing.stages.ingestion.tables import (
     read_start,
 )
 
-_RESPONSES = ("dx", "dy", "dz", "rx", "ry", "rz")
-_LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 _TYPED = 1e-3  # of the roots of the diagonal: matrices as they are typed are symmetric to that
 _RIGID = 1e-8  # lowest eigenvalue of a compliance whose diagonal is 1
 _FURTHEST = 1.0  # m and rad: no sensor gives as much
@@ -63,7 +61,7 @@ def read_compliance(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
 def _matrix(file: RawFile, lines: list[str], log: FaultLog, is_outside: bool) -> Array | None:
     """The numbers (6, 6); None where a fault was noted. A line of the six loads' names may head them."""
     rows = [(number, _cells(line)) for number, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"]
-    if rows and [cell.casefold()[:2] for cell in rows[0][1]] == list(_LOADS):
+    if rows and [cell.casefold()[:2] for cell in rows[0][1]] == list(LOADS):
         rows = rows[1:]
     if len(rows) != 6:
         log.add(Fault(file.name, "six rows: dx dy dz rx ry rz", value=f"{len(rows)} rows"))
@@ -79,7 +77,7 @@ def _matrix(file: RawFile, lines: list[str], log: FaultLog, is_outside: bool) ->
             matrix[i, j] = _number(cell)
             if not np.isfinite(matrix[i, j]):
                 shown = discreet(cell) if is_outside else cell
-                log.add(Fault(file.name, "a finite number", row=number, column=_LOADS[j], value=shown))
+                log.add(Fault(file.name, "a finite number", row=number, column=LOADS[j], value=shown))
                 clean = False
     if clean:
         clean = _is_symmetric(file, matrix, [number for number, _ in rows], log)
@@ -106,17 +104,17 @@ def _is_symmetric(file: RawFile, matrix: Array, rows: list[int], log: FaultLog) 
     i, j = np.unravel_index(int(np.argmax(apart)), (6, 6))
     if apart[i, j] <= _TYPED:
         return True
-    said = f"{matrix[j, i]:g}, as in row {rows[j]}, column {_LOADS[i]}: a compliance is symmetric"
-    log.add(Fault(file.name, said, row=rows[i], column=_LOADS[j], value=f"{matrix[i, j]:g}"))
+    said = f"{matrix[j, i]:g}, as in row {rows[j]}, column {LOADS[i]}: a compliance is symmetric"
+    log.add(Fault(file.name, said, row=rows[i], column=LOADS[j], value=f"{matrix[i, j]:g}"))
     return False
 
 
 def _long(matrix: Array) -> pa.Table:
     columns = {
-        "response": [response for response in _RESPONSES for _ in _LOADS],
-        "load": list(_LOADS) * 6,
+        "response": [response for response in CHANNELS for _ in LOADS],
+        "load": list(LOADS) * 6,
         "coefficient": matrix.ravel(),
-        "unit": [_unit(response, load) for response in _RESPONSES for load in _LOADS],
+        "unit": [_unit(response, load) for response in CHANNELS for load in LOADS],
     }
     return pa.table(columns, schema=ARTIFACTS["given_compliance"].arrow_schema())
 
@@ -271,7 +269,7 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
     found = gather(source, POSITIONING, log, "run")
     if found is None:
         return None
-    check_once(found, log, "run", "target_mm", "direction", "cycle")
+    once(found, log, "run", "target_mm", "direction", "cycle")
     if not log:
         _check_whole(found, log)
     read = numbers(found, "position_mm")

@@ -17,7 +17,7 @@ from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_ledger import PointLedger
 from truing.formats.read import FileRows, ahead, read_table
-from truing.formats.shapes import POINTS
+from truing.formats.shapes import COORDINATE_SIGMAS, POINTS
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count as counted
 from truing.schemas.artifacts import ARTIFACTS
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 _SAME_BODY = 3.0
 _OTHER_PLACES = 20.0
-_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _EXPECTED_SIGMA = f"a standard deviation above 0, from {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm"
 _CORRELATIONS = ("corr_xy", "corr_xz", "corr_yz")
 _SAMPLED_POSES = 5
@@ -268,7 +267,7 @@ class Points:
         if self._poses_are_text and not is_unknown:
             columns["pose"] = pa.DictionaryArray.from_arrays(pa.array(pose), self.expected.poses)
         columns["body"], columns["target"] = self._ledger.label_columns(label)
-        for name in _SIGMAS:
+        for name in COORDINATE_SIGMAS:
             self._check_sigma(file, batch, name)
             columns[name] = self._sigma(file, columns.get(name), batch.rows)
         return TableBatch(columns, batch.records)

@@ -14,12 +14,20 @@ from truing.arrays import Array, Mask
 from truing.estimation.rotation import euler_axes, exp_so3, left_jacobian_so3, log_so3
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
-from truing.formats.shapes import COORDINATES, EULER, POSE_COVARIANCE, POSES, QUATERNION, ROTATION_VECTOR
+from truing.formats.shapes import (
+    COORDINATE_SIGMAS,
+    COORDINATES,
+    EULER,
+    POSE_COVARIANCE,
+    POSES,
+    QUATERNION,
+    ROTATION_VECTOR,
+)
 from truing.report.numbers import count as counted
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant_by
-from truing.stages.common.gathered import check_sigma, check_variance, declared_missing, numbers, once, texts, without
+from truing.stages.common.gathered import check_variance, declared_missing, numbers, once, sigmas, texts, without
 
 if TYPE_CHECKING:
     from truing.formats.source import CampaignFiles
@@ -37,8 +45,8 @@ _FAMILIES = {
     "m00 .. m22": ROTATION,
 }
 _TRANSLATIONS = ("m03", "m13", "m23")
+_WHAT = "the poses"
 _LEAST_EIGENVALUE = -1e-6  # of a covariance scaled to ones: rounding in a file, not a contradiction
-_PLACE_SIGMAS = tuple(f"sigma_{name}" for name in COORDINATES)
 _VECTOR_SIGMAS = tuple(f"sigma_{name}" for name in ROTATION_VECTOR)
 _EULER_SIGMAS = tuple(f"sigma_{name}" for name in EULER)
 
@@ -165,7 +173,7 @@ def read_poses(source: CampaignFiles, settings: Any, expected: Expected, log: Fa
     found = gather(source, POSES, log, "pose")
     if found is None or not {"pose", "body"} <= set(found.table.column_names):
         return None
-    once(found, log, ("pose", "body"))
+    once(found, log, "pose", "body")
     _check_names(found, expected, log)
     columns = rotation_columns(found, log)
     places = _place_columns(found, log)
@@ -239,7 +247,8 @@ def _covariance(found: Gathered, columns: tuple[str, ...], R: Array, settings: A
     names = set(found.table.column_names)
     if names & set(POSE_COVARIANCE):
         return _given_covariance(found, log)
-    place = _sigmas(found, _PLACE_SIGMAS, settings.noise.displacement_mm, "noise.displacement_mm", log) * 1e-3
+    declared = settings.noise.displacement_mm
+    place = 1e-3 * sigmas(found, COORDINATE_SIGMAS, declared, "noise.displacement_mm", _WHAT, log)
     turned, axes = _turn_sigmas(found, columns, R, settings, log)
     covariance = np.zeros((len(R), 6, 6))
     covariance[:, range(3), range(3)] = place**2
@@ -266,30 +275,18 @@ def _turn_sigmas(
         angles = np.radians(np.column_stack([numbers(found, name) for name in EULER]))
         declared = settings.noise.rotation_rad
         in_degrees = None if declared is None else np.degrees(declared)
-        sigma = _sigmas(found, _EULER_SIGMAS, in_degrees, "noise.rotation_rad", log)
+        sigma = sigmas(found, _EULER_SIGMAS, in_degrees, "noise.rotation_rad", _WHAT, log)
         return np.radians(sigma), euler_axes(angles, order)
-    sigma = _sigmas(found, _VECTOR_SIGMAS, settings.noise.rotation_rad, "noise.rotation_rad", log)
+    sigma = sigmas(found, _VECTOR_SIGMAS, settings.noise.rotation_rad, "noise.rotation_rad", _WHAT, log)
     if columns == ROTATION_VECTOR and names & set(_VECTOR_SIGMAS):
         vectors = np.column_stack([numbers(found, name) for name in ROTATION_VECTOR])
         return sigma, left_jacobian_so3(np.nan_to_num(vectors))
     return sigma, own
 
 
-def _sigmas(found: Gathered, columns: tuple[str, ...], declared: float | None, key: str, log: FaultLog) -> Array:
-    """Sigmas (N, 3) in the columns' unit, the declared one where a cell or column is missing."""
-    values = np.full((len(found.table), 3), np.nan)
-    for number, name in enumerate(columns):
-        if name in found.table.column_names:
-            values[:, number] = numbers(found, name)
-            check_sigma(found, values[:, number], name, name.rpartition("_")[2], log)
-    if np.isnan(values).any() and declared is None:
-        log.lacks(key, "a standard deviation of the poses", found.first_file)
-    return np.where(np.isnan(values), np.nan if declared is None else declared, values)
-
-
 def _given_covariance(found: Gathered, log: FaultLog) -> Array:
     names = set(found.table.column_names)
-    for name in sorted(names & {*_PLACE_SIGMAS, *_VECTOR_SIGMAS, *_EULER_SIGMAS}):
+    for name in sorted(names & {*COORDINATE_SIGMAS, *_VECTOR_SIGMAS, *_EULER_SIGMAS}):
         log.add(Fault(found.first_file, "either covariances cov_i_j or standard deviations, not both", column=name))
     covariance = np.zeros((len(found.table), 6, 6))
     lacking = [name for name in (f"cov_{i}_{i}" for i in range(6)) if name not in names]

@@ -22,6 +22,7 @@ from truing.estimation.interferometry.quadrature import (
     residual_radius,
     uncorrected_error,
 )
+from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH
@@ -53,7 +54,6 @@ LINEAR = ("dx", "dy", "dz")
 _UM = 1e6  # per m
 _TURN = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
 _SIGNALS = (("signal_x", "signal_y"), ("phase_deg", "radius"))
-CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 UNITS = {channel: "um" if channel.startswith("d") else "arcsec" for channel in CHANNELS}
 _UM_PER_MM, _ARCSEC_PER_RAD = 1e3, 180.0 * 3600.0 / np.pi
 _FURTHEST = {"um": 1e6, "arcsec": _ARCSEC_PER_RAD}  # a loaded platform moves by less than a metre, and a radian

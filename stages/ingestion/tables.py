@@ -16,7 +16,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.gather import Gathered, gather
 from truing.formats.point_ledger import Names
 from truing.formats.read import read_table
-from truing.formats.shapes import CONFIGURATIONS, TARGETS, Shape
+from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, TARGETS, Shape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
@@ -24,11 +24,10 @@ from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.schemas.settings_text import parsed_toml, read_settings_text
-from truing.stages.common.gathered import SmallTable, numbers, once
+from truing.stages.common.gathered import SmallTable, filled, numbers, once
 
 POSES = tuple(Shape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
-_SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
 _COLUMN = "mechanism.model"
 _WRITTEN = "a model.toml that a run has written"
 # What the earlier run wrote of itself; the copy has a provenance of its own.
@@ -53,7 +52,7 @@ def read_configurations(
         if legs_of(settings) and not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
         return SmallTable(_in_order_of_appearance(source, adjusted))
-    once(found, log, ("pose",))
+    once(found, log, "pose")
     check_times(found, log, required=bool(legs_of(settings)))
     _check_repeats(found, log)
     _check_readings(found, log, settings)
@@ -150,7 +149,7 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
     found = gather(source, TARGETS, log)
     if found is None:
         return None
-    once(found, log, ("body", "target"))
+    once(found, log, "body", "target")
     check_legs(found, log, len(legs_of(settings)))
     surveyed = set(found.table.column("body").to_pylist()) if "body" in found.table.column_names else set()
     # A body whose surface or pose is measured needs no targets; whether others are there is seen with the points.
@@ -160,12 +159,12 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
         if body not in surveyed:
             log.add(Fault(found.first_file, f"targets of body {body}", column="body"))
     table = found.table
-    for name in _SIGMAS:
+    for name in COORDINATE_SIGMAS:
         if name in table.column_names:
             sigma = numbers(found, name)
             tiny = (sigma > 0.0) & (sigma < LEAST_SIGMA_MM)
             found.fault(log, tiny | (sigma > MOST_SIGMA_MM), name, f"0, or {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm")
-        table = _with_declared(table, name, settings.noise.point_mm)
+        table = filled(table, name, settings.noise.point_mm, pa.float64())
     if "leg" not in table.column_names:
         table = table.append_column("leg", pa.nulls(len(table), pa.int64()))
     return SmallTable(as_artifact("survey", table), dict(found.left_out), file=found.first_file)
@@ -176,15 +175,6 @@ def check_survey_noise(survey: SmallTable, log: FaultLog) -> None:
     empty = [survey.table.column(f"sigma_{axis}_mm").null_count for axis in "xyz"]
     if any(count and (not log or count == len(survey.table)) for count in empty):
         log.lacks("noise.point_mm", "a standard deviation of surveyed targets", survey.file)
-
-
-def _with_declared(table: pa.Table, name: str, value: float | None) -> pa.Table:
-    """A column filled with a declared value where it is empty, or made of it where it is absent."""
-    declared = pa.scalar(value, pa.float64())
-    if name not in table.column_names:
-        return table.append_column(name, pa.repeat(declared, len(table)))
-    filled = table.column(name) if value is None else table.column(name).fill_null(declared)
-    return table.set_column(table.column_names.index(name), name, filled)
 
 
 def check_legs(found: Gathered, log: FaultLog, legs: int) -> None:

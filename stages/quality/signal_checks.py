@@ -12,7 +12,7 @@ from truing.estimation.design.observability import Observability, inseparable, o
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.exchanged_loads import RowExchange, least_seen, search_exchanges
-from truing.estimation.sensor.load_table import LoadTable, load_table
+from truing.estimation.sensor.load_table import LoadTable, least_signal, load_table
 from truing.quality.loading import LoadingView, followed_by_loads, scatter_of_signal
 from truing.report.numbers import count as counted
 from truing.report.numbers import listed
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 _MILLIVOLT = 1e-3
 _APART = 1e3  # loads that differ from a combination of others by less than that part of their size are that combination
-_OVER_NOISE = 2.0  # power of a combination of signals over that of its noise, below which it is noise
-_SIGMAS = 6.0  # of the scatter of that power in few rows
 _ROUNDING = 1e-6  # of the largest signal: what is left of a combination that is exactly none
 _FEWEST = 8
 
@@ -129,8 +127,7 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
     verdict, but = FAIL, ""
     if seen.rank >= wanted and noise_mv:
         level = np.full(len(names), 1.0 / (noise_mv * _MILLIVOLT))
-        least = np.sqrt(count * max(_OVER_NOISE, 1.0 + _SIGMAS * np.sqrt(2.0 / count)))
-        seen = observe(about, level, names, unidentifiable=1.0 / least)
+        seen = observe(about, level, names, unidentifiable=1.0 / least_signal(count))
         verdict, but = WARN, " but for noise"
     rank = float(seen.rank)
     if rank >= wanted:

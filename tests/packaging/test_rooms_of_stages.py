@@ -14,6 +14,8 @@ from truing.pipeline.source_digest import SourceTree
 SHARED = ("truing.stages.common", "truing.stages.declaration")
 ROOMS = sorted({path.parent.name for path in modules("stages") if path.parent != PROJECT / "stages"})
 CAUSES, SEARCH = re.compile(r"truing/simulation/\w+/causes/"), re.compile(r"truing/inference/")
+MODELS = re.compile(r"truing/simulation/(bench|bodies|mechanisms|photographs)/\w+\.py")
+ADJUSTMENTS = re.compile(r"truing/estimation/(bundle/(adjustment|snooping)|rigid_poses/correlated_poses)\.py")
 
 
 @pytest.mark.parametrize("room", ROOMS)
@@ -41,6 +43,10 @@ def closure(stage: str) -> tuple[str, ...]:
 @pytest.mark.parametrize("stage", ["images", "ingest", "bundle", "qa", "pose", "deformation"])
 def test_a_change_in_a_cause_makes_no_stage_stale_that_knows_none(stage: str) -> None:
     assert [file for file in closure(stage) if CAUSES.match(file) or SEARCH.match(file)] == []
+
+
+def test_a_change_in_a_model_or_in_an_adjustment_makes_no_quality_check_stale() -> None:
+    assert [file for file in closure("qa") if MODELS.match(file) or ADJUSTMENTS.match(file)] == []
 
 
 def test_a_change_in_a_cause_makes_the_diagnosis_stale() -> None:

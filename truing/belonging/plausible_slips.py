@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from truing.arrays import Mask
 from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, Slip, SlipKind
 from truing.belonging.responses import Responses
 from truing.belonging.slip_search import CLEARLY, Candidate, Expected, Reading, as_recorded, misses_read
+from truing.estimation.interferometry.recorded_steps import LOADS
 
-LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 _FORCES, _TORQUES = np.arange(6) < 3, np.arange(6) >= 3
 
 
@@ -30,56 +30,38 @@ class Column:
     unit_si: float = 1.0
 
 
-@dataclass(frozen=True)
-class _Loads:
+Undo = Callable[[Reading], Reading]
+
+
+def _loads(concerns: Mask, axes: Mask, factor: float) -> Undo:
     """Loads (C, 6) of some responses, along some axes, times a factor."""
-
-    concerns: Mask
-    axes: Mask
-    factor: float
-
-    def __call__(self, read: Reading) -> Reading:
-        factor = np.where(self.concerns[:, None] & self.axes, self.factor, 1.0)
-        return replace(read, direction=read.direction * factor)
+    factors = np.where(concerns[:, None] & axes, factor, 1.0)
+    return lambda read: replace(read, direction=read.direction * factors)
 
 
-@dataclass(frozen=True)
-class _Values:
+def _values(concerns: Mask, factor: float) -> Undo:
     """Recorded values of some responses, times a factor."""
-
-    concerns: Mask
-    factor: float
-
-    def __call__(self, read: Reading) -> Reading:
-        return replace(read, factor=read.factor * np.where(self.concerns, self.factor, 1.0))
+    factors = np.where(concerns, factor, 1.0)
+    return lambda read: replace(read, factor=read.factor * factors)
 
 
-@dataclass(frozen=True)
-class _ColumnsExchanged:
+def _exchange_columns(concerns: Mask, pair: tuple[int, int], factor: float) -> Undo:
     """Two columns stand for each other; ``factor``: unit of the second over that of the first."""
 
-    concerns: Mask
-    pair: tuple[int, int]
-    factor: float
+    def undo(read: Reading) -> Reading:
+        first, second = (concerns & (read.column == one) for one in pair)
+        column = np.where(first, pair[1], np.where(second, pair[0], read.column))
+        factors = np.where(first, factor, np.where(second, 1.0 / factor, 1.0))
+        return replace(read, column=column, factor=read.factor * factors)
 
-    def __call__(self, read: Reading) -> Reading:
-        first, second = (self.concerns & (read.column == one) for one in self.pair)
-        column = np.where(first, self.pair[1], np.where(second, self.pair[0], read.column))
-        factor = np.where(first, self.factor, np.where(second, 1.0 / self.factor, 1.0))
-        return replace(read, column=column, factor=read.factor * factor)
+    return undo
 
 
-@dataclass(frozen=True)
-class _AxesExchanged:
+def _exchange_axes(concerns: Mask, pair: tuple[int, int]) -> Undo:
     """Loads of two axes were written down for each other."""
-
-    concerns: Mask
-    pair: tuple[int, int]
-
-    def __call__(self, read: Reading) -> Reading:
-        order = np.arange(6)
-        order[list(self.pair)] = order[list(self.pair)[::-1]]
-        return replace(read, direction=np.where(self.concerns[:, None], read.direction[:, order], read.direction))
+    order = np.arange(6)
+    order[list(pair)] = pair[::-1]
+    return lambda read: replace(read, direction=np.where(concerns[:, None], read.direction[:, order], read.direction))
 
 
 def slips_of_all_loads(found: Responses) -> Iterator[Candidate]:
@@ -87,25 +69,25 @@ def slips_of_all_loads(found: Responses) -> Iterator[Candidate]:
     loaded = found.direction != 0.0
     everything, every_axis = np.ones(len(found), bool), np.ones(6, bool)
     for factor in FORCE_UNITS:
-        yield Candidate(_unit("load", factor), everything, _Loads(everything, every_axis, factor))
-    yield Candidate(Slip(SlipKind.SIGN, "load"), everything, _Loads(everything, every_axis, -1.0))
+        yield Candidate(_unit("load", factor), everything, _loads(everything, every_axis, factor))
+    yield Candidate(Slip(SlipKind.SIGN, "load"), everything, _loads(everything, every_axis, -1.0))
     for quantity, axes, factors in (("force", _FORCES, FORCE_UNITS), ("torque", _TORQUES, TORQUE_UNITS)):
         mine = (loaded & axes).any(axis=1)
         for factor in factors:
-            yield Candidate(_unit(quantity, factor), mine, _Loads(mine, axes, factor), 1.0)
-        yield Candidate(Slip(SlipKind.SIGN, quantity), mine, _Loads(mine, axes, -1.0), 1.0)
+            yield Candidate(_unit(quantity, factor), mine, _loads(mine, axes, factor), 1.0)
+        yield Candidate(Slip(SlipKind.SIGN, quantity), mine, _loads(mine, axes, -1.0), 1.0)
     for axis in np.flatnonzero(loaded.any(axis=0)).tolist():
         axes, mine = np.arange(6) == axis, loaded[:, axis]
         quantity = "force" if axis < 3 else "torque"
         for factor in FORCE_UNITS if axis < 3 else TORQUE_UNITS:
             slip = _unit(quantity, factor, LOADS[axis])
-            yield Candidate(slip, mine, _Loads(mine, axes, factor), np.log(6.0))
+            yield Candidate(slip, mine, _loads(mine, axes, factor), np.log(6.0))
         slip = Slip(SlipKind.SIGN, quantity, (LOADS[axis],))
-        yield Candidate(slip, mine, _Loads(mine, axes, -1.0), np.log(6.0))
-    for pair in _pairs(6):
+        yield Candidate(slip, mine, _loads(mine, axes, -1.0), np.log(6.0))
+    for pair in combinations(range(6), 2):
         mine = loaded[:, list(pair)].any(axis=1)
         slip = Slip(SlipKind.COLUMNS, "load axes", (LOADS[pair[0]], LOADS[pair[1]]))
-        yield Candidate(slip, mine, _AxesExchanged(mine, pair), np.log(15.0))
+        yield Candidate(slip, mine, _exchange_axes(mine, pair), np.log(15.0))
 
 
 def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: Expected) -> Iterator[Candidate]:
@@ -116,12 +98,12 @@ def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: Expected
     for factor in dict.fromkeys((-1.0, *FORCE_UNITS, *TORQUE_UNITS)):
         allowed = numbers[torque] if factor not in (-1.0, *FORCE_UNITS) else numbers
         alone = [
-            Candidate(_of_runs("load", factor, [runs[one]]), mine, _Loads(mine, every_axis, factor), many)
+            Candidate(_of_runs("load", factor, [runs[one]]), mine, _loads(mine, every_axis, factor), many)
             for one in allowed.tolist()
             if (mine := found.run == one).any()
         ]
         yield from alone
-        yield from _together(found, expected, alone, partial(_Loads, axes=every_axis, factor=factor), len(numbers))
+        yield from _together(found, expected, alone, partial(_loads, axes=every_axis, factor=factor), len(numbers))
     yield from _exchanged_labels(found, runs)
 
 
@@ -136,12 +118,12 @@ def _exchanged_labels(found: Responses, runs: Sequence[str]) -> Iterator[Candida
         for other in range(6):
             if other != axis:
                 slip = Slip(SlipKind.MISLABELLED, f"load axis {LOADS[axis]} in place of {LOADS[other]}", (runs[one],))
-                yield Candidate(slip, mine[one], _AxesExchanged(mine[one], (axis, other)), many + np.log(15.0))
+                yield Candidate(slip, mine[one], _exchange_axes(mine[one], (axis, other)), many + np.log(15.0))
         for other, its in single.items():
             if other > one and its != axis:
                 both = mine[one] | mine[other]
                 slip = Slip(SlipKind.PARTS_EXCHANGED, "load axes", (runs[one], runs[other]))
-                yield Candidate(slip, both, _AxesExchanged(both, (axis, its)), 2.0 * many)
+                yield Candidate(slip, both, _exchange_axes(both, (axis, its)), 2.0 * many)
 
 
 def slips_of_columns(
@@ -208,7 +190,7 @@ def _in_runs(
     for (kind, factor), alone in by_slip.items():
         yield from alone
         value = -1.0 if kind == SlipKind.SIGN else factor
-        yield from _together(found, expected, alone, partial(_Values, factor=value), len(numbers))
+        yield from _together(found, expected, alone, partial(_values, factor=value), len(numbers))
 
 
 def _column_slips(
@@ -222,30 +204,30 @@ def _column_slips(
     one = columns[places[0]]
     for factor in one.factors:
         slip = Slip(SlipKind.UNIT, one.quantity, subjects, factor)
-        yield Candidate(slip, mine, _Values(mine, factor), penalty)
+        yield Candidate(slip, mine, _values(mine, factor), penalty)
     for factor in one.fringes:
         slip = Slip(SlipKind.FRINGES, one.quantity, subjects, factor)
-        yield Candidate(slip, mine, _Values(mine, factor), penalty + 1.0)
-    yield Candidate(Slip(SlipKind.SIGN, one.quantity, subjects), mine, _Values(mine, -1.0), penalty)
+        yield Candidate(slip, mine, _values(mine, factor), penalty + 1.0)
+    yield Candidate(Slip(SlipKind.SIGN, one.quantity, subjects), mine, _values(mine, -1.0), penalty)
 
 
 def _columns_exchanged(
     found: Responses, columns: Sequence[Column], mine: Mask, where: tuple[str, ...], penalty: float
 ) -> Iterator[Candidate]:
     there = np.unique(found.column[mine])
-    for first, second in _pairs(len(columns)):
+    for first, second in combinations(range(len(columns)), 2):
         if first in there and second in there:
             factor = columns[second].unit_si / columns[first].unit_si
             slip = Slip(SlipKind.COLUMNS, "columns", (columns[first].name, columns[second].name, *where))
             concerns = mine & np.isin(found.column, [first, second])
-            yield Candidate(slip, concerns, _ColumnsExchanged(concerns, (first, second), factor), penalty)
+            yield Candidate(slip, concerns, _exchange_columns(concerns, (first, second), factor), penalty)
 
 
 def _together(
     found: Responses,
     expected: Expected,
     alone: Sequence[Candidate],
-    undo: Callable[[Mask], Callable[[Reading], Reading]],
+    undo: Callable[[Mask], Undo],
     runs: int,
 ) -> Iterator[Candidate]:
     """One slip in all those runs in which it at least halves what is missed."""
@@ -285,7 +267,3 @@ def _of_runs(quantity: str, factor: float, runs: Sequence[str]) -> Slip:
 
 def _unit(quantity: str, factor: float, *subjects: str) -> Slip:
     return Slip(SlipKind.UNIT, quantity, subjects, factor)
-
-
-def _pairs(count: int) -> Iterator[tuple[int, int]]:
-    return ((first, second) for first in range(count) for second in range(first + 1, count))

@@ -237,13 +237,11 @@ def keep_consistent(
     y: Array,
     cov: Array,
     *,
-    form: Form = "matrix",
     offset_cov: Array | None = None,
-    group: Index | None = None,
     fitted: Mask | None = None,
     false_rejections: float = 0.05,
 ) -> Mask:
-    """Which responses (N, L) agree with the model: gross errors found from a robust start, then to a fixpoint.
+    """Which responses (N, L) agree with the matrix model: gross errors found from a robust start, then to a fixpoint.
 
     ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the
     least absolute deviation by reweighting; its median residual widens the limit where the noise is larger than
@@ -255,34 +253,31 @@ def keep_consistent(
     seen = np.isfinite(y)
     limit = -ndtri(0.5 * min(1.0, false_rejections / max(seen.sum(), 1)))
     basis = seen if fitted is None else seen & fitted[:, None]
-    start = _standardised_l1(u, np.where(basis, y, np.nan), y, cov, form, offset_cov, group)
+    start = _standardised_l1(u, np.where(basis, y, np.nan), y, cov, offset_cov)
     limit *= max(1.0, float(np.median(start[basis])) / _NORMAL_MEDIAN) if basis.any() else 1.0
     kept = seen & (start < 1.5 * limit)
     for _ in range(20):
-        fit = fit_response(u, np.where(kept & basis, y, np.nan), cov, form=form, offset_cov=offset_cov, group=group)
-        again = seen & (_standardised(fit, u, y, cov, group) < limit)
+        fit = fit_response(u, np.where(kept & basis, y, np.nan), cov, offset_cov=offset_cov)
+        again = seen & (_standardised(fit, u, y, cov) < limit)
         if (again == kept).all():
             break
         kept = again
     return kept
 
 
-def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array, group: Index | None) -> Array:
+def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array) -> Array:
     """(N, L) |residual| in units of its deviation, for rejected values as well as for kept ones."""
-    offset = fit.offset[np.zeros(len(u), np.int64) if group is None else group]
-    residual = np.where(np.isfinite(fit.residuals), fit.residuals, y - offset - fit.predict(u))
+    residual = np.where(np.isfinite(fit.residuals), fit.residuals, y - fit.offset[0] - fit.predict(u))
     spread = np.sqrt(np.einsum("nll->nl", cov))
     return np.abs(np.nan_to_num(residual)) / np.where(spread > 0.0, spread, np.inf)
 
 
-def _standardised_l1(
-    u: Array, kept: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: Index | None
-) -> Array:
+def _standardised_l1(u: Array, kept: Array, y: Array, cov: Array, offset_cov: Array | None) -> Array:
     """(N, L) |residual| in units of its deviation, of all y, after a least-absolute-deviation fit to those in kept."""
     inflated = cov
     for _ in range(30):
-        fit = fit_response(u, kept, inflated, form=form, offset_cov=offset_cov, group=group)
-        z = _standardised(fit, u, y, cov, group)
+        fit = fit_response(u, kept, inflated, offset_cov=offset_cov)
+        z = _standardised(fit, u, y, cov)
         root = np.sqrt(np.maximum(z, 1.0))
         inflated = cov * root[:, :, None] * root[:, None, :]
     return z

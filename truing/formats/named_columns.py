@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from truing.arrays import Array
+from truing.formats.shapes import WRENCH
 from truing.formats.units import bare_and_unit, expanded
 
 _UNIT = r"(?:[\s_]*[\[(/]\s*(?P<unit>[^\])]+?)\s*[\])]?)?"
@@ -37,7 +38,6 @@ _COLUMN = {
 }
 _UNITS = {"nmm": "N mm", "nm": None, "n": None, "kn": "kN", "mm": None, "rad": None, "deg": "deg", "in": "in"}
 _FEWEST = 3  # components, as fewer may be called so by chance
-_CHANNELS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 Loads = tuple[str, dict[str, Any], str]
 _FAMILIES = {
     "quaternion": (("qw", "qx", "qy", "qz"), ("q0", "qx", "qy", "qz"), ("q0", "q1", "q2", "q3"), ("w", "i", "j", "k")),
@@ -67,7 +67,7 @@ def load_columns(names: Sequence[str]) -> Loads | None:
     if any(column[0] in "dr" for column in plain):
         return "displacement", {"columns": plain, **told, **steps}, "displacements under load"
     if applied:
-        signals = {f"v{_CHANNELS.index(column) + 1}_mv": name for column, name in plain.items()}
+        signals = {f"v{WRENCH.index(column) + 1}_mv": name for column, name in plain.items()}
         note = "known loads, beside the channels of a sensor"
         return "signals", {"columns": {**signals, **applied}, **steps}, note
     if (channels := _channels(names)) or not any(_TIME.fullmatch(name.strip()) for name in names):

@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
+from truing.estimation.interferometry.jumps import find_jump, find_slips
 from truing.estimation.interferometry.quadrature import (
     EllipseStatus,
     corrected_phase,
     count_fringes,
-    find_jump,
-    find_slips,
     fit_ellipse,
     length_from_phase,
     length_per_turn,

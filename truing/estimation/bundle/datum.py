@@ -17,6 +17,7 @@ from scipy.linalg import qr
 from truing.arrays import Array, Index
 from truing.estimation.bundle.network import State
 from truing.estimation.bundle.normal_equations import Layout
+from truing.estimation.rotation import rigid_motions
 
 Datum = Literal["free", "minimal", "known"]
 
@@ -109,12 +110,7 @@ def _orthonormal(points: Array, start: Index) -> Array:
 
 def movements(points: Array) -> Array:
     """Return the movements (n, 3, 7) of points by shifts, turns and scale about the origin."""
-    found = np.zeros((len(points), 3, 7))
-    found[:, :, :3], found[:, :, 6] = np.eye(3), points
-    x, y, z = points.T
-    found[:, 0, 4], found[:, 0, 5], found[:, 1, 5] = z, -y, x
-    found[:, 1, 3], found[:, 2, 3], found[:, 2, 4] = -z, y, -x
-    return found
+    return np.concatenate([rigid_motions(points), points[..., None]], -1)
 
 
 def _null_space(rows: Array) -> Array:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truing.arrays import Array, Index, Mask
+from truing.estimation.interferometry.jumps import Jump, find_jump
 from truing.estimation.interferometry.load_run import RunFit
-from truing.estimation.interferometry.quadrature import Jump, find_jump
 from truing.estimation.quality import Scatter
 
 _SAME_SIZE = 0.5  # of the logarithm of a factor: within a factor of 1.6, responses are of a size
@@ -245,13 +245,16 @@ def worth_of_air(index_change: ArrayLike, dead_path: ArrayLike, displacement: Ar
     )
 
 
-def temperatures_out_of_reach(value_c: ArrayLike, lowest_c: float = -10.0, highest_c: float = 50.0) -> Found:
+def temperatures_out_of_reach(value_c: ArrayLike) -> Found:
     """Return rows whose temperature no laboratory has: other units, or a sensor that is off; size: the value."""
-    value = np.asarray(value_c, float)
-    return _found(np.isfinite(value) & ((value < lowest_c) | (value > highest_c)), value, highest_c)
+    return _out_of_reach(value_c, -10.0, 50.0)
 
 
-def pressures_out_of_reach(value_pa: ArrayLike, lowest_pa: float = 6e4, highest_pa: float = 1.1e5) -> Found:
+def pressures_out_of_reach(value_pa: ArrayLike) -> Found:
     """Return rows whose air pressure no laboratory has: other units, or a sensor that is off; size: the value."""
-    value = np.asarray(value_pa, float)
-    return _found(np.isfinite(value) & ((value < lowest_pa) | (value > highest_pa)), value, highest_pa)
+    return _out_of_reach(value_pa, 6e4, 1.1e5)
+
+
+def _out_of_reach(values: ArrayLike, lowest: float, highest: float) -> Found:
+    value = np.asarray(values, float)
+    return _found(np.isfinite(value) & ((value < lowest) | (value > highest)), value, highest)

@@ -1,4 +1,4 @@
-"""From quadrature signals of an interferometer to phase and length: the ellipse that they trace, fringes, slips.
+"""From quadrature signals of an interferometer to phase and length: the ellipse that they trace, fringes.
 
 Signals are ``x = x0 + a cos p, y = y0 + b sin(p + lag)``: offsets, unequal gains, and a lag from quadrature make the
 plain arctangent err once or twice a fringe. P. L. M. Heydemann, Appl. Opt. 20 (1981) 3382.
@@ -12,7 +12,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truing.arrays import Array, Index, Mask
+from truing.arrays import Array, Mask
 from truing.estimation.least_squares.solver import SolverStatus, least_squares
 
 PARAMETERS = ("x0", "y0", "a", "b", "lag")
@@ -318,93 +318,3 @@ def length_per_turn(wavelength_m: ArrayLike, index: ArrayLike = 1.0, passes: int
 def length_from_phase(phase: ArrayLike, wavelength_m: ArrayLike, index: ArrayLike = 1.0, passes: int = 2) -> Array:
     """Return lengths in m of followed phases in rad, the index of air being that of each sample."""
     return np.asarray(phase, float) / _TURN * length_per_turn(wavelength_m, index, passes)
-
-
-@dataclass(frozen=True)
-class Jump:
-    """The likeliest jump in each of G series: before which sample, how large, its sigma, and the p-value.
-
-    p_value (G,): over all onsets; left (G, N): what the design does not explain, with the jump taken out.
-    """
-
-    onset: Index
-    size: Array
-    sigma: Array
-    p_value: Array
-    left: Array
-
-
-def find_jump(values: Array, sigma: ArrayLike, design: Array, shortest: int = 2) -> Jump:
-    """Find the likeliest jump in series (G, N), beside the columns of a design (N, P) or (G, N, P) that each follows.
-
-    sigma one number or (G, N). The jump is fitted together with the design at every onset that leaves
-    ``shortest`` samples on either side; Bonferroni over the onsets. NaN values take no part.
-    """
-    from scipy.special import chdtrc
-
-    values = np.atleast_2d(np.asarray(values, float))
-    count, length = values.shape
-    seen = np.isfinite(values)
-    weight = np.where(seen, 1.0 / np.broadcast_to(np.asarray(sigma, float), values.shape), 0.0)
-    white = weight * np.where(seen, values, 0.0)
-    columns = weight[..., None] * np.broadcast_to(design, (count, length, np.shape(design)[-1]))
-    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
-    basis = basis * (size > 1e-10 * size[:, :1])[:, None, :]
-    after = np.tril(np.ones((length, length)))[:, 1:]  # column k: a jump before sample k + 1
-    steps = weight[..., None] * after
-    steps = steps - basis @ (np.swapaxes(basis, 1, 2) @ steps)
-    residual = white - np.einsum("gnp,gp->gn", basis, np.einsum("gnp,gn->gp", basis, white))
-    energy = np.sum(steps**2, axis=1)
-    before = np.cumsum(seen, axis=1)[:, :-1]
-    whole = np.sum(weight[..., None] ** 2 * after, axis=1)
-    open_ = (before >= shortest) & (seen.sum(1, keepdims=True) - before >= shortest) & (energy > 1e-9 * whole)
-    along = np.einsum("gnk,gn->gk", steps, residual)
-    gain = np.where(open_, along**2 / np.where(open_, energy, 1.0), -1.0)
-    best = gain.argmax(1)
-    row = np.arange(count)
-    found = gain[row, best] >= 0.0
-    size_at = np.where(found, along[row, best] / np.where(found, energy[row, best], 1.0), 0.0)
-    spread = np.where(found, 1.0 / np.sqrt(np.where(found, energy[row, best], 1.0)), np.inf)
-    p_value = np.minimum(1.0, open_.sum(1) * chdtrc(1, np.maximum(gain[row, best], 0.0)))
-    left = residual - size_at[:, None] * steps[row, :, best]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left = np.where(seen, left / weight, np.nan)
-    return Jump(best + 1, size_at, spread, np.where(found, p_value, 1.0), left)
-
-
-@dataclass(frozen=True)
-class Slip:
-    """Fringes slipped in each of G series: from which sample on, and how many quanta; zero where none did.
-
-    size and sigma (G,) of the likeliest jump; p_value (G,) of there being no jump at all; off (G,): how far the jump is
-    from a whole number of quanta, in its sigmas; detectable (G,): the fewest quanta that would be found in half of
-    such series.
-    """
-
-    onset: Index
-    count: Index
-    size: Array
-    sigma: Array
-    p_value: Array
-    off: Array
-    detectable: Array
-
-
-def find_slips(
-    values: Array, sigma: ArrayLike, design: Array, quantum: float, false_alarm: float = 0.01, largest_off: float = 3.0
-) -> Slip:
-    """Find a jump by a whole number of quanta (half a wavelength over the passes) in each series, as ``find_jump``.
-
-    The count is zero where there is no jump at ``false_alarm`` per series, or one that is no whole number.
-    """
-    from scipy.special import ndtri
-
-    jump = find_jump(values, sigma, design)
-    nearest = np.round(jump.size / quantum).astype(np.int64)
-    finite = np.isfinite(jump.sigma)
-    off = np.where(finite, np.abs(jump.size - nearest * quantum) / np.where(finite, jump.sigma, 1.0), np.inf)
-    real = (jump.p_value <= false_alarm) & (off <= largest_off)
-    onsets = max(jump.left.shape[1] - 3, 1)
-    limit = -ndtri(0.5 * false_alarm / onsets)
-    detectable = np.ceil(np.where(finite, limit * jump.sigma / quantum, np.inf))
-    return Slip(jump.onset, np.where(real, nearest, 0), jump.size, jump.sigma, jump.p_value, off, detectable)

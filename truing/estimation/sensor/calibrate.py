@@ -18,12 +18,9 @@ from truing.estimation.errors_in_variables.descent import Prior
 from truing.estimation.errors_in_variables.fit import fit_errors_in_variables
 from truing.estimation.least_squares.solver import SolverStatus
 from truing.estimation.sensor.calibration import Calibration, CalibrationModel, Terms
-from truing.estimation.sensor.load_table import LoadTable
+from truing.estimation.sensor.load_table import LoadTable, least_signal
 
 _LEAST = 1e-8  # share of the unit columns' largest singular value that is no zero
-# Power of a combination of signals over that of its noise, below which it counts as noise; and, of the scatter of the
-# latter in few rows, how many sigmas.
-_OVER_NOISE, _SIGMAS = 2.0, 6.0
 
 
 class UndeterminedCalibrationError(ValueError):
@@ -66,9 +63,8 @@ def check_signals(signals: NDArray, signal_cov: NDArray | None, labels: Sequence
     if not known.any():
         return
     rows = len(signals)
-    least = np.sqrt(rows * max(_OVER_NOISE, 1.0 + _SIGMAS * np.sqrt(2.0 / rows)))
     used = [label for label, noisy in zip(labels, known, strict=True) if noisy]
-    seen = observe(signals[:, known], 1.0 / level[known], used, unidentifiable=1.0 / least)
+    seen = observe(signals[:, known], 1.0 / level[known], used, unidentifiable=1.0 / least_signal(rows))
     if seen.rank < known.sum():
         unseen = "; ".join(group.text for group in inseparable(seen))
         raise UndeterminedCalibrationError(

@@ -103,16 +103,15 @@ def choose_loads(
     count: int,
     limits: LoadLimits,
     *,
-    zero: bool = True,
     powers: Powers = "linear",
     rng: np.random.Generator,
 ) -> LoadDesign:
     """Return ``count`` of the candidate loads (C, W), repeated where that is best, that determine a calibration best.
 
-    zero: whether the zero is unknown; powers: the terms of the calibration. Raises ValueError where the candidates, or
+    powers: the terms of the calibration, beside a zero for each channel. Raises ValueError where the candidates, or
     so few loads, do not determine it.
     """
-    rows = load_rows(candidates, limits, zero=zero, powers=powers)
+    rows = load_rows(candidates, limits, powers=powers)
     if count < rows.shape[2]:
         raise ValueError(f"found {count} loads, expected at least {rows.shape[2]}, one for each term of a channel")
     bound = bound_design(rows, count)
@@ -129,29 +128,27 @@ def _determines(rows: NDArray) -> bool:
     return bool(np.all(strength[:, 0] > _LEAST * strength[:, -1]))
 
 
-def judge_loads(
-    loads: NDArray, candidates: NDArray, limits: LoadLimits, *, zero: bool = True, powers: Powers = "linear"
-) -> LoadDesign:
+def judge_loads(loads: NDArray, candidates: NDArray, limits: LoadLimits, *, powers: Powers = "linear") -> LoadDesign:
     """Return how good given loads (N, W) are beside the best among candidates (C, W); efficiency 0 where they do not
     determine the calibration."""
-    value = sum_log_det(information_of(load_rows(loads, limits, zero=zero, powers=powers)))
-    rows = load_rows(candidates, limits, zero=zero, powers=powers)
+    value = sum_log_det(information_of(load_rows(loads, limits, powers=powers)))
+    rows = load_rows(candidates, limits, powers=powers)
     bound = bound_design(rows, len(loads))
     return LoadDesign(loads, value, bound.upper, efficiency(value, bound.upper, rows.shape[2]))
 
 
-def load_rows(loads: NDArray, limits: LoadLimits, *, zero: bool, powers: Powers) -> NDArray:
+def load_rows(loads: NDArray, limits: LoadLimits, *, powers: Powers, zero: bool = True) -> NDArray:
     """Return what each load (N, W) tells of one channel: rows (N, 1, Q)."""
     terms = Terms(LOADS[: loads.shape[1]], powers=powers)
     columns = terms.at(loads / limits.limits, np.empty((len(loads), 0)))
     return np.concatenate([columns, np.ones((len(loads), int(zero)))], axis=1)[:, None]
 
 
-def predicted_sigma(loads: NDArray, signal_sigma: NDArray, limits: LoadLimits, *, zero: bool = True) -> NDArray:
+def predicted_sigma(loads: NDArray, signal_sigma: NDArray, limits: LoadLimits) -> NDArray:
     """Return the standard deviation (C, W) of each sensitivity, per unit of load, that loads (N, W) will leave.
 
     signal_sigma (C,): of one reading of each channel.
     """
-    rows = load_rows(loads, limits, zero=zero, powers="linear")[:, 0]
+    rows = load_rows(loads, limits, powers="linear")[:, 0]
     spread = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))[: loads.shape[1]]
     return np.asarray(signal_sigma)[:, None] * (spread / limits.limits)

@@ -13,6 +13,10 @@ from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
 
 _UNLIKELY = 1e-3  # of zeros that differ so much from run to run by noise alone
 
+# Power of a combination of signals over that of its noise, below which it counts as noise; and, of the scatter of the
+# latter in few rows, how many sigmas.
+_OVER_NOISE, _SIGMAS = 2.0, 6.0
+
 
 @dataclass(frozen=True)
 class LoadTable:
@@ -177,3 +181,8 @@ def zeros_of_runs(
     squares = float(np.sum(((weighed - explained @ by_those) / sigma) ** 2))
     freedom = (int(met.sum()) - int(rank)) * signal.shape[1]
     return mean, freedom > 0 and bool(chdtrc(freedom, squares) < _UNLIKELY)
+
+
+def least_signal(rows: int) -> float:
+    """Return the least length, in sigmas, of a combination of signals over so many rows that is more than noise."""
+    return float(np.sqrt(rows * max(_OVER_NOISE, 1.0 + _SIGMAS * np.sqrt(2.0 / rows))))

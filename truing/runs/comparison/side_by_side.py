@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.runs.comparison.steps import (
     NAMES,
     Step,
@@ -141,10 +142,9 @@ def _simulated(run: Run) -> np.ndarray:
     if "compliance" not in run or "simulated_sigma" not in run["compliance"]:
         return sigma.ravel()
     table = run["compliance"].dropna(subset=["simulated_sigma"])
-    channels, loads = ("dx", "dy", "dz", "rx", "ry", "rz"), ("fx", "fy", "fz", "mx", "my", "mz")
     for r in table.itertuples():
         if r.simulated_sigma > 0.0:
-            sigma[channels.index(r.response), loads.index(r.load)] = r.simulated_sigma
+            sigma[CHANNELS.index(r.response), LOADS.index(r.load)] = r.simulated_sigma
     return sigma.ravel()
 
 

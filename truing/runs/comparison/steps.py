@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.inference.changes import compare
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.extended_model import ExtendedSensor
@@ -29,7 +30,6 @@ NAMES = ["group", "effect_of", "leg", "parameter"]
 
 _SAME_M = 1e-9
 
-_LOADS, _CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz"), ("dx", "dy", "dz", "rx", "ry", "rz")
 _ENTRIES = 36
 _LEGS = 6
 
@@ -177,7 +177,7 @@ def _surveyed(found: ExtendedModel) -> PointModel:
 def sensor_numbers(found: ExtendedSensor) -> pd.DataFrame:
     """Return every number of a sensor's model: NAMES, value and sigma in SI, of effects in the tables' units."""
     sigma = np.sqrt(np.diag(found.covariance))
-    names = [(f"{channel} {load}", _unit(channel, load)) for channel in _CHANNELS for load in _LOADS]
+    names = [(f"{channel} {load}", _unit(channel, load)) for channel in CHANNELS for load in LOADS]
     rows = [
         ("compliance", None, None, name, value, spread, unit)
         for (name, unit), value, spread in zip(names, found.compliance.ravel(), sigma, strict=False)
@@ -255,7 +255,7 @@ def _common(found: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
 
 def _named(found: ExtendedSensor, keys: set[str]) -> list[tuple[object, ...]]:
     """Return the names of the numbers of ``_common`` in their order."""
-    names = (f"{channel} {load}" for channel in _CHANNELS for load in _LOADS)
+    names = (f"{channel} {load}" for channel in CHANNELS for load in LOADS)
     rows: list[tuple[object, ...]] = [("compliance", None, None, name) for name in names]
     for cause in _kept(found, keys):
         none = np.zeros(len(cause.parameters(_LEGS)))

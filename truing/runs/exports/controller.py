@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from typing import Any
 
+from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.runs.recorded_run import Run
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.model_text import toml_key, toml_value
@@ -16,7 +17,6 @@ from truing.simulation.model_text import toml_key, toml_value
 _Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
 _LENGTHS, _XYZ = ("a_mm", "b_mm"), "xyz"
 _OF_MECHANISM = ("reference_temperature_c", "kind", "loop")
-_LOADS, _CHANNELS = ("fx", "fy", "fz", "mx", "my", "mz"), ("dx", "dy", "dz", "rx", "ry", "rz")
 
 
 def controller(run: Run) -> Iterator[tuple[str, bytes]]:
@@ -80,8 +80,8 @@ def _compliance(document: dict[str, Any]) -> Iterator[_Number]:
     told = document.get("compliance")
     if told is None:
         return
-    for channel, values, sigmas in zip(_CHANNELS, told["identified"], told["sigma"], strict=True):
-        for load, value, sigma in zip(_LOADS, values, sigmas, strict=True):
+    for channel, values, sigmas in zip(CHANNELS, told["identified"], told["sigma"], strict=True):
+        for load, value, sigma in zip(LOADS, values, sigmas, strict=True):
             unit = f"{'m' if channel[0] == 'd' else 'rad'}/{'N' if load[0] == 'f' else '(N m)'}"
             yield "compliance", f"{channel} {load}", value, sigma, unit
 
