@@ -104,8 +104,7 @@ def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits
     """Single readings far from their place."""
     out = np.flatnonzero(~channel.fit.kept)
     share = len(out) / len(channel.rows)
-    steps = view.steps
-    places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in channel.rows[out]]
+    places = view.places(channel.rows[out])
     said = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are far from their place"
     said += f" ({listed(places)})." if places else "."
     return limits.of("gross-errors").row(f"channel {channel.name}", share, "1", said)

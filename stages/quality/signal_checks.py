@@ -62,7 +62,7 @@ def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check
     limit = None if range_mv is None else range_mv * _MILLIVOLT
     wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
     wall[saturated(value, followed_by_loads(steps.load[rows], value)).where] = True
-    places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in rows[wall]]
+    places = view.places(rows[wall])
     said = f"{name}: no sample stands at an end of its range."
     if places:
         ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
@@ -177,8 +177,7 @@ def _none_stands_out(table: LoadTable, share: float) -> Check:
 
 
 def _pair(view: LoadingView, rows: Index, one: RowExchange) -> Check:
-    steps = view.steps
-    places = [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in rows[[one.first, one.second]]]
+    places = view.places(rows[[one.first, one.second]])
     names = " ".join(LOADS[k] for k in one.components)
     said = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: their signals miss by {one.before:.0f} "
     said += f"sigmas as they stand, and by {one.after:.1f} the other way round."

@@ -49,7 +49,7 @@ def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
     missing = int(found.size.sum()) + len(lost)
     share = missing / max(missing + len(steps.step), 1)
     places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
-    places += [f"{view.run_name(steps.run[row])} step {steps.step[row]}" for row in lost]
+    places += view.places(lost)
     said = f"{counted(missing, 'step')} {'is' if missing == 1 else 'are'} missing: {listed(places)}."
     said = said if missing else "No step is missing."
     return limits.of("steps-missing").row("", share, "1", said)
@@ -92,7 +92,7 @@ def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
         return without("time gaps", "time-gaps", "", "too few steps with times")
     longest, usual = int(pause.argmax()), float(np.median(pause))
     after = within[longest] + 1
-    where = f"{view.run_name(steps.run[after])} step {steps.step[after]}"
+    (where,) = view.places([after])
     times = pause[longest] / usual
     said = f"The longest pause within a run is {pause[longest]:.0f} s, {times:.1f} times the usual, before {where}."
     return limits.of("time-gaps", per=usual).row(where, float(pause[longest]), "s", said)
@@ -128,9 +128,8 @@ def surroundings_checks(
         yield _likely(view, name, what)
         yield _steady(view, name, what, limits)
     recorded = {name: known[name] for name in temperature_columns(known)}
-    steps = view.steps
-    rows = [f"{view.run_name(run)} step {step}" for run, step in zip(steps.run, steps.step, strict=True)]
-    yield from temperature_units(recorded, reference_c, rows, np.argsort(steps.time_s, kind="stable"))
+    order = np.argsort(view.steps.time_s, kind="stable")
+    yield from temperature_units(recorded, reference_c, view.places(range(len(order))), order)
     yield from _humidity(view)
     yield _air(view, optics, limits)
 
@@ -140,7 +139,7 @@ def _likely(view: LoadingView, name: str, what: str) -> Check:
     value = view.steps.covariates[name]
     is_temperature = name in TEMPERATURES
     found = temperatures_out_of_reach(value) if is_temperature else pressures_out_of_reach(value * _HPA)
-    places = [f"{view.run_name(view.steps.run[row])} step {view.steps.step[row]}" for row in found.where]
+    places = view.places(found.where)
     worst = float(np.nanmax(np.abs(value)))
     unit = "degC" if is_temperature else "hPa"
     limit = found.limit if is_temperature else found.limit / _HPA

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,6 +125,10 @@ class LoadingView:
     def run_name(self, run: int) -> str:
         """How the campaign calls a run."""
         return f"run {self.steps.runs[run]}"
+
+    def places(self, rows: Iterable[int]) -> list[str]:
+        """The run and step of rows (n,) in words."""
+        return [f"{self.run_name(self.steps.run[row])} step {self.steps.step[row]}" for row in rows]
 
     @cached_property
     def is_counted(self) -> bool:
