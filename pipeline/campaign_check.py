@@ -70,7 +70,7 @@ def _settings_faults(campaign: CampaignFolder) -> list[Fault]:
     try:
         campaign.validated()
         if campaign.has_second and not known:
-            second_folder(campaign)
+            second_folder(campaign).validated()
     except CampaignFaults as error:
         return [*known.values(), *(fault for fault in error.faults if fault.column not in known)]
     return list(known.values())

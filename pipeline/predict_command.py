@@ -60,7 +60,7 @@ def _errors(model: Path, text: str, place: Path) -> pa.Table:
         raise CampaignFaults(faults)
     stages = OF_SECOND_CAMPAIGNS["transfer"]
     try:
-        return second_campaign_errors(text, campaign_of(campaign, stages), cast("dict[str, pa.Table]", beside))
+        return second_campaign_errors(text, campaign_of(campaign, stages), cast("dict[str, pa.Table]", beside))[0]
     except ValueError as error:
         raise CampaignFaults([Fault(str(place), f"a campaign that {model} predicts ({error})")]) from None
 

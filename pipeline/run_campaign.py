@@ -105,7 +105,7 @@ def _validate(run: CampaignRun) -> None:
         check_campaign(run.campaign)  # tells what is wrong with the raw files in the same breath
         raise
     if run.campaign.has_second:
-        second_folder(run.campaign)
+        second_folder(run.campaign).validated()
 
 
 def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish: Wish) -> None:

@@ -22,8 +22,8 @@ def second_folder(campaign: CampaignFolder) -> CampaignFolder:
     place = campaign.folder / named
     try:
         found = open_campaign(place)
-    except CampaignFaults as error:
-        said = "; ".join(fault.expected for fault in error.faults)
+    except (CampaignFaults, ValueError) as error:  # a name of a path may hold what no path can
+        said = "; ".join(fault.expected for fault in getattr(error, "faults", ())) or "a path"
         raise _fault(campaign, f"the folder of a second campaign, relative to campaign.toml: {said}", named) from None
     if found.file.resolve() == campaign.file.resolve():
         raise _fault(

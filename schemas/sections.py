@@ -13,6 +13,7 @@ from truing.schemas.section import (
     Name,
     NotNegative,
     OneOrSeveral,
+    Path,
     Positive,
     Section,
     Shown,
@@ -205,7 +206,7 @@ class Diagnosis(Section):
         (), description="causes whose effects the main calibration holds where they are found; absent: data as recorded"
     )
     ignore: tuple[Name, ...] = Field((), description="causes that the diagnosis does not search for")
-    judge_on: Words | None = Field(
+    judge_on: Path | None = Field(
         None,
         description="folder of a second campaign of the same machine, relative to campaign.toml: the models that are "
         "fitted here predict it, and their errors are listed",

@@ -21,7 +21,7 @@ DECLARATION = Stage(
     ),
     leaves=("second_campaign_errors",),
     settings=(
-        *("diagnosis.judge_on", "mechanism.reference_temperature_c", "exclude", "keep"),
+        *("campaign.kind", "diagnosis.judge_on", "mechanism.reference_temperature_c", "exclude", "keep"),
         *("noise.signal_mv", "noise.load_n", "noise.load_nm"),
     ),
     summary="errors of a second campaign of the same machine by models fitted to this one",
@@ -42,11 +42,11 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, 
         return Outcome.not_evaluated(nothing, why)
     assert text is not None
     try:
-        errors = second_campaign_errors(text, second, tables, settings)
+        errors, left_out = second_campaign_errors(text, second, tables, settings)
     except ValueError as why_not:
         return Outcome.not_evaluated(nothing, str(why_not))
     named = str(settings.diagnosis.judge_on)
-    return Outcome({ARTIFACT: errors}, read=named, left_out="nothing", figure=_figure(errors))
+    return Outcome({ARTIFACT: errors}, read=named, left_out=left_out or "nothing", figure=_figure(errors))
 
 
 def _figure(errors: pa.Table) -> str:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 def second_campaign_errors(
     text: str, second: SecondCampaign, tables: Mapping[str, pa.Table], settings: Campaign | None = None
-) -> pa.Table:
-    """Return rows of second_campaign_errors.parquet.
+) -> tuple[pa.Table, str]:
+    """Return rows of second_campaign_errors.parquet, and what of the first campaign could predict nothing, and why.
 
     text: the extended model of the first campaign; tables, settings: what else there is of that campaign, its
     ``calibration`` and ``model_choice``, and its signals. Raises CampaignFaults where the second campaign is of another
@@ -29,30 +29,34 @@ def second_campaign_errors(
     """
     if why := withheld(second.tables):
         raise ValueError(f"second campaign: {why}")
-    rows = Rows(ARTIFACT)
-    for found in _predicted(text, second, tables, settings):
+    rows, left_out = Rows(ARTIFACT), ""
+    for found in _predicted(text, second, tables):
         add_errors(rows, second, found)
+    if settings is not None and settings.campaign.kind == "interferometer":
+        from truing.stages.second_campaign.loads import predicted_by_matrix
+
+        try:
+            for found in predicted_by_matrix(tables, settings, second):
+                add_errors(rows, second, found)
+        except ValueError as why:
+            left_out = f"loads by signals: {why}"
     if not rows.count:
-        raise ValueError("the second campaign holds nothing that the models predict")
-    return rows.table()
+        raise ValueError(left_out or "the second campaign holds nothing that the models predict")
+    return rows.table(), left_out
 
 
-def _predicted(
-    text: str, second: SecondCampaign, tables: Mapping[str, pa.Table], settings: Campaign | None
-) -> Iterator[Predicted]:
+def _predicted(text: str, second: SecondCampaign, tables: Mapping[str, pa.Table]) -> Iterator[Predicted]:
     document = parsed_toml(text)
     if is_axis(document):
         from truing.stages.second_campaign.axes import predicted_encoders
 
         yield from predicted_encoders(text, second)
     elif is_sensor(document):
-        from truing.stages.second_campaign.loads import predicted_by_matrix, predicted_readings
+        from truing.stages.second_campaign.loads import predicted_readings
 
         if second.settings.campaign.kind != "interferometer":
             raise second.refuse("campaign.kind", "interferometer", second.settings.campaign.kind)
         yield from predicted_readings(text, second)
-        if settings is not None:
-            yield from predicted_by_matrix(tables, settings, second)
     else:
         from truing.stages.second_campaign.poses import predicted_poses
 

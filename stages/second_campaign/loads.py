@@ -101,7 +101,8 @@ def predicted_by_matrix(
 ) -> Iterator[Predicted]:
     """Yield errors of loads (N, N m) by the calibration of the data as recorded, and with findings applied.
 
-    The latter is held against the loads that act by these findings, as far as they last.
+    The latter is held against the loads that act by these findings, as far as they last. Raises CampaignFaults where
+    the second campaign is of another sensor, ValueError, saying why, where G_B predicts nothing of it.
     """
     if not all("signals" in held and held["signals"].num_rows for held in (tables, second.tables)):
         return
@@ -111,7 +112,11 @@ def predicted_by_matrix(
         name = models["main" if found is main else "beside"]
         text = applied_findings(tables).text if found.causes else None
         by = EXTENDED if found.causes else CALIBRATED
-        yield from _by_matrix(found, recorded_elsewhere(second.tables, second.settings, text, found.tared), name, by)
+        other = recorded_elsewhere(second.tables, second.settings, text, found.tared)
+        if other.signal.shape[1] != found.signal.shape[1]:
+            wanted = f"{found.signal.shape[1]} signals, as the first campaign has them"
+            raise second.refuse("files.signals", wanted, f"{other.signal.shape[1]} signals")
+        yield from _by_matrix(found, other, name, by)
 
 
 def _chosen(tables: Mapping[str, pa.Table]) -> dict[str, str]:
@@ -119,7 +124,7 @@ def _chosen(tables: Mapping[str, pa.Table]) -> dict[str, str]:
     rows = tables["sensor_matrix"].to_pylist() if "sensor_matrix" in tables else []
     main = next((row["model"] for row in rows if row["chosen"] and row["matrix"] == "G_B"), None)
     if main is None:
-        raise ValueError("no calibration of the signals was made in the first campaign")
+        raise ValueError("no G_B was calibrated in the first campaign")
     compared = tables["calibrations_compared"].to_pylist() if "calibrations_compared" in tables else []
     beside = next((row["model"] for row in compared if not row["is_main"]), main)
     return {"main": cast("str", main), "beside": cast("str", beside)}
@@ -127,13 +132,14 @@ def _chosen(tables: Mapping[str, pa.Table]) -> dict[str, str]:
 
 def _by_matrix(found: Recorded, other: Recorded, name: str, by: str) -> Iterator[Predicted]:
     model = next(model for model in contenders(found) if model.name == name)
-    rows = ~found.steps.held_out
-    table = found.table(rows, found.steps.run)
+    if other.covariate_names != found.covariate_names:
+        if model.drift or model.gain:
+            raise ValueError(f"G_B follows {found.covariate_names[0]}, which the second campaign does not hold")
+        unused = np.zeros((len(other.steps.run), found.covariate.shape[1]))
+        other = replace(other, covariate=unused, covariate_names=found.covariate_names)
+    table = found.table(~found.steps.held_out, found.steps.run)
     asked = other.table(np.ones(len(other.steps.run), bool), other.steps.run)
-    if asked.signals.shape[1] != table.signals.shape[1]:
-        raise ValueError(
-            f"the second campaign has {asked.signals.shape[1]} signals, the first {table.signals.shape[1]}"
-        )
     missed = asked.loads - predicted_loads(fit_calibration(table, model), asked).value
+    words = f"{name}, against the loads that act with {' and '.join(found.causes)}" if found.causes else name
     for k, load in enumerate(table.load_names):
-        yield Predicted(by, name, load, _UNITS[load[0]], missed[:, k])
+        yield Predicted(by, words, load, _UNITS[load[0]], missed[:, k])

@@ -19,6 +19,7 @@ from tests.stages.benches import bench, layout
 from tests.stages.line import run_line, settings_of
 from tests.stages.test_axis import BACKLASH, HIDDEN, _layout
 from tests.stages.two_campaigns import fitted, gathered, measured, model_text
+from truing.estimation.sensor.contenders import contenders
 from truing.pipeline.campaign_check import check_campaign
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app
@@ -33,8 +34,10 @@ from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages import calibrate
 from truing.stages.common.calibration_data import gather
 from truing.stages.common.nominal_sensor import nominal_sensor
+from truing.stages.common.recorded_signals import recorded
 from truing.stages.second_campaign.compared import SecondCampaign
 from truing.stages.second_campaign.errors import second_campaign_errors
+from truing.stages.second_campaign.loads import _by_matrix
 
 UNLIKELY = 1e-4
 
@@ -50,7 +53,7 @@ def _second(folder: Path, *stages: str) -> SecondCampaign:
 
 
 def _errors(*given) -> pd.DataFrame:
-    return second_campaign_errors(*given).to_pandas().set_index(["prediction_by", "quantity"])
+    return second_campaign_errors(*given)[0].to_pandas().set_index(["prediction_by", "quantity"])
 
 
 @pytest.fixture(scope="module")
@@ -145,9 +148,28 @@ def test_a_sensor_predicts_readings_and_loads_of_its_next_series(tmp_path: Path)
     for load in ("fx", "fz", "my"):
         assert errors.loc[("calibrated", load), "rms_error"] <= 1.05 * compared.loc[("as recorded", load), "rms_error"]
         assert errors.loc[("extended", load), "rms_error"] <= 1.05 * compared.loc[("with findings", load), "rms_error"]
+    five = made.tables["signals"].drop_columns(["v6_mv"])
+    with pytest.raises(CampaignFaults, match="found '5 signals'; expected 6 signals, as the first campaign has them"):
+        second_campaign_errors(text, replace(second, tables={**made.tables, "signals": five}), tables, settings)
+    rows, left_out = second_campaign_errors(text, second, made.tables, settings)
+    assert left_out == "loads by signals: no G_B was calibrated in the first campaign"
+    assert set(rows.column("quantity").to_pylist()) == {"dx", "dy", "dz", "rx", "ry", "rz"}
     softer = replace(found, nominal=1.01 * nominal)
     with pytest.raises(CampaignFaults, match="column mechanism: expected the sensor of the model"):
         second_campaign_errors(write_sensor(softer), second, {})
+
+
+def test_a_calibration_needs_of_the_next_series_what_it_follows(tmp_path: Path) -> None:
+    made = bench(tmp_path / "c", layout("all", signals=6), 4, (), ("ingest",))
+    found = recorded(made.tables, settings_of(made.folder))
+    warm = replace(found, covariate=np.linspace(0.0, 1.0, len(found.signal))[:, None], covariate_names=("temperature",))
+    cold = replace(found, covariate=np.empty((len(found.signal), 0)), covariate_names=())
+    follows = [model.name for model in contenders(warm) if model.drift]
+    with pytest.raises(ValueError, match="G_B follows temperature, which the second campaign does not hold"):
+        list(_by_matrix(warm, cold, follows[0], "calibrated"))
+    plain = contenders(cold)[1].name
+    errors = [[one.errors for one in _by_matrix(own, cold, plain, "calibrated")] for own in (warm, cold)]
+    assert np.allclose(errors[0], errors[1])
 
 
 def _axis(folder: Path, seed: int, judge_on: str | None = None, **changes: object) -> Path:

@@ -12,6 +12,7 @@ from truing.report.calibration.calibrations import main_calibration, rows_of
 from truing.runs.recorded_run import Run
 
 _FORMAT = 1  # changes where a reader of the last one would fail
+_AS_THEY_ARE = ("diagnosis_choices", "calibrations_compared", "second_campaign_errors")
 
 
 def summary(run: Run) -> Iterator[tuple[str, bytes]]:
@@ -26,6 +27,7 @@ def summary(run: Run) -> Iterator[tuple[str, bytes]]:
         **_causes(run),
         **_calibration(run),
         **_sensor(run),
+        **{name: _rows(run[name]) for name in _AS_THEY_ARE if name in run},
         **_uncertainty(run),
         "artifacts": {name: _artifact(run, name) for name in run},
     }
