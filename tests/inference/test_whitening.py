@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
-from truing.inference.linear_problem import Linearised, Whitened, rows_by_source, whiten
+from truing.inference.linear_problem import Linearised, Whitened, columns_of, rows_by_source, whiten
 
 POSES, ROWS, LOCAL, SHARED, EXTRA = 5, 12, 3, 4, 2
 
@@ -55,17 +55,41 @@ def of_few_poses(problem: Linearised) -> Linearised:
     return replace(problem, by_shared=by_shared)
 
 
+def compact(problem: Linearised) -> Linearised:
+    """The same problem, of which every pose keeps the unknowns that act there."""
+    kept = columns_of(problem.by_shared.any(1))
+    assert kept is not None
+    wide = np.concatenate([problem.by_shared, np.zeros((POSES, ROWS, 1))], 2)
+    return replace(problem, by_shared=np.take_along_axis(wide, kept[0][:, None], 2), columns=kept[0], common=kept[1])
+
+
 @pytest.mark.parametrize("few", [False, True])
 @pytest.mark.parametrize("missing", [False, True])
 def test_step_and_covariance_are_those_of_the_dense_problem(missing: bool, few: bool) -> None:
     problem = of_few_poses(draw(1, missing)) if few else draw(1, missing)
     matrix, right = dense(problem)
     solution = np.linalg.lstsq(matrix, right)[0]
+    problem = compact(problem) if few else problem
     shared, local = whiten(problem).step()
     assert_close(shared, solution[:SHARED], atol=1e-12, what="shared step")
     assert_close(local.ravel(), solution[SHARED:], atol=1e-12, what="local step")
     covariance = np.linalg.inv(matrix.T @ matrix)[:SHARED, :SHARED]
     assert_close(whiten(problem).covariance(), covariance, atol=1e-12, what="covariance")
+
+
+def test_a_compact_problem_leaves_what_the_same_one_at_full_width_leaves() -> None:
+    problem = of_few_poses(draw(4, missing=True))
+    wide, own = whiten(problem), whiten(compact(problem))
+    assert_close(own.rows, wide.rows, atol=1e-12, what="rows")
+    assert_close(own.rest, wide.rest, atol=1e-12, what="rest")
+    assert_close(own.leverage, wide.leverage, atol=1e-12, what="leverage")
+    assert_close(own.explained, wide.explained, atol=1e-12, what="explained")
+    steps = np.random.default_rng(5).normal(size=(SHARED, 3))
+    assert_close(own.problem.moved(steps), wide.problem.moved(steps), atol=1e-12, what="moved")
+
+
+def test_a_problem_whose_unknowns_act_everywhere_is_not_compact() -> None:
+    assert columns_of(draw(1).by_shared.any(1)) is None
 
 
 @pytest.mark.parametrize("missing", [False, True])

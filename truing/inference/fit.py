@@ -13,8 +13,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from truing.inference.arrays import Array
-from truing.inference.linear_problem import Linearised, Whitened, whiten
+from truing.inference.arrays import Array, Integers
+from truing.inference.linear_problem import Linearised, Whitened, columns_of, whiten
 from truing.inference.model import Predict
 from truing.inference.observations import Frames, Observations
 
@@ -50,7 +50,7 @@ class Fit:
 
 def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: Array, local: Array) -> Fit:
     """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
-    problem = linearise(predict, measured, frames, shared, local)
+    problem = linearise(predict, measured, frames, shared, local, compact=True)
     past = _Past()
     for iteration in range(_MAX_ITERATIONS):
         whitened = whiten(problem)
@@ -59,7 +59,7 @@ def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: 
         for of_shared, of_local in past.steps(whitened, shared):
             own = shared + of_shared, local + of_local[:, frames.size :]
             moved = frames.moved(of_local[:, : frames.size])
-            problem = linearise(predict, measured, moved, *own)
+            problem = linearise(predict, measured, moved, *own, compact=True)
             if problem.squares <= whitened.problem.squares:
                 break
         (shared, local), frames = own, moved
@@ -100,11 +100,19 @@ class _Past:
 
 
 def linearise(
-    predict: Predict, measured: Observations, frames: Frames, shared: Array, local: Array, by_shared: bool = True
+    predict: Predict,
+    measured: Observations,
+    frames: Frames,
+    shared: Array,
+    local: Array,
+    by_shared: bool = True,
+    *,
+    compact: bool = False,
 ) -> Linearised:
     """Return the whitened problem at some values of the unknowns; the frames' six come first among the local ones.
 
-    Derivatives by the shared unknowns are many, and left out (G = 0) where they are not asked for.
+    Derivatives by the shared unknowns are many, and left out (G = 0) where they are not asked for; ``compact`` keeps,
+    where it pays, those in every epoch that act there.
     """
     found = predict(shared, local, by_shared)
     arms = found.values @ np.swapaxes(frames.R, 1, 2)
@@ -112,10 +120,12 @@ def linearise(
     turned = measured.whitener @ frames.R[:, None]
     by_local = np.concatenate([measured.whitener @ frames.columns(arms), turned @ found.by_local], -1)
     epochs, height = len(arms), arms.shape[1] * arms.shape[2]
+    kept = columns_of(found.by_shared.any((1, 2))) if compact else None
+    slopes = found.by_shared if kept is None else _kept(found.by_shared, kept[0])
     return Linearised(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
         by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
-        by_shared=_turned(turned, found.by_shared).reshape(epochs, height, -1 if by_shared else 0),
+        by_shared=_turned(turned, slopes).reshape(epochs, height, -1 if by_shared else 0),
         local_value=np.concatenate([np.zeros((epochs, frames.size)), local], 1),
         shared_value=shared,
         extra_residual=found.known_residual,
@@ -123,7 +133,15 @@ def linearise(
         present=np.repeat(measured.seen, measured.size, axis=1),
         local_known=np.concatenate([np.zeros(frames.size, bool), found.local_known]),
         shared_known=found.shared_known,
+        columns=None if kept is None else kept[0],
+        common=0 if kept is None else kept[1],
     )
+
+
+def _kept(slopes: Array, columns: Integers) -> Array:
+    """Return of derivatives (B, K, d, G) those in the columns (B, C) of each epoch, (B, K, d, C); zero for none, G."""
+    own = np.take_along_axis(slopes, np.minimum(columns, slopes.shape[-1] - 1)[:, None, None], 3)
+    return np.asarray(own * (columns < slopes.shape[-1])[:, None, None])
 
 
 def _turned(turned: Array, slopes: Array) -> Array:

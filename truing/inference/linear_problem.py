@@ -17,8 +17,9 @@ from truing.inference.arrays import Array, Integers, Mask
 
 # Zero rows of missing observations are left out of products where more than the rest of them would be.
 _FEW_MISSING = 0.9
-# Columns that act in no more than this share of the epochs are multiplied in these alone: the zeros of runs are many.
-_FEW_EPOCHS = 0.25
+# Columns that act in no more than this share of the epochs are kept in these alone, where that leaves no more than this
+# share of them in an epoch: the zeros of runs are many.
+_FEW_EPOCHS, _MOST_KEPT = 0.25, 0.5
 # Sources beside the kinds of shared unknowns, which bring their own names.
 OBSERVATIONS, INPUTS, EARLIER = "observations", "inputs", "earlier"
 PLAUSIBLE, WIDE = "plausible", "wide"
@@ -26,11 +27,16 @@ PLAUSIBLE, WIDE = "plausible", "wide"
 
 @dataclass(frozen=True)
 class Linearised:
-    """Measured minus predicted, and derivatives, at some values of the unknowns; whitened, zero where missing."""
+    """Measured minus predicted, and derivatives, at some values of the unknowns; whitened, zero where missing.
+
+    Where many shared unknowns act in few epochs each (the zeros of runs), ``by_shared`` holds C columns for every epoch
+    that ``columns`` (B, C) name: the first ``common`` of them the same for all, then those that act there, and G for
+    none.
+    """
 
     residual: Array  # (B, M) rows of each epoch
     by_local: Array  # (B, M, H)
-    by_shared: Array  # (B, M, G)
+    by_shared: Array  # (B, M, G), or (B, M, C)
     local_value: Array  # (B, H) present distance from the prior's mean, in prior sigmas
     shared_value: Array  # (G,)
     extra_residual: Array  # (E,) rows that concern no epoch
@@ -38,6 +44,15 @@ class Linearised:
     present: Mask  # (B, M) which rows were measured
     local_known: Mask  # (H,) whose prior is knowledge, and not merely there to keep the equations scaled
     shared_known: Mask  # (G,)
+    columns: Integers | None = None
+    common: int = 0
+
+    def moved(self, shared: Array) -> Array:
+        """Return how the rows (B, M, ...) follow shared unknowns (G, ...)."""
+        if self.columns is None:
+            return np.asarray(self.by_shared @ shared)
+        own = np.concatenate([shared, np.zeros((1, *shared.shape[1:]))])[self.columns]
+        return np.asarray(self.by_shared @ own if shared.ndim > 1 else (self.by_shared @ own[..., None])[..., 0])
 
     @property
     def squares(self) -> float:
@@ -53,8 +68,24 @@ class Whitened:
     problem: Linearised
     local_basis: Array  # (B, M + H, H) orthonormal
     local_factor: Array  # (B, H, H) triangular
-    rows: Array  # (N, G) shared derivatives
+    own: Array  # (B, M + H, G or C) shared derivatives in the rows of epochs
     residual: Array  # (N,)
+
+    whole: Array | None = None  # (N, G), where the rows of epochs are no others
+
+    @cached_property
+    def rows(self) -> Array:
+        """Return the shared derivatives (N, G) of all rows."""
+        return _stacked(self.problem, self._spread) if self.whole is None else self.whole
+
+    @property
+    def _spread(self) -> Array:
+        """Return the shared derivatives (B, M + H, G) in the rows of epochs."""
+        assert self.problem.columns is not None
+        size = len(self.problem.shared_value)
+        wide = np.zeros((len(self.own), self.own.shape[1], size + 1))
+        np.put_along_axis(wide, self.problem.columns[:, None], self.own, 2)
+        return wide[..., :size]
 
     @cached_property
     def _factor(self) -> Array:
@@ -72,30 +103,37 @@ class Whitened:
 
     @cached_property
     def _gram(self) -> Array:
-        """Return the products (G, G) of the rows' columns; of those that concern few epochs, in these alone."""
-        found = self.problem.extra_by_shared.T @ self.problem.extra_by_shared
+        """Return the products (G, G) of the rows' columns: of those of few epochs in these alone."""
+        problem, columns = self.problem, self.problem.columns
+        if columns is None:
+            return np.asarray(self._telling.T @ self._telling)
+        found = problem.extra_by_shared.T @ problem.extra_by_shared
         found[np.diag_indices(len(found))] += 1.0  # the priors
-        epochs, tall = self.local_basis.shape[:2]
-        own = self.rows[: epochs * tall].reshape(epochs, tall, -1)
-        acting = self.problem.by_shared.any(1)
-        dense = acting.mean(0) > _FEW_EPOCHS
-        common = np.flatnonzero(dense)
-        wide = own.reshape(-1, len(dense))
-        wide = wide if len(common) == len(dense) else wide[:, common]
-        found[np.ix_(common, common)] += wide.T @ wide
-        for group, columns in _alike(acting & ~dense):
-            part = own[group].reshape(-1, len(dense))
-            few = part[:, columns]
-            cross = few.T @ part[:, common]
-            found[np.ix_(columns, columns)] += few.T @ few
-            found[np.ix_(columns, common)] += cross
-            found[np.ix_(common, columns)] += cross.T
-        return found
+        common, size = columns[0, : problem.common], len(found)
+        wide = self.own[..., : problem.common].reshape(-1, problem.common)
+        of_few = np.swapaxes(self.own[..., problem.common :], 1, 2) @ self.own
+        whole = np.zeros((size + 1, size + 1))
+        np.add.at(whole, (columns[:, problem.common :, None], columns[:, None]), of_few)
+        whole[np.ix_(common, common)] = wide.T @ wide
+        others = np.delete(np.arange(size), common)
+        whole[np.ix_(common, others)] = whole[np.ix_(others, common)].T
+        return np.asarray(found + whole[:size, :size])
 
     @cached_property
     def _along(self) -> Array:
         """Return the parts (G,) of the residual along the basis."""
-        return _solved(self._factor, self.rows.T @ self.residual, transposed=True)
+        return _solved(self._factor, self._of_columns(self.residual), transposed=True)
+
+    def _of_columns(self, residual: Array) -> Array:
+        """Return the products (G,) of the rows' columns with a residual (N,)."""
+        problem, (epochs, tall, _) = self.problem, self.own.shape
+        if problem.columns is None:
+            return np.asarray(self.rows.T @ residual)
+        extra, size = problem.extra_by_shared.shape
+        ends = epochs * tall, epochs * tall + extra
+        found = problem.extra_by_shared.T @ residual[slice(*ends)] + residual[ends[1] :]
+        each = residual[: ends[0]].reshape(epochs, 1, tall) @ self.own
+        return np.asarray(found + np.bincount(problem.columns.ravel(), each.ravel(), size + 1)[:size])
 
     @cached_property
     def basis(self) -> Array:
@@ -162,7 +200,7 @@ class Whitened:
 
     def local_step(self, shared: Array) -> Array:
         """Return the least-squares step of the local unknowns (B, H) beside one (G,) of the shared ones."""
-        left = _with_priors(self.problem.residual - self.problem.by_shared @ shared, -self.problem.local_value)
+        left = _with_priors(self.problem.residual - self.problem.moved(shared), -self.problem.local_value)
         local = np.linalg.solve(self.local_factor, np.einsum("bmh,bm->bh", self.local_basis, left)[..., None])
         return np.asarray(local[..., 0])
 
@@ -203,32 +241,55 @@ def whiten(problem: Linearised) -> Whitened:
     basis, factor = np.linalg.qr(np.concatenate([problem.by_local, identity], 1))
     bare = Whitened(problem, basis, factor, np.empty(0), np.empty(0))
     residual = _with_priors(problem.residual, -problem.local_value)[..., None]
-    rows = _shared_rows(problem, basis)
     stacked = np.concatenate([bare.without_local(residual).ravel(), problem.extra_residual, -problem.shared_value])
-    return Whitened(problem, basis, factor, rows, stacked)
+    if problem.columns is None:
+        rows = _shared_rows(problem, basis)
+        own = rows[: basis.shape[0] * basis.shape[1]].reshape(*basis.shape[:2], -1)
+        return Whitened(problem, basis, factor, own, stacked, rows)
+    own = bare.without_local(_padded(problem.by_shared, count))
+    return Whitened(problem, basis, factor, own, stacked)
 
 
 def _shared_rows(problem: Linearised, basis: Array) -> Array:
     """Return the derivatives (N, G) by the shared unknowns less what the local ones explain; they are the largest array
     of all, so that each is written in its place at once."""
-    epochs, height, size = problem.by_shared.shape
-    tall = basis.shape[1]
-    rows = np.empty((epochs * tall + len(problem.extra_by_shared) + size, size))
+    rows = _stacked(problem, None)
+    (epochs, height, size), tall = problem.by_shared.shape, basis.shape[1]
     own = rows[: epochs * tall].reshape(epochs, tall, size)
     np.matmul(-basis, np.swapaxes(basis[:, :height], 1, 2) @ problem.by_shared, out=own)
     own[:, :height] += problem.by_shared
-    rows[epochs * tall : len(rows) - size] = problem.extra_by_shared
-    rows[len(rows) - size :] = np.eye(size)
     return rows
 
 
-def _alike(acting: Mask) -> list[tuple[Integers | slice, Integers]]:
-    """Return the epochs on which the same columns act, acting (B, G), and which columns: those with any."""
-    which = np.unique(np.packbits(acting, axis=1), axis=0, return_inverse=True)[1].ravel()
-    in_group = np.argsort(which, kind="stable")
-    groups = np.split(in_group, np.cumsum(np.bincount(which))[:-1])
-    found = [(group, np.flatnonzero(acting[group[0]])) for group in groups if len(group)]
-    return [(group, columns) for group, columns in found if len(columns)]
+def _stacked(problem: Linearised, own: Array | None) -> Array:
+    """Return rows (N, G): those of epochs (B, M + H, G), left open where none are given, extra ones, priors."""
+    extra, size = problem.extra_by_shared.shape
+    first = problem.residual.size + problem.local_value.size
+    rows = np.empty((first + extra + size, size))
+    if own is not None:
+        rows[:first] = own.reshape(first, size)
+    rows[first : first + extra] = problem.extra_by_shared
+    rows[first + extra :] = np.eye(size)
+    return rows
+
+
+def _padded(rows: Array, count: int) -> Array:
+    """Return rows (B, M, C) with those of so many priors (B, M + H, C), which are zero."""
+    return np.concatenate([rows, np.zeros((len(rows), count, rows.shape[2]))], 1)
+
+
+def columns_of(acting: Mask) -> tuple[Integers, int] | None:
+    """Return which columns (B, C) to keep for every epoch where columns act, acting (B, G), and how many of them are
+    common to all; G stands for none. None where most act in most epochs."""
+    few = acting & (acting.mean(0) <= _FEW_EPOCHS)
+    common = np.flatnonzero(acting.mean(0) > _FEW_EPOCHS)
+    count = few.sum(1)
+    if len(common) + count.max(initial=0) > _MOST_KEPT * acting.shape[1]:
+        return None
+    epoch, column = np.nonzero(few)
+    own = np.full((len(acting), int(count.max(initial=0))), acting.shape[1])
+    own[epoch, np.arange(len(epoch)) - np.repeat(np.cumsum(count) - count, count)] = column
+    return np.concatenate([np.broadcast_to(common, (len(acting), len(common))), own], 1), len(common)
 
 
 def _inverse_of(factor: Array) -> Array:

@@ -205,7 +205,7 @@ def noise_floor(model: Model[CauseT], fit: Fit, measured: Observations, rng: np.
     noise = rng.standard_normal((epochs, count, _FLOOR_DRAWS)) * problem.present[..., None]
     prior = rng.standard_normal((*problem.local_value.shape, _FLOOR_DRAWS)) * problem.local_known[:, None]
     error = _shared_error(whitened, noise, prior, rng)
-    left = noise - problem.by_shared @ error
+    left = noise - problem.moved(error)
     inputs = np.concatenate([np.zeros(fit.frames.size, bool), ~model.unpredicted])
     left -= problem.by_local[..., inputs] @ prior[:, inputs]
     freed = _freed(left, problem.by_local[..., ~inputs], measured, model.zero_groups)
