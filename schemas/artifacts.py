@@ -323,8 +323,9 @@ _DIAGNOSIS = (
     parquet(
         "adequacy",
         "whether the final model holds as a whole: what it leaves, tested against plain noise; p-values are corrected "
-        "for the number of tests",
+        "for the number of tests; whether the search for causes came to its end, after how many accepted causes",
         "subject* test* along* value p_value limit state",
+        optional="search_end left_cause left_subject",
     ),
     Artifact("model", "model.toml", "the extended model: nominal, identified parameters, accepted effects"),
     parquet(

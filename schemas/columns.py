@@ -201,9 +201,18 @@ _MEASURED = (
     text(
         "test",
         "what is looked for in what a model leaves: more noise of observations or of inputs than declared, or "
-        "residuals that are alike where the values of a column are",
-        choices=("observation-noise", "input-noise", "like-neighbours"),
+        "residuals that are alike where the values of a column are; or a further cause that is real (causes-left)",
+        choices=("observation-noise", "input-noise", "like-neighbours", "causes-left"),
     ),
+    text(
+        "search_end",
+        "why the search for causes stopped: nothing that is left is real (complete), or it was ended since so many "
+        "causes, or effects without a name, were accepted and more is real",
+        nullable=True,
+        choices=("complete", "most-causes", "unnamed-effects"),
+    ),
+    text("left_cause", "the cause that would be accepted next; empty where none is left", nullable=True),
+    text("left_subject", "what that cause concerns; empty for the whole, and where none is left", nullable=True),
     text("along", "the column along which neighbours are compared; several, separated by blanks; empty for noise"),
     text(
         "state",
@@ -215,8 +224,8 @@ _MEASURED = (
         "code of the reason for the state or the verdict; of a cause: found, noise, rival, chance, held-out (predicts "
         "it worse), dropped (not needed next to others), contained (in what was found), unseen (the campaign cannot "
         "show it), or, of one that is suspected, inadequate (the model does not hold as a whole) or unnamed (something "
-        "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it); of a "
-        "section: the list in docs/verdict.md",
+        "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it); ended "
+        "(the search was ended before it was accepted or rejected); of a section: the list in docs/verdict.md",
     ),
     real("misfit", "", "rms of what the relation leaves as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "the same with the slips undone; empty where no slip explains it", nullable=True),

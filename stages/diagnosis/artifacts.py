@@ -82,7 +82,7 @@ def artifacts_of(
     words = Words(detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown, gathered.relation)
     left = {
         "diagnosis": diagnosis_table(diagnosis, words, rule.noise_level),
-        "adequacy": adequacy_table(diagnosis.adequacy, rule.doubted_level, gathered.shown.what),
+        "adequacy": adequacy_table(diagnosis, rule, gathered.shown.what),
         "detectable": detectable_table(last, rule.level, legs),
         "cause_uncertainty": uncertainty_table(diagnosis, legs),
         "diagnosis_left_out": left_out_table(diagnosis, gathered) if diagnosis.screened else None,
@@ -115,7 +115,9 @@ def _figure(table: pa.Table, diagnosis: Diagnosis, shown: Shown, rule: Settings)
     final = diagnosis.final
     rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
     left = f"{two_decimals(rms)} {shown.unit} rms, noise alone leaves {two_decimals(floor)}"
-    if diagnosis.adequacy.p_value <= rule.doubted_level:
+    if not diagnosis.end.is_complete:
+        left += f"; the search was ended after {counted(diagnosis.end.accepted, 'cause')}, and more is left"
+    elif diagnosis.adequacy.p_value <= rule.doubted_level:
         left += "; the model does not hold as a whole"
     if not {"found", "suspected"} & set(table.column("verdict").to_pylist()):
         return f"nothing found: {left}"

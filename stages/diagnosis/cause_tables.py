@@ -16,11 +16,11 @@ from truing.simulation.detection_trials import told_size
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
-    from truing.inference.adequacy import Adequacy
     from truing.inference.fitted_model import FittedModel
     from truing.inference.linear_problem import Contribution
     from truing.inference.search import Search
-    from truing.inference.selection import Diagnosis
+    from truing.inference.search_end import EndOfSearch
+    from truing.inference.selection import Diagnosis, Settings
     from truing.simulation.cause import Cause
 
 # Sources in words, by how a model calls its kinds of unknowns.
@@ -99,9 +99,11 @@ def _ordered(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(listed, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))
 
 
-def adequacy_table(adequacy: Adequacy, level: float, subject: str) -> pa.Table:
-    """Rows of every test of the final model, and of what could not be tested; ``subject`` is what was measured."""
-    rows = Rows("adequacy")
+def adequacy_table(diagnosis: Diagnosis, rule: Settings, subject: str) -> pa.Table:
+    """Rows of every test of the final model, of what could not be tested, and of how the search stopped; ``subject`` is
+    what was measured."""
+    rows, adequacy, level = Rows("adequacy"), diagnosis.adequacy, rule.doubted_level
+    rows.add(**_end_row(diagnosis.end, rule.level), subject=subject)
     for test in adequacy.tests:
         p_value = adequacy.corrected(test)
         rows.add(
@@ -116,6 +118,20 @@ def adequacy_table(adequacy: Adequacy, level: float, subject: str) -> pa.Table:
     for lack in adequacy.untested:
         rows.add(subject=subject, test=str(lack), along="", value=None, p_value=None, limit=level, state="not tested")
     return rows.table()
+
+
+def _end_row(end: EndOfSearch[Any], level: float) -> dict[str, Any]:
+    return {
+        "test": "causes-left",
+        "along": "",
+        "value": float(end.accepted),
+        "p_value": end.p_value,
+        "limit": level,
+        "state": "ok" if end.is_complete else "fails",
+        "search_end": str(end.end),
+        "left_cause": "" if end.left is None else end.left.id,
+        "left_subject": "" if end.left is None else end.left.subject,
+    }
 
 
 def uncertainty_table(diagnosis: Diagnosis, legs: int) -> pa.Table:

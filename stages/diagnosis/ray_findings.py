@@ -176,7 +176,7 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     found["diagnosis"] = _ranked(own, found["diagnosis"])
     for name, table in (
         ("detectable", detectable_table(diagnosis.search, level, 0)),
-        ("adequacy", adequacy_table(diagnosis.adequacy, own_rule.doubted_level, rays.gathered.shown.what)),
+        ("adequacy", adequacy_table(diagnosis, own_rule, rays.gathered.shown.what)),
         ("cause_uncertainty", uncertainty_table(diagnosis, 0)),
     ):
         found[name] = _together(name, [found[name], table] if name in found else [table])

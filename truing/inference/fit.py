@@ -120,7 +120,7 @@ def linearise(
     turned = measured.whitener @ frames.R[:, None]
     by_local = np.concatenate([measured.whitener @ frames.columns(arms), turned @ found.by_local], -1)
     epochs, height = len(arms), arms.shape[1] * arms.shape[2]
-    kept = columns_of(found.by_shared.any((1, 2))) if compact else None
+    kept = columns_of(np.any(found.by_shared, (1, 2))) if compact else None
     slopes = found.by_shared if kept is None else _kept(found.by_shared, kept[0])
     return Linearised(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),

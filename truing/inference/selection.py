@@ -31,6 +31,7 @@ from truing.inference.rounds import (
     share_explained,
 )
 from truing.inference.search import Candidate, Search
+from truing.inference.search_end import MOST_CAUSES, EndOfSearch, end_of_search, limit_reached
 from truing.inference.verdicts import (
     FOUND,
     INDISTINGUISHABLE,
@@ -46,7 +47,6 @@ from truing.inference.verdicts import (
 # Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
 # that is larger than declared, of noise that follows something, and of a model that is doubted as a whole.
 _CAUSES, _NOISE, _FOLLOWING, _DOUBTED = 0.45, 0.05, 0.1, 0.4
-_MOST_ROUNDS = 8
 _MOST_FOLLOWED = 2
 _MOST_SUBJECTS = 3
 # So many sigmas to either side it is asked; at most so many times as wide the answer makes a sigma.
@@ -96,6 +96,7 @@ class Diagnosis(Generic[CauseT]):
     noisy: tuple[tuple[int, NoiseLevel], ...]  # single channels with noise of their own that is larger than declared
     noise_dependences: tuple[NoiseDependence, ...]  # what the noise follows; observations were weighted accordingly
     adequacy: Adequacy  # whether the final model holds as a whole
+    end: EndOfSearch[CauseT]  # whether the search came to its end
     held_out: Epochs[Conditions] | None
 
 
@@ -117,13 +118,14 @@ class _Accepted(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class _Searched(Generic[CauseT]):
-    """A search from the plain model to one in which nothing is left to be found."""
+    """A search from the plain model to one in which nothing is left to be found, or to where it was ended."""
 
     plain: FittedModel[CauseT]
     kept: list[_Accepted[CauseT]]
     refused: list[Verdict[CauseT]]  # which predict worse, or which the others can do without
     rounds: list[Round[CauseT]]
     final: FittedModel[CauseT]
+    end: EndOfSearch[CauseT]
 
     @property
     def search(self) -> Search[CauseT]:
@@ -155,14 +157,17 @@ class Acceptance(Generic[CauseT]):
         """Return what is decided on all kinds of cause of a catalogue."""
         noise_dependences: list[NoiseDependence] = []
         searched = self._searched(kinds)
-        while more := self._noise_follows(searched.final, _MOST_FOLLOWED - len(noise_dependences)):
+        # What an ended search leaves is more than noise: whether that follows something, it does not tell.
+        while searched.end.is_complete and (
+            more := self._noise_follows(searched.final, _MOST_FOLLOWED - len(noise_dependences))
+        ):
             noise_dependences += more
             searched = self._searched(kinds)
         fitter, final = self._fitter, searched.final
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
-        adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, _MOST_ROUNDS]))
+        adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]))
         verdicts = self._verdicts(searched)
-        holds = adequacy.p_value > self._settings.doubted_level
+        holds = searched.end.is_complete and adequacy.p_value > self._settings.doubted_level
         outdone = {step.cause.key for step in searched.kept if step.is_outdone}
         verdicts = [self._doubted(verdict, final, holds, outdone) for verdict in verdicts]
         return Diagnosis(
@@ -176,6 +181,7 @@ class Acceptance(Generic[CauseT]):
             tuple(self._noisy_channels(final)),
             tuple(noise_dependences),
             adequacy,
+            searched.end,
             fitter.held_out,
         )
 
@@ -225,9 +231,9 @@ class Acceptance(Generic[CauseT]):
     def _searched(self, kinds: Sequence[CauseT]) -> _Searched[CauseT]:
         plain = self._fitter.prepared(self._given)
         rounds = [self._round(plain, kinds, 0)]
-        found, worse = self._forward(rounds, kinds)
+        found, worse, end = self._forward(rounds, kinds)
         kept, dropped, final = self._dropped(found, plain)
-        return _Searched(plain, kept, [*worse, *dropped], rounds, final)
+        return _Searched(plain, kept, [*worse, *dropped], rounds, final, end)
 
     def _verdicts(self, searched: _Searched[CauseT]) -> list[Verdict[CauseT]]:
         """Return one verdict per kind of cause, and one per further subject that was found."""
@@ -238,7 +244,7 @@ class Acceptance(Generic[CauseT]):
             told = fitted(plain, step.cause, step.round.fitted, step.after, final)
             spread = both_sides(self._fitter, final, step.cause, step.candidate.signature.parameters)
             verdicts.append(replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects))
-        others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds)]
+        others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds, searched.end)]
         for verdict in others:  # one row per cause: the first thing that is to be said of it
             if verdict.cause.id not in {told.cause.id for told in verdicts}:
                 verdicts.append(verdict)
@@ -250,15 +256,18 @@ class Acceptance(Generic[CauseT]):
 
     def _forward(
         self, rounds: list[Round[CauseT]], kinds: Sequence[CauseT]
-    ) -> tuple[list[_Accepted[CauseT]], list[Verdict[CauseT]]]:
-        """Return the causes accepted one after the other, and those that predict worse; adds their rounds."""
+    ) -> tuple[list[_Accepted[CauseT]], list[Verdict[CauseT]], EndOfSearch[CauseT]]:
+        """Return the causes accepted one after the other, those that predict worse, and how it ended; adds rounds."""
         found: list[_Accepted[CauseT]] = []
         worse: list[Verdict[CauseT]] = []
         pairs = True
-        while len(found) < _MOST_ROUNDS:
+        while True:
             current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
-            if (chosen := choose(current, refused, self._settings.level, pairs=pairs)) is None:
-                break
+            chosen = choose(current, refused, self._settings.level, pairs=pairs)
+            accepted = [step.cause for step in found]
+            if (limit := limit_reached(accepted)) is not None or chosen is None:
+                left = None if chosen is None else chosen.candidate.cause
+                return found, worse, end_of_search(limit, accepted, current, left)
             chosen, cause, after = self._fitted(chosen, current)
             if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after)):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, Reason.HELD_OUT))
@@ -271,7 +280,6 @@ class Acceptance(Generic[CauseT]):
             outdone = is_outdone(current, chosen.candidate, refused)
             found.append(_Accepted(chosen.light(), rounds[-1], cause, after, outdone))
             rounds.append(next_round)
-        return found, worse
 
     def _fitted(
         self, chosen: Choice[CauseT], current: Round[CauseT]
@@ -338,7 +346,7 @@ class Acceptance(Generic[CauseT]):
                     found.append(replace(plain, own=own, log_odds=odds, rival=step.cause))
         return found
 
-    def _rejected(self, rounds: Sequence[Round[CauseT]]) -> list[Verdict[CauseT]]:
+    def _rejected(self, rounds: Sequence[Round[CauseT]], end: EndOfSearch[CauseT]) -> list[Verdict[CauseT]]:
         """Return the verdicts on the best of every kind that the final model does without.
 
         What speaks for them is told of the first round, where they competed with what was found.
@@ -348,6 +356,8 @@ class Acceptance(Generic[CauseT]):
             before = first.best.get(kind)
             if candidate.signature.rank or before is None or not before.signature.rank:
                 reason = Reason.CHANCE if candidate.signature.rank else Reason.UNSEEN
+                if not end.is_complete and is_real(closing, candidate, self._settings.level):
+                    reason = Reason.ENDED
                 verdict = first_order(closing, candidate, REJECTED, self._fitter.held_out, reason)
             else:
                 verdict = first_order(first, before, REJECTED, self._fitter.held_out, Reason.CONTAINED)

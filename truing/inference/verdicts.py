@@ -31,6 +31,7 @@ class Reason(StrEnum):
     CONTAINED = "contained"
     UNSEEN = "unseen"
     RIVAL = "rival"
+    ENDED = "ended"  # the search was ended before it was its turn
     INADEQUATE = "inadequate"
     UNNAMED = "unnamed"
     UNPAID = "unpaid"

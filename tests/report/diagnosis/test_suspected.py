@@ -22,6 +22,11 @@ def adequacy(*tests: tuple[str, str, float | None, float | None, str]) -> pd.Dat
 
 
 HOLDS = adequacy(("observation-noise", "", 1.01, 0.6, "ok"), ("input-noise", "", None, None, "not tested"))
+ENDED = pd.concat(
+    [adequacy(("causes-left", "", 3.0, 1e-9, "fails")).assign(
+        search_end="unnamed-effects", left_cause="actuator-gain", left_subject="leg3"
+    ), HOLDS]
+)  # fmt: skip
 FAILS = adequacy(
     ("observation-noise", "", 1.1, 0.019, "fails"),
     ("like-neighbours", "temperature_c", 0.31, 1e-5, "fails"),
@@ -77,3 +82,13 @@ def test_every_test_of_the_model_is_listed_and_what_was_not_tested_is_said() -> 
     failed = part_of("adequacy", diagnosis_tables() | {"adequacy": FAILS})
     assert state_of("adequacy", diagnosis_tables() | {"adequacy": FAILS}) == "attention"
     assert "residuals resemble each other" in failed.lead
+
+
+def test_a_search_that_was_ended_is_said_first_with_what_is_left() -> None:
+    mark, said = head(rows(DOUBTED | {"reason_code": "inadequate"}, *rejected()), ENDED)
+    assert mark == "warn"
+    assert said.startswith("The picture is incomplete")
+    assert "the search was ended after 3 accepted causes" in said
+    assert "next would be actuator gain of leg 3" in said
+    part = part_of("adequacy", diagnosis_tables() | {"adequacy": ENDED})
+    assert (part.state, part.listings[0].marks) == ("fail", ("fail", "pass", "none"))

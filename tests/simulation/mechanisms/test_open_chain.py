@@ -7,16 +7,20 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
+from truing.inference.search_end import SearchEnd
 from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.inference.verdicts import Reason
 from truing.simulation.cause import OBSERVED, Cause, Effect, Parameter, Scene, Step
 from truing.simulation.effects_model import EffectsModel, Prediction
 from truing.simulation.inputs import ranks
 from truing.simulation.trace import Trace
+from truing.stages.diagnosis.cause_tables import adequacy_table
 
 JOINTS, POSES, NOISE_M, LENGTH_SIGMA_M = 3, 40, 1e-5, 1e-3
 AXES = np.eye(3)[[2, 1, 1]]  # the first joint turns about the vertical, the others about the link's y
@@ -189,6 +193,30 @@ def test_a_gain_of_one_joint_is_found_and_named() -> None:
 
 def test_nothing_is_found_in_an_arm_as_designed() -> None:
     assert not [verdict for verdict in diagnosed(0.0).verdicts if verdict.verdict == "found"]
+
+
+def test_a_search_says_that_it_came_to_its_end() -> None:
+    end = diagnosed(2e-4).end
+    assert (end.end, end.accepted, end.left) == (SearchEnd.COMPLETE, 1, None)
+    assert end.p_value > Settings(0.05, 200, 1).level
+
+
+def test_a_search_that_was_ended_says_so_and_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("truing.inference.search_end.MOST_CAUSES", 0)
+    told = diagnosed(2e-4)
+    assert told.end.left is not None
+    assert (told.end.end, told.end.accepted, told.end.left.subject) == (SearchEnd.MOST_CAUSES, 0, "joint2")
+    assert told.end.p_value < Settings(0.05, 200, 1).level
+    assert [(verdict.verdict, verdict.reason) for verdict in told.verdicts] == [("rejected", Reason.ENDED)]
+    table = adequacy_table(told, Settings(0.05, 200, 1), "point").to_pylist()
+    (row,) = [row for row in table if row["test"] == "causes-left"]
+    assert (row["state"], row["search_end"], row["value"]) == ("fails", "most-causes", 0.0)
+    assert (row["left_cause"], row["left_subject"]) == ("joint-gain", "joint2")
+
+
+def test_where_nothing_real_is_left_no_limit_ends_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("truing.inference.search_end.MOST_CAUSES", 1)
+    assert diagnosed(2e-4).end.is_complete
 
 
 def test_derivatives_are_those_of_the_points() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from truing.belonging.relation import State
+from truing.report.diagnosis.findings import subject_words
 from truing.report.diagnosis.judged import accepted_of, judged
 from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, missed_by
 from truing.report.model_tests import BY_A_FACTOR
@@ -13,14 +14,17 @@ from truing.report.numbers import count, p_value, rough, sign
 from truing.report.page import Listing, Section
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
+from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.followed import columns_words
 from truing.schemas.verdict import ReasonCode
 
 _TITLE = "Does the model hold as a whole?"
+_CAUSES_LEFT, _UNNAMED = "causes-left", "unnamed-effects"
 _LOOKED_FOR = {
     "observation-noise": "noise of what was measured",
     "input-noise": "noise of the inputs",
     "like-neighbours": "residuals that resemble their neighbours",
+    _CAUSES_LEFT: "further causes",
 }
 _UNITS = {
     "like-neighbours": "correlation of neighbours",
@@ -34,7 +38,7 @@ def adequacy(tables: Tables) -> Section | None:
     if table is None:
         return None
     rows = list(table.itertuples())
-    tested = [row for row in rows if row.state != "not tested"]
+    tested = [row for row in rows if row.state != "not tested" and row.test != _CAUSES_LEFT]
     failed = shortcoming(tables)
     lead = f"{count(len(tested), 'test')} of what the final model leaves, against plain noise: "
     lead += f"{failed}." if failed else "none finds more than noise."
@@ -113,10 +117,22 @@ def shortcoming(tables: Tables) -> str:
     failed = None if table is None else table[table["state"] == "fails"].sort_values("p_value")
     if failed is None or not len(failed):
         return ""
+    if len(ended := failed[failed["test"] == _CAUSES_LEFT]):
+        return _ended(next(ended.itertuples()))
     worst = next(failed.itertuples())
     if worst.test == "like-neighbours":
         return f"residuals resemble each other where {_along(worst)} is alike (correlation {rough(worst.value)})"
     return f"{_LOOKED_FOR[worst.test]} is {rough(worst.value)} times what was declared"
+
+
+def _ended(row: Any) -> str:
+    """That the search was ended, after what, and what remains, without a full stop."""
+    of = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
+    why = " (a machine with so many effects without a name is none it knows)" if row.search_end == _UNNAMED else ""
+    accepted = count(round(row.value), "accepted cause")
+    return (
+        f"the search was ended after {accepted}{why}, and more is left: next would be {cause_words(row.left_cause)}{of}"
+    )
 
 
 def _along(row: Any) -> str:
@@ -124,4 +140,6 @@ def _along(row: Any) -> str:
 
 
 def _value(row: Any) -> str:
+    if row.test == _CAUSES_LEFT:
+        return f"{count(round(row.value), 'accepted cause')}"
     return "–" if row.state == "not tested" else f"{rough(row.value)} {_UNITS[row.test]}"

@@ -151,6 +151,8 @@ def _rejected(facts: Facts) -> str:
         sizes = _sizes(facts)
         alone = f"; alone{sizes}" if sizes else ""
         return f"The data show that {facts.clause}, which is part of what is accepted and explains less{alone}."
+    if facts.reason_code == "ended":
+        return f"Whether {facts.clause} was not decided: the search was ended before (p = {facts.p_value:.2g})."
     shown = (
         f"The data do not show that {facts.clause} (p = {facts.p_value:.2g}, all {facts.candidates} candidates counted)"
     )
