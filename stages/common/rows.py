@@ -22,7 +22,7 @@ class Rows:
     def add(self, **values: Any) -> None:
         """One row, or one row per element where values are sequences of equal length."""
         length = max((len(v) for v in values.values() if isinstance(v, (list, np.ndarray))), default=1)
-        for name in {*self.columns, *values}:
+        for name in dict.fromkeys((*self.columns, *values)):  # an order of columns that no hash decides
             column = self.columns.setdefault(name, [None] * self.count)
             value = values.get(name)
             column.extend(list(value) if isinstance(value, (list, np.ndarray)) else [value] * length)
