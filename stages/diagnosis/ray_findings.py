@@ -210,4 +210,6 @@ def _on_points(moved: Any) -> str:
 
 
 def _together(name: str, tables: list[pa.Table]) -> pa.Table:
-    return pa.concat_tables(tables, promote_options="default").cast(ARTIFACTS[name].arrow_schema())
+    whole, artifact = pa.concat_tables(tables, promote_options="default"), ARTIFACTS[name]
+    schema = artifact.arrow_schema(present=tuple(c for c in whole.column_names if c not in artifact.columns))
+    return whole.select(schema.names).cast(schema)
