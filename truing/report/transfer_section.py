@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from truing.report.numbers import count, plain, quantity
+from truing.report.numbers import count, plain, quantity, sign
 from truing.report.page import Listing, Section
 from truing.report.tables import Tables, cell, filled, reason
 
@@ -42,6 +42,6 @@ def _listing(errors: pd.DataFrame) -> Listing:
         rows.append((str(by), cell(model), *(cells.get(name, "") for name, _ in columns)))
     told = of[of["noise_rms"].notna()].set_index("quantity")["noise_rms"]
     rows.append(("noise alone", "", *(plain(told[name]) if name in told else "" for name, _ in columns)))
-    heads = ("predicted by", "model", *(f"{name} ({unit})" for name, unit in columns))
+    heads = ("predicted by", "model", *(f"{name} ({sign(unit)})" for name, unit in columns))
     caption = "Measured minus predicted in the second campaign: rms / largest"
     return Listing(heads, tuple(rows), caption=caption, held_by=f"{_ARTIFACT}.parquet")

@@ -33,7 +33,7 @@ def _compared(main: str, unchanged: float | None = None) -> pd.DataFrame:
 def test_the_main_calibration_comes_first_with_the_errors_of_both(main: str, first: tuple[str, str], said: str) -> None:
     tables = {"calibrations_compared": _compared(main)}
     (listing,) = compared_calibrations(tables)
-    assert listing.heads[-2:] == ("fz (N)", "my (N m)")
+    assert listing.heads[-2:] == ("fz (N)", "my (N·m)")
     assert listing.rows[0][:2] == first
     assert sorted(row[-1] for row in listing.rows) == ["2 / 6", "4 / 12"]
     assert said in data_words(tables)

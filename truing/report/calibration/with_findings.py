@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from truing.report.numbers import count, listed, plain
+from truing.report.numbers import count, listed, plain, sign
 from truing.report.page import Listing, Verdict
 from truing.report.tables import Tables, cell, filled
 
@@ -24,7 +24,13 @@ def compared_calibrations(tables: Tables) -> list[Listing]:
     of = table.drop_duplicates(["quantity", "unit"])
     columns = list(zip(of["quantity"], of["unit"], strict=True))
     rows = [row for main in (True, False) for row in _rows(table[table["is_main"] == main], columns)]
-    heads = ("calibration", "findings applied", "model", "tested on", *(f"{name} ({unit})" for name, unit in columns))
+    heads = (
+        "calibration",
+        "findings applied",
+        "model",
+        "tested on",
+        *(f"{name} ({sign(unit)})" for name, unit in columns),
+    )
     caption = _CAPTION + (_OF_FITTED if (table["tested_on"] == "calibration poses").any() else "")
     return [Listing(heads, tuple(rows), caption=caption, held_by="calibrations_compared.parquet")]
 
