@@ -9,7 +9,9 @@ import pytest
 from scipy.stats import f
 
 from tests.tolerance import assert_between
-from truing.inference.detectable import Rule, Sight, per_scale
+from truing.inference import detectable
+from truing.inference.detectable import Rule, Sight, assessed, per_scale
+from truing.inference.verdicts import FOUND, NOT_TESTABLE, REJECTED, Reason, Verdict
 
 DRAWS = 40_000
 
@@ -60,8 +62,42 @@ def test_one_parameter_needs_the_signal_that_its_threshold_asks_for() -> None:
 @pytest.mark.parametrize("sight", [Sight(_Named(), "any", Rule(0, 1.0, 0.03), np.array([0.0]))])
 def test_what_no_direction_shows_is_not_found_at_any_size(sight: Sight) -> None:
     assert sight.smallest() is None
+    assert not sight.is_plausible
+
+
+@pytest.mark.parametrize(("per_plausible_scale", "seen"), [(6.0, True), (0.6, True), (0.06, False)])
+def test_what_shows_far_beyond_plausible_sizes_only_is_not_testable(per_plausible_scale: float, seen: bool) -> None:
+    """Found with four fifths at about five standard deviations: at 0.9, 9 and 90 plausible scales."""
+    sight = Sight(_Named(), "any", Rule(1, 1e7, 1e-5), np.array([per_plausible_scale]))
+    assert sight.is_plausible is seen
 
 
 def test_what_shows_in_half_of_the_directions_only_is_not_found_with_four_fifths() -> None:
     half = np.concatenate([np.zeros(32), np.full(32, 5.0)])
     assert Sight(_Named(), "any", Rule(2, 100.0, 1e-4), half).smallest(0.8) is None
+
+
+def _verdict(subject: str, verdict: str = REJECTED, reason: Reason | None = Reason.CHANCE) -> Verdict[_Named]:
+    unknown = dict.fromkeys(("scale_holds", "before", "after", "floor", "values", "covariance"))
+    return Verdict(  # type: ignore[arg-type]  # numbers of what is not looked at
+        _Named(subject), verdict, 0.5, 0.1, 0.0, 1.0, held_out=(None, None), candidates=3, reason=reason, **unknown
+    )
+
+
+def test_only_what_chance_alone_decided_against_becomes_not_testable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cause that predicts worse was seen; what is part of another, too; and what has no size of its own stays."""
+    strengths = {"seen": 6.0, "hidden": 0.06, "worse": 0.06, "found": 0.06}
+    sights = {name: Sight(_Named(name), "any", Rule(1, 1e7, 1e-5), np.array([own])) for name, own in strengths.items()}
+    monkeypatch.setattr(detectable, "sight", lambda search, cause, level: sights.get(cause.subject))
+    given = [
+        _verdict("found", FOUND, None),
+        _verdict("seen"),
+        _verdict("hidden"),
+        _verdict("worse", reason=Reason.HELD_OUT),
+        _verdict("sizeless"),
+        _verdict("unseen", reason=Reason.UNSEEN),
+    ]
+    told = {verdict.cause.subject: verdict.verdict for verdict in assessed(given, None, 0.01)}  # type: ignore[arg-type]
+    assert [name for name, verdict in told.items() if verdict == NOT_TESTABLE] == ["hidden", "unseen"]
+    assert told["found"] == FOUND
+    assert list(told)[-2:] == ["hidden", "unseen"]  # ranked behind what was rejected

@@ -80,6 +80,12 @@ class Sight(Generic[CauseT]):
             low, high = (low, middle) if self.power(float(np.exp(middle))) >= power else (middle, high)
         return float(np.exp(high))
 
+    @property
+    def is_plausible(self) -> bool:
+        """Whether a plausible size would be found."""
+        smallest = self.smallest()
+        return smallest is not None and smallest <= _IMPLAUSIBLE
+
     def signal_to_noise(self, size: float) -> float:
         """Return the root of the mean non-centrality at a size in plausible scales."""
         return size * float(np.sqrt(np.mean(self.per_scale**2)))
@@ -131,8 +137,7 @@ def _is_hidden(verdict: Verdict[CauseT], search: Search[CauseT], level: float) -
     own = sight(search, verdict.cause, level)
     if own is None:  # no size of its own is told of it
         return verdict.reason == Reason.UNSEEN
-    smallest = own.smallest()
-    return smallest is None or smallest > _IMPLAUSIBLE
+    return not own.is_plausible
 
 
 def _of_candidates(

@@ -20,7 +20,12 @@ _FEW_AXES = 3
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
 # Sections whose good news have a line of their own, and those that are told in a line together.
 _TOLD_ALONE = ("diagnosis", "simulation", "positioning", "requirements", "changes", "quality")
-_TOGETHER = ("belonging", "adequacy", "pulls", "calibration")
+_TOGETHER = {
+    "belonging": "the data belong together",
+    "adequacy": "the last model leaves only noise",
+    "pulls": "pulls are within tolerances",
+    "calibration": "the calibration fits",
+}
 # What is not tested and asks for nothing.
 _SILENT = (ReasonCode.NO_READINGS,)
 
@@ -66,8 +71,8 @@ def _is_told(one: SectionVerdict) -> bool:
 
 
 def _together(others: list[SectionVerdict]) -> list[Verdict]:
-    named = [one.section for one in others if one.section in _TOGETHER and one.state == State.OK]
-    return [("pass", f"Tested and as it should be: {', '.join(named)}.")] if named else []
+    named = [_TOGETHER[one.section] for one in others if one.section in _TOGETHER and one.state == State.OK]
+    return [("pass", f"Tested too: {', '.join(named)}.")] if named else []
 
 
 def _tiles(tables: Tables) -> list[tuple[str, str]]:
