@@ -171,7 +171,11 @@ def test_every_cause_has_its_row_and_the_found_ones_come_first(linear: Diagnosed
     # No mechanism-free cause, none that this campaign cannot show (its temperature hardly walks, no labels exchanged).
     expected = {name for name in catalogue() if not name.startswith(("body-", "targets-"))}
     assert {row["cause"] for row in linear.rows} == expected
-    assert [row["verdict"] for row in linear.rows] == ["found"] + ["rejected"] * (len(expected) - 1)
+    verdicts = [row["verdict"] for row in linear.rows]
+    assert verdicts == sorted(verdicts, key=("found", "rejected", "not testable").index)
+    assert verdicts.count("found") == 1
+    hidden = {row["cause"] for row in linear.rows if row["verdict"] == "not testable"}
+    assert hidden == {"flexure-shift"}  # of tenths of a micrometre in these poses
     assert all(row["follows"] for row in linear.rows if row["cause"] == "unexplained")
 
 

@@ -6,7 +6,7 @@ strengths; the search's F test then has a noncentral distribution, and its power
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Generic
@@ -83,8 +83,7 @@ class Sight(Generic[CauseT]):
     @property
     def is_plausible(self) -> bool:
         """Whether a plausible size would be found."""
-        smallest = self.smallest()
-        return smallest is not None and smallest <= _IMPLAUSIBLE
+        return self.power(_IMPLAUSIBLE) >= POWER
 
     def signal_to_noise(self, size: float) -> float:
         """Return the root of the mean non-centrality at a size in plausible scales."""
@@ -122,22 +121,21 @@ def sight(search: Search[CauseT], cause: CauseT, level: float) -> Sight[CauseT] 
 
 
 def assessed(verdicts: Iterable[Verdict[CauseT]], search: Search[CauseT], level: float) -> tuple[Verdict[CauseT], ...]:
-    """Return verdicts in their order; rejected candidates of which no plausible size would have been seen are not
-    testable."""
-    told = (
-        replace(verdict, verdict=NOT_TESTABLE) if _is_hidden(verdict, search, level) else verdict
-        for verdict in verdicts
+    """Return verdicts in their order; a rejected kind of cause is not testable where no sort of it shows plausible
+    sizes."""
+    plausible: dict[str, bool] = {}
+    for own in sights(search, level):
+        plausible[own.kind] = plausible.get(own.kind, False) or own.is_plausible
+    found = (
+        replace(verdict, verdict=NOT_TESTABLE) if _is_hidden(verdict, plausible) else verdict for verdict in verdicts
     )
-    return tuple(sorted(told, key=lambda verdict: verdict.rank))
+    return tuple(sorted(found, key=lambda verdict: verdict.rank))
 
 
-def _is_hidden(verdict: Verdict[CauseT], search: Search[CauseT], level: float) -> bool:
+def _is_hidden(verdict: Verdict[CauseT], plausible: Mapping[str, bool]) -> bool:
     if verdict.verdict != REJECTED or verdict.reason not in (Reason.CHANCE, Reason.UNSEEN):
         return False
-    own = sight(search, verdict.cause, level)
-    if own is None:  # no size of its own is told of it
-        return verdict.reason == Reason.UNSEEN
-    return not own.is_plausible
+    return not plausible.get(verdict.cause.id, verdict.reason == Reason.CHANCE)  # of some no size is computed
 
 
 def _of_candidates(

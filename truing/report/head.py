@@ -18,8 +18,8 @@ _BENCH_WORDS = {"none": "rms response", "linear": "left by its own axis", "matri
 _OF_AXES = {"A": "accuracy A", "B": "reversal B"}  # as ISO 230-2 has them
 _FEW_AXES = 3
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
-# Sections whose good news have a line of their own, and those that are told in a line together.
-_TOLD_ALONE = ("diagnosis", "simulation", "positioning", "requirements", "changes", "quality")
+# Sections that have a line of their own where all is well, and those that share one.
+_OWN_LINE = ("diagnosis", "simulation", "positioning", "requirements", "changes", "quality")
 _TOGETHER = {
     "belonging": "the data belong together",
     "adequacy": "the last model leaves only noise",
@@ -47,7 +47,7 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
     if lead.explanation == _explanation(rows, "diagnosis"):
         lines += details
     for one in sorted(others, key=lambda one: _URGENCY[one.state]):
-        if _is_told(one):
+        if _has_line(one):
             lines.append((one.mark, one.explanation))
         if one.section == "diagnosis":
             lines += details
@@ -61,13 +61,13 @@ def _explanation(rows: dict[str, SectionVerdict], section: str) -> str:
     return rows[section].explanation if section in rows else ""
 
 
-def _is_told(one: SectionVerdict) -> bool:
+def _has_line(one: SectionVerdict) -> bool:
     """Whether a section has a line: all that fails, and of the others those that a reader looks for."""
     if one.state == State.FAILS:
         return True
     if one.state == State.ATTENTION:
         return one.section != "deformation" and one.reason_code != ReasonCode.NOTHING_FOUND
-    return one.section in _TOLD_ALONE and one.reason_code not in _SILENT
+    return one.section in _OWN_LINE and one.reason_code not in _SILENT
 
 
 def _together(others: list[SectionVerdict]) -> list[Verdict]:

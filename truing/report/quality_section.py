@@ -74,8 +74,8 @@ def _warning(qa: pd.DataFrame | None, check: str) -> str:
     """What a check says that warns; empty where none of this name does."""
     if qa is None:
         return ""
-    told = qa.loc[qa["check"].eq(check) & qa["verdict"].eq("warn"), "message"]
-    return printed(str(told.iloc[0])) if len(told) else ""
+    messages = qa.loc[qa["check"].eq(check) & qa["verdict"].eq("warn"), "message"]
+    return printed(str(messages.iloc[0])) if len(messages) else ""
 
 
 def _withholds(qa: pd.DataFrame) -> pd.Series:
@@ -84,14 +84,14 @@ def _withholds(qa: pd.DataFrame) -> pd.Series:
 
 def _apart(failed: pd.DataFrame) -> SectionVerdict:
     """The failed checks by which the data do not belong together: which, what they found, what to do, what waits."""
-    told = []
+    sentences = []
     for name, own in failed.groupby("check", sort=False):
         check = WITHHOLDING[str(name)]
         more = f" ({len(own) - 1} more under Quality.)" if len(own) > 1 else ""
         first = f"Quality check {name} failed: {printed(own['message'].iloc[0])}{more}"
         do = printed(check.to_do.replace("`", ""))
-        told.append(f"{first} {do} Until then {check.stages_withheld} are not evaluated.")
-    return _of_checks("belonging", State.FAILS, ReasonCode.DO_NOT_BELONG, " ".join(told), failed)
+        sentences.append(f"{first} {do} Until then {check.stages_withheld} are not evaluated.")
+    return _of_checks("belonging", State.FAILS, ReasonCode.DO_NOT_BELONG, " ".join(sentences), failed)
 
 
 def _named(relations: pd.DataFrame) -> str:
@@ -140,7 +140,7 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
 
 
 def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:
-    own = failed[~_withholds(failed)]  # the others are told under belonging
+    own = failed[~_withholds(failed)]  # the others stand under belonging
     if not len(own):
         return f"{len(failed)} of {len(qa)} quality checks failed, see Quality.{also}"
     rest = f" {len(failed) - 1} more under Quality." if len(failed) > 1 else ""
