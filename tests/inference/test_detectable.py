@@ -20,6 +20,11 @@ DRAWS = 40_000
 class _Named:
     subject: str = ""
 
+    @property
+    def id(self) -> str:
+        """Its kind."""
+        return self.subject
+
 
 @pytest.mark.parametrize("rank", [1, 6, 36])
 @pytest.mark.parametrize("ratio", [0.0, 3.0, 6.0, 9.0])
@@ -87,8 +92,9 @@ def _verdict(subject: str, verdict: str = REJECTED, reason: Reason | None = Reas
 def test_only_what_chance_alone_decided_against_becomes_not_testable(monkeypatch: pytest.MonkeyPatch) -> None:
     """A cause that predicts worse was seen; what is part of another, too; and what has no size of its own stays."""
     strengths = {"seen": 6.0, "hidden": 0.06, "worse": 0.06, "found": 0.06}
-    sights = {name: Sight(_Named(name), "any", Rule(1, 1e7, 1e-5), np.array([own])) for name, own in strengths.items()}
-    monkeypatch.setattr(detectable, "sight", lambda search, cause, level: sights.get(cause.subject))
+    sights = [Sight(_Named(name), name, Rule(1, 1e7, 1e-5), np.array([own])) for name, own in strengths.items()]
+    sights.append(Sight(_Named("one leg"), "seen", Rule(1, 1e7, 1e-5), np.array([0.06])))  # the other sort shows it
+    monkeypatch.setattr(detectable, "sights", lambda search, level: sights)
     given = [
         _verdict("found", FOUND, None),
         _verdict("seen"),
