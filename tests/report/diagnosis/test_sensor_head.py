@@ -99,6 +99,16 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             {"angle": size(0.0082, 0.0003, "rad")},
             "dz stands 8.20 ± 0.30 mrad off its axis",
         ),
+        (
+            "cosine-error",
+            "channel dz",
+            {
+                "angle": size(0.0082, 0.0003, "rad"),
+                "tilt_dx": size(-0.008, 0.0003, "rad"),
+                "tilt_dy": size(0.0001, 0.0003, "rad"),
+            },
+            "dz stands 8.20 ± 0.30 mrad off its axis: 8.00 ± 0.30 mrad towards −dx",
+        ),
         ("abbe-offset", "channel dz", {"arm_x": size(-0.8, 0.1, "mm")}, "misses the origin: 0.80 ± 0.10 mm towards −x"),
         (
             "dead-path",

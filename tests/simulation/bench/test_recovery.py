@@ -11,6 +11,7 @@ from tests.simulation.bench.sensor_benches import SIGMA, Bench, bench
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.selection import Acceptance, Diagnosis, Settings
 from truing.inference.verdicts import FOUND
+from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.reading_causes import ReadingCause
@@ -24,6 +25,7 @@ SCALE_V = 0.01  # of the signals of the bench, about
 # A cause with what is hidden of it, SI.
 HIDDEN: dict[str, tuple[ReadingCause, list[float]]] = {
     "soft leg": (LegStiffness(3), [float(np.log(0.7))]),
+    "beam askew": (CosineError("dz"), [0.004, -0.003]),
     "play with friction": (PlayHysteresis("fz", 0.2, exercised=True, free=True), [0.008, 0.0]),
     "square of a signal": (SignalNonlinear("v2", (QUADRATIC,), (), ("v2",), (SCALE_V,)), [4.0]),
     "cube of a signal": (SignalNonlinear("v2", (CUBIC,), (), ("v2",), (SCALE_V,)), [-900.0]),

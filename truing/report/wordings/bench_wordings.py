@@ -210,7 +210,14 @@ def _warm_room(claim: Claim) -> str:
 
 def _tilted(claim: Claim) -> str:
     size, _ = only(claim, "angle")
-    return f"the beam of {_where(claim, 'a channel')} stands{f' {size}' if size else ''} off its axis"
+    tilts = sure_of(tuple(one for one in claim.sizes if one.name.startswith("tilt_")))
+    towards = f": {' and '.join(f'{told(positive(one))} towards {_way(one)}' for one in tilts)}" if tilts else ""
+    return f"the beam of {_where(claim, 'a channel')} stands{f' {size}' if size else ''} off its axis{towards}"
+
+
+def _way(tilt: Size) -> str:
+    """``+dy`` of a tilt towards the axis of channel dy."""
+    return f"{'−' if (tilt.number or 0.0) < 0.0 else '+'}{tilt.name.removeprefix('tilt_')}"
 
 
 def _align(claim: Claim) -> str:

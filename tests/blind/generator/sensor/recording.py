@@ -77,7 +77,9 @@ class CosineError(PerChannel):
     id = "cosine-error"
 
     def parameters(self) -> Mapping[str, Parameter]:
-        return {"angle": (self.angle, "rad")}
+        first = 3 * (self.channel // 3)
+        towards = {f"tilt_{CHANNELS[first + k]}": self.angle * part for k, part in enumerate(self.aside) if part}
+        return {"angle": (self.angle, "rad"), **{name: (tilt, "rad") for name, tilt in towards.items()}}
 
     def instrument(self, readings: Array, moved: Array, setting: Setting) -> Array:
         first = 3 * (self.channel // 3)

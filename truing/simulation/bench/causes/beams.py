@@ -102,7 +102,7 @@ class CosineError(OfChannel):
         return found
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the angle between beam and axis."""
+        """Return the angle between beam and axis, and its tilts towards the other channels' axes where these show."""
         if self.along:
             lost, sigma = max(float(values[0]), 0.0), float(np.sqrt(covariance[0, 0]))
             angle = float(np.arccos(max(1.0 - lost, -1.0)))
@@ -113,7 +113,8 @@ class CosineError(OfChannel):
             )
         angle = float(np.linalg.norm(values))
         along = values / max(angle, 1e-12)
-        return (ReportedParameter("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad"),)
+        whole = ReportedParameter("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad")
+        return (whole, *super().reported(values, covariance, legs))
 
     def _shows(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
         """Return whether motion across a channel shows in it, and whether it does beside the motion along it."""
