@@ -47,6 +47,7 @@ _CONCERNS = {
     "abbe-offset": "a linear channel, or all of them",
     "dead-path": "a linear channel, or all of them",
     "fringe-slip": "a linear channel in a run",
+    "zero-step": "a rotation, a signal, all displacements or all signals, in a run",
     "crosstalk": "a signal",
     "signal-nonlinear": "a signal, or all",
     "rows-exchanged": "a run, or two",

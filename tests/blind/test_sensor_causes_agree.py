@@ -30,6 +30,7 @@ from truing.simulation.bench.causes import (
     play_hysteresis,
     signal_nonlinear,
     stiffness,
+    zero_step,
 )
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
 from truing.simulation.bench.model import ReadingModel
@@ -93,6 +94,16 @@ CASES: dict[str, tuple[hidden.Effect, Cause, Sequence[float]]] = {
         recording.FringeSlip(DZ, 3, False, -7, 9),
         counts.FringeSlip("dz", 3, 9, 9, False, 632.990577e-9 / 2),
         [-7.0],
+    ),
+    "knock": (
+        recording.ZeroStep(3, 9, (2 * UM, 0.0, -3 * UM, 0.0, 1e-5, 0.0)),
+        zero_step.ZeroStep(("dx", "dz", "ry"), 3, 9, 9, (UM, UM, 1e-5)),
+        [2 * UM, -3 * UM, 1e-5],
+    ),
+    "step of a signal": (
+        recording.ZeroStep(3, 9, (), (0.0, 0.3, 0.0, 0.0, 0.0, 0.0)),
+        zero_step.ZeroStep(("v2",), 3, 9, 9, (MV,)),
+        [0.3 * MV],
     ),
     "curved signal": (
         recording.SignalNonlinear(2, 0.2, -0.1),

@@ -25,6 +25,7 @@ from truing.simulation.bench.causes.stiffness import (
     StiffnessNonlinear,
     StiffnessScale,
 )
+from truing.simulation.bench.causes.zero_step import ZeroStep
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.cause import Cause, CauseT
@@ -86,6 +87,7 @@ OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     AbbeOffset(),
     DeadPath(),
     FringeSlip(),
+    ZeroStep(),
     Crosstalk(),
     SignalNonlinear(),
     RowsExchanged(),

@@ -120,6 +120,24 @@ SLIP = {"count": size(-2), "from_step": size(7)}
         (
             "fringe-slip",
             "run 4 channel dz",
+            {"shift": size(3.3, 0.05, "um"), "from_step": size(7)},
+            "The zero of channel dz in run 4 shifts by 3.300 ± 0.050 µm from step 7 on, which is no whole number",
+        ),
+        (
+            "zero-step",
+            "run 4 signal v2",
+            {"shift": size(0.2, 0.01, "mV"), "from_step": size(7)},
+            "The zero of signal v2 in run 4 shifts by 0.200 ± 0.010 mV from step 7 on",
+        ),
+        (
+            "zero-step",
+            "run 4 displacements",
+            {"shift_dx": size(0.2, 0.5, "um"), "shift_dz": size(-3.3, 0.5, "um"), "from_step": size(7)},
+            "The zeros of all displacements shift together in run 4 from step 7 on, dz by -3.30 ± 0.50 µm",
+        ),
+        (
+            "fringe-slip",
+            "run 4 channel dz",
             {"count": size(1)},
             "Channel dz in run 4 counts 1 half wavelength too many",
         ),

@@ -16,6 +16,8 @@ from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.signal_nonlinear import CUBIC, QUADRATIC, SignalNonlinear
+from truing.simulation.bench.causes.zero_step import ZeroStep
+from truing.simulation.bench.load_steps import CHANNELS
 from truing.simulation.catalogue import catalogue_of_readings
 
 SETTINGS = Settings(0.05, 100, 1)
@@ -26,6 +28,7 @@ SCALE_V = 0.01  # of the signals of the bench, about
 HIDDEN: dict[str, tuple[ReadingCause, list[float]]] = {
     "soft leg": (LegStiffness(3), [float(np.log(0.7))]),
     "beam askew": (CosineError("dz"), [0.004, -0.003]),
+    "knock": (ZeroStep(CHANNELS, 4, 8, 8, tuple((10.0 * SIGMA[:6]).tolist())), (3.0 * SIGMA[:6]).tolist()),
     "play with friction": (PlayHysteresis("fz", 0.2, exercised=True, free=True), [0.008, 0.0]),
     "square of a signal": (SignalNonlinear("v2", (QUADRATIC,), (), ("v2",), (SCALE_V,)), [4.0]),
     "cube of a signal": (SignalNonlinear("v2", (CUBIC,), (), ("v2",), (SCALE_V,)), [-900.0]),

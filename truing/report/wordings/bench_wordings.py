@@ -243,11 +243,36 @@ def _dead_path(claim: Claim) -> str:
 def _slip(claim: Claim) -> str:
     count, onset = claim.size("count"), claim.fact("from_step")
     since = f" from step {onset} on" if onset not in (None, "") else ""
+    shift = claim.size("shift")
+    if shift is not None:
+        who = _where(claim, "a counter")
+        return f"the zero of {who} shifts by {told(shift)}{since}, which is no whole number of half wavelengths"
     if count is None or count.number is None:
         return f"{_where(claim, 'a counter')} jumps by whole half wavelengths{since}"
     number = int(count.number)
     many = f"{abs(number)} half wavelength{'s' * (abs(number) != 1)} too {'many' if number > 0 else 'few'}"
     return f"{_where(claim, 'a counter')} counts {many}{since}"
+
+
+def _shifted(claim: Claim) -> str:
+    onset = claim.fact("from_step")
+    since = f" from step {onset} on" if onset not in (None, "") else ""
+    own = [one for one in claim.sizes if one.name.startswith("shift")]
+    size = max(own, key=lambda one: abs(one.number or 0.0) / (one.sigma or 1.0), default=None)
+    run = _parts(claim).get("run", "")
+    several = next((word for word in ("displacements", "signals") if word in claim.subject.split()), "")
+    if not several:
+        by = f" by {told(size)}" if size is not None else ""
+        return f"the zero of {_where(claim, 'a channel')} shifts{by}{since}"
+    most = f", {size.name.removeprefix('shift_')} by {told(size)}" if size is not None else ""
+    return f"the zeros of all {several} shift together in run {run}{since}{most}"
+
+
+def _look_up_event(claim: Claim) -> str:
+    return (
+        f"Look up in the laboratory's notes what happened in run {_parts(claim).get('run', '')}; repeat it, with a "
+        "return to zero before and after."
+    )
 
 
 def _slowly(claim: Claim) -> str:
@@ -356,6 +381,7 @@ BENCH = {
         "Measure the path from beam splitter to mirror; read it unloaded while the air's pressure changes.",
     ),
     "fringe-slip": Wording("fringe slip", _slip, _slowly),
+    "zero-step": Wording("zero step", _shifted, _look_up_event),
     "crosstalk": Wording("crosstalk", _crosstalk, _disconnect),
     "signal-nonlinear": Wording("signal nonlinear", _curved, _straighten),
     "rows-exchanged": Wording("rows exchanged", _exchanged, _look_up),

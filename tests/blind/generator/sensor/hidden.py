@@ -152,6 +152,35 @@ def _slipped(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     return lambda size: recording.FringeSlip(channel, run, alone, int(sign) * max(round(5 * size), 1), start)
 
 
+def _knocked(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """One rotation, one signal, or all of either sort, in a run that shows enough of them on either side."""
+    schedule, noise, signals = campaign.schedule, campaign.layout.noise, campaign.layout.signals
+    of_signals, alone = bool(signals and rng.random() < 0.5), bool(rng.random() < 0.6)
+    count = signals if of_signals else len(AXES)
+    unit = np.full(signals, noise.signal_mv) if of_signals else noise.channels
+    chosen = np.ones(count, bool)
+    if alone:
+        chosen = np.arange(count) == (rng.integers(count) if of_signals else _channel_of_six(campaign, rng))
+    shown = np.ones(len(schedule.run), bool) if of_signals else campaign.seen[:, chosen].all(axis=1)
+    runs = [run for run in np.unique(schedule.run) if np.sum(shown & (schedule.run == run)) > 2 * EITHER_SIDE]
+    if not runs:
+        raise ValueError("no run shows a step of the zero")
+    run = int(rng.choice(runs))
+    start = int(rng.choice(schedule.step[shown & (schedule.run == run)][EITHER_SIDE:-EITHER_SIDE]))
+    pattern = 5 * unit * chosen * rng.choice([-1.0, 1.0], count) * rng.uniform(0.5, 1.5, count)
+
+    def of_size(size: float) -> Effect:
+        moved = tuple((size * pattern).tolist())
+        return recording.ZeroStep(run, start, *(((), moved) if of_signals else (moved, ())))
+
+    return of_size
+
+
+def _channel_of_six(campaign: Campaign, rng: np.random.Generator) -> int:
+    """A rotation that is watched: of a displacement alone nobody could tell it from fringes."""
+    return int(rng.choice([k for k in range(3, len(AXES)) if campaign.seen[:, k].any()]))
+
+
 def _talking(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     one, other = rng.choice(len(AXES), 2, replace=False).tolist()  # not a second bridge: nobody knows what that shows
     fraction = 0.005 * _sign(rng)
@@ -200,6 +229,7 @@ CATALOGUE: Mapping[str, Kind] = {
     "abbe-offset": Kind(_arm, frozenset({"six"})),
     "dead-path": Kind(_dead, frozenset({"weather"})),
     "fringe-slip": Kind(_slipped),
+    "zero-step": Kind(_knocked, frozenset({"six"})),
     "crosstalk": Kind(_talking, frozenset({"signals"})),
     "signal-nonlinear": Kind(_bent, frozenset({"signals"})),
     "rows-exchanged": Kind(_exchanged, frozenset({"signals"})),

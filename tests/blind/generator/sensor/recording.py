@@ -141,6 +141,44 @@ class FringeSlip(PerChannel):
 
 
 @dataclass(frozen=True)
+class ZeroStep(Effect):
+    """From a step on until the end of the run, readings (6,), m and rad, and signals (C,), mV, stand elsewhere."""
+
+    run: int
+    from_step: int
+    readings: tuple[float, ...] = ()
+    signals: tuple[float, ...] = ()
+    id = "zero-step"
+
+    def _moved(self) -> list[tuple[str, str, float, str]]:
+        """Channels or signals with their word, amount and unit."""
+        rows = [("channel", CHANNELS[k], value / FILE_UNIT[k], UNITS[k]) for k, value in enumerate(self.readings)]
+        rows += [("signal", f"v{k + 1}", value, "mV") for k, value in enumerate(self.signals)]
+        return [row for row in rows if row[2]]
+
+    @property
+    def subject(self) -> str:
+        moved = self._moved()
+        several = "signals" if self.signals else "displacements"
+        return f"run {self.run} {' '.join(moved[0][:2]) if len(moved) == 1 else several}"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        moved = self._moved()
+        named = {("shift" if len(moved) == 1 else f"shift_{name}"): (value, unit) for _, name, value, unit in moved}
+        return {**named, "from_step": (float(self.from_step), "1")}
+
+    def _late(self, setting: Setting) -> Array:
+        schedule = setting.schedule
+        return (schedule.run == self.run) & (schedule.step >= self.from_step)
+
+    def instrument(self, readings: Array, moved: Array, setting: Setting) -> Array:
+        return readings + np.outer(self._late(setting), self.readings) if self.readings else readings
+
+    def electric(self, signals: Array, setting: Setting) -> Array:
+        return signals + np.outer(self._late(setting), self.signals) if self.signals else signals
+
+
+@dataclass(frozen=True)
 class Crosstalk(Effect):
     """A signal channel carries a fraction of another; both told by their place."""
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from truing.simulation.bench.causes.channels import OfRun
 from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
+    UM,
     BenchScene,
     ReadingCause,
     is_linear,
@@ -22,6 +23,8 @@ from truing.simulation.cause import Parameter, ReportedParameter, Step
 
 _PLAUSIBLE_COUNT = 3.0
 _PLAUSIBLE_SHARE = 0.02
+# So many sigmas from the nearest whole number a jump is no slip of fringes.
+_NO_WHOLE_NUMBER = 3.3
 # Onsets that are tried in all; in long campaigns, every so many-th.
 _MOST_ONSETS = 800
 
@@ -84,9 +87,14 @@ class FringeSlip(OfRun):
         return self.at_own(state, self.half_wavelength_m * late[:, None].astype(float))
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the whole number that is nearest, and the step from which on."""
-        count = int(np.rint(values[0])) or (1 if values[0] >= 0 else -1)
-        return (ReportedParameter("count", count, None, "1"), ReportedParameter("from_step", self.from_step, None, ""))
+        """Return the whole number that is nearest, or where the data tell that it is none by how much, um; and the step
+        from which on."""
+        since = ReportedParameter("from_step", self.from_step, None, "")
+        count, sigma = int(np.rint(values[0])) or (1 if values[0] >= 0 else -1), float(np.sqrt(covariance[0, 0]))
+        if 0.0 < sigma < abs(values[0] - count) / _NO_WHOLE_NUMBER:
+            half_um = self.half_wavelength_m / UM
+            return (ReportedParameter("shift", float(values[0]) * half_um, sigma * half_um, "um"), since)
+        return (ReportedParameter("count", count, None, "1"), since)
 
 
 @dataclass(frozen=True)
