@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -125,6 +125,13 @@ class Judged:
         """Names of the catalogue that an effect of no catalogue was given."""
         return [row.cause for row in self.found if row.cause != "unexplained"]
 
+    @property
+    def unpaid(self) -> list[str]:
+        """What was found although errors do not fall with it: as fitted, or by more than 2 % on what was held out."""
+        rows = [(row.cause, row.figures) for row in self.found if "noise_ratio" not in row.value]
+        fitted = {cause for cause, own in rows if _grows(own, "", 1e-3)}
+        return sorted(fitted | {cause for cause, own in rows if _grows(own, "heldout_", 0.025)})
+
     def pulls(self, effect: Hidden) -> Array:
         """(value - truth) / sigma of every parameter of an effect that was found at the right place."""
         rows = [row for row in self.found if row.cause == effect.cause]
@@ -163,6 +170,11 @@ def _finding(row: Record, legs: int) -> Finding:
         sigma={name: entry["sigma"] for name, entry in parameters.items()},
         figures={name: row[name] for name in KEPT_NUMBERS},
     )
+
+
+def _grows(figures: Mapping[str, float | None], held: str, share: float) -> bool:
+    before, after = figures[f"{held}rms_before"], figures[f"{held}rms_after"]
+    return before is not None and after is not None and after > (1.0 + share) * before
 
 
 def _hidden(effect: Record, strength: float, legs: int) -> Hidden:

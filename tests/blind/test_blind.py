@@ -86,6 +86,10 @@ def test_a_world_that_nobody_described_never_reads_as_agreement(judged: dict[str
     assert all(one.found or one.suspected for one in judged["foreign"])
 
 
+def test_errors_fall_with_everything_that_is_found(judged: dict[str, list[Judged]]) -> None:
+    assert {one.name: one.unpaid for group in judged.values() for one in group if one.unpaid} == {}
+
+
 def test_nothing_is_found_beside_what_was_hidden(judged: dict[str, list[Judged]]) -> None:
     campaigns = judged["one"] + judged["two"]
     assert not rates.invented(campaigns).exceeds(WRONG), [rates.told(one) for one in campaigns if one.invented]

@@ -46,6 +46,10 @@ def test_what_was_hidden_is_named_with_its_camera_or_bar(judged: list[Judged]) -
     assert not judged[1].misplaced(effect), rates.told(judged[1])
 
 
+def test_errors_fall_with_everything_that_is_found(judged: list[Judged]) -> None:
+    assert {one.name: one.unpaid for one in judged if one.unpaid} == {}
+
+
 def test_nothing_is_found_for_sure_beside_what_was_hidden(judged: list[Judged]) -> None:
     own = {effect.cause for effect in judged[1].hidden}
     beside = [row for row in judged[1].record["findings"] if row["verdict"] == "found" and row["cause"] not in own]

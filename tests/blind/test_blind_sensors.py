@@ -60,6 +60,10 @@ def test_what_was_hidden_is_named_with_its_loads_channels_runs_or_signals(judged
     assert len(placed) >= fewest_of(len(named), NAMED), [rates.told(one) for one, _ in named if one not in placed]
 
 
+def test_errors_fall_with_everything_that_is_found(judged: list[Judged]) -> None:
+    assert {one.name: one.unpaid for one in judged if one.unpaid} == {}
+
+
 def test_nothing_is_found_for_sure_beside_what_was_hidden(judged: list[Judged]) -> None:
     wrong = [rates.told(one) for one in judged if one.hidden and one.invented and _is_sure(one)]
     assert not wrong

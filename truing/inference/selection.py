@@ -47,6 +47,8 @@ from truing.inference.verdicts import (
 # Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
 # that is larger than declared, of noise that follows something, and of a model that is doubted as a whole.
 _CAUSES, _NOISE, _FOLLOWING, _DOUBTED = 0.45, 0.05, 0.1, 0.4
+# What was held out may miss by so much more squares with a finding, 2 % in rms: that much is no difference to a reader.
+_NO_WORSE = 1.02**2
 _MOST_FOLLOWED = 2
 _MOST_SUBJECTS = 3
 # So many sigmas to either side it is asked; at most so many times as wide the answer makes a sigma.
@@ -190,14 +192,18 @@ class Acceptance(Generic[CauseT]):
     ) -> Verdict[CauseT]:
         """A verdict in the whole picture.
 
-        What was found is only suspected where predictions miss by no less with it. So is a name where the final model
-        does not hold, where something without a name acts on the same observations and is not small beside it, or where
-        a form without a name explained more but did not predict.
+        What was found is only suspected where predictions miss by no less with it, or by more on what was held out,
+        also beyond the range of what a form without a name follows. So is a name where the final model does not hold,
+        where something without a name acts on the same observations and is not small beside it, or where a form without
+        a name explained more but did not predict.
         """
         if verdict.verdict != FOUND:
             return verdict
         if np.sum(verdict.after.squares) >= np.sum(verdict.before.squares):
             return replace(verdict, verdict=SUSPECTED, reason=Reason.UNPAID)
+        before, after = verdict.held_out
+        if before is not None and after is not None and np.sum(after.squares) > _NO_WORSE * np.sum(before.squares):
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.HELD_OUT)
         if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))

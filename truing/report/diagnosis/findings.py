@@ -15,6 +15,7 @@ DOUBTS = {
     "inadequate": "the model with everything that was accepted leaves more than noise, so the picture is incomplete",
     "unnamed": "something that no cause of the catalogue explains acts on the same measurements and is not small "
     "beside it, so this may be a part of that",
+    "held-out": "it predicts what was held out worse than the model without it",
     "unpaid": "with it the simulation misses the measurement by no less",
 }
 # What an empty subject stands for, beside one of this kind.
