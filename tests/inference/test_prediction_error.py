@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.tolerance import assert_between
+from tests.tolerance import assert_between, assert_close
 from truing.inference.observations import Frames, Observations
 from truing.inference.prediction import PredictionError, predicts_worse
 
@@ -51,3 +52,18 @@ def test_what_is_right_is_never_refused_and_what_is_wrong_is_though_poses_are_fe
 def test_noise_that_is_told_smaller_with_the_cause_makes_no_prediction_worse() -> None:
     noise = np.random.default_rng(3).standard_normal((40, TARGETS, 3))
     assert not predicts_worse(_error(noise), _error(0.999 * noise, sigma=0.9), np.ones(40, bool))
+
+
+def test_growth_is_that_of_the_gaps_whatever_noise_each_error_counts_with() -> None:
+    gap = np.random.default_rng(1).standard_normal((5, TARGETS, 3))
+    assert_close(_error(1.5 * gap, sigma=0.1).growth_over(_error(gap, sigma=3.0)), 1.5, rtol=1e-12)
+
+
+def test_growth_counts_what_both_errors_see() -> None:
+    gap = np.random.default_rng(1).standard_normal((5, TARGETS, 3))
+    wild = gap.copy()
+    wild[2, 3] = 1e3
+    seen = np.ones(gap.shape[:2], bool)
+    seen[2, 3] = False
+    whole = _error(wild)
+    assert_close(replace(whole, measured=replace(whole.measured, seen=seen)).growth_over(whole), 1.0, rtol=1e-12)

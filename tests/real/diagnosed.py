@@ -10,15 +10,17 @@ import numpy as np
 import pandas as pd
 
 from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.report.diagnosis.adequacy import shortcoming
 
 _MM = ["x_mm", "y_mm", "z_mm"]
 _EDGE = 25  # poses at either end that tell where a target began and ended
 
 
 def diagnosed(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
-    """What was found, in order, with errors before and after, and what was left over."""
+    """What was found or suspected, in order, with errors before and after, what was left over, and what of the final
+    model does not hold."""
     rows = tables["diagnosis"]
-    found = rows[rows["verdict"] == "found"]
+    found = rows[rows["verdict"].isin(["found", "suspected"])]
     causes = found[~found["parameters"].str.contains("noise_ratio")]
     noise = found[found["parameters"].str.contains("noise_ratio")]
     return {
@@ -27,6 +29,7 @@ def diagnosed(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
         "before": float(causes["rms_before"].iloc[0]) if len(causes) else None,
         "after": float(causes["rms_after"].iloc[-1]) if len(causes) else None,
         "floor": float(rows["noise_floor"].iloc[len(causes) - 1]) if len(causes) else None,
+        "falls_short": shortcoming(tables),
         "rivals": sorted(set(rows.loc[rows["verdict"] == "indistinguishable", "cause"])),
     }
 
@@ -34,6 +37,7 @@ def diagnosed(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
 def _finding(row: pd.Series) -> dict[str, Any]:
     return {
         "cause": row["cause"],
+        "verdict": row["verdict"],
         "subject": row["subject"],
         "says": row["clause"],
         "settings": json.loads(row["settings"]),

@@ -91,6 +91,13 @@ def test_targets_moved_between_epochs_are_named(facts):
     assert 3 <= len(moved) <= 17
 
 
+def test_errors_fall_with_everything_that_is_found(facts):
+    lines = [(name, row) for name, own in facts.items() for row in own.get("diagnosis", {}).get("found", [])]
+    found = [(name, row) for name, row in lines if row["verdict"] == "found"]
+    assert found
+    assert [(name, row["cause"], row["subject"]) for name, row in found if row["after"] > 1.001 * row["before"]] == []
+
+
 def _found(facts, campaign):
     return [(row["cause"], row["subject"]) for row in facts[campaign]["diagnosis"]["found"]]
 

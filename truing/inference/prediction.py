@@ -68,6 +68,13 @@ class PredictionError(Generic[CauseT]):
         left = _freed(moved[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
         return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
+    def growth_over(self, other: PredictionError[CauseT]) -> float:
+        """The rms of this error over that of another one of the same epochs, where both see, in units of the noise that
+        the other one counts with: what noise is found to be changes with the model."""
+        weights = other.measured.whitener * (self.seen & other.seen)[..., None, None]
+        own, before = (float(np.sum((weights @ error.gap[..., None]) ** 2)) for error in (self, other))
+        return float(np.sqrt(own / before)) if before > 0.0 else 1.0
+
     @property
     def squares(self) -> Array:
         """Return the whitened sum of squares of each epoch (B,)."""

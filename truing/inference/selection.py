@@ -47,8 +47,9 @@ from truing.inference.verdicts import (
 # Shares of the declared false-alarm rate, so that the rate is kept and not only met: of the search for causes, of noise
 # that is larger than declared, of noise that follows something, and of a model that is doubted as a whole.
 _CAUSES, _NOISE, _FOLLOWING, _DOUBTED = 0.45, 0.05, 0.1, 0.4
-# What was held out may miss by so much more squares with a finding, 2 % in rms: that much is no difference to a reader.
-_NO_WORSE = 1.02**2
+# With a finding predictions may miss by so much more (rms), which is no difference to a reader: of what was fitted, for
+# a cause may show in parameters that were improbable without it, and of what was held out.
+_NO_MORE, _NO_WORSE = 1.002, 1.02
 _MOST_FOLLOWED = 2
 _MOST_SUBJECTS = 3
 # So many sigmas to either side it is asked; at most so many times as wide the answer makes a sigma.
@@ -199,10 +200,10 @@ class Acceptance(Generic[CauseT]):
         """
         if verdict.verdict != FOUND:
             return verdict
-        if np.sum(verdict.after.squares) >= np.sum(verdict.before.squares):
+        if not verdict.signal_to_noise or verdict.after.growth_over(verdict.before) > _NO_MORE:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.UNPAID)
         before, after = verdict.held_out
-        if before is not None and after is not None and np.sum(after.squares) > _NO_WORSE * np.sum(before.squares):
+        if before is not None and after is not None and after.growth_over(before) > _NO_WORSE:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.HELD_OUT)
         if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
