@@ -56,7 +56,7 @@ def test_noise_that_is_told_smaller_with_the_cause_makes_no_prediction_worse() -
 
 def test_growth_is_that_of_the_gaps_whatever_noise_each_error_counts_with() -> None:
     gap = np.random.default_rng(1).standard_normal((5, TARGETS, 3))
-    assert_close(_error(1.5 * gap, sigma=0.1).growth_over(_error(gap, sigma=3.0)), 1.5, rtol=1e-12)
+    assert_close(_error(1.5 * gap, sigma=0.1).growth_over(_error(gap, sigma=3.0)), 1.5, atol=1e-12)
 
 
 def test_growth_counts_what_both_errors_see() -> None:
@@ -66,4 +66,4 @@ def test_growth_counts_what_both_errors_see() -> None:
     seen = np.ones(gap.shape[:2], bool)
     seen[2, 3] = False
     whole = _error(wild)
-    assert_close(replace(whole, measured=replace(whole.measured, seen=seen)).growth_over(whole), 1.0, rtol=1e-12)
+    assert_close(replace(whole, measured=replace(whole.measured, seen=seen)).growth_over(whole), 1.0, atol=1e-12)
