@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tests.inference import toy_campaign as toy
 from tests.tolerance import assert_close
-from truing.inference.signatures import channel_signatures, joint, rotated_channels, signature
+from truing.inference.signatures import channel_signatures, joint, rotated_channels, signature, signatures_of
 
 RNG = np.random.default_rng(3)
 FOUND = toy.measured(RNG)
@@ -88,3 +88,18 @@ def test_two_candidates_together_span_what_their_columns_span() -> None:
 def test_a_candidate_that_acts_on_nothing_is_not_seen() -> None:
     assert signature(CHANNELS, {}).rank == 0
     assert signature(CHANNELS, {"drive": np.zeros((toy.POSES, toy.DRIVES, 1))}).rank == 0
+
+
+def test_candidates_together_have_the_signatures_that_each_has_alone() -> None:
+    """Some act on the same inputs, with other numbers of parameters, from another epoch on; one acts on nothing."""
+    rng = np.random.default_rng(8)
+    own = toy.channels(toy.measured(np.random.default_rng(0)))
+    late = np.where(np.arange(toy.POSES) < toy.POSES // 2, 0.0, 1.0)[:, None, None]
+    wide = rng.normal(size=(toy.POSES, toy.DRIVES, 2))
+    first = np.eye(toy.DRIVES)[:, :1]
+    designs = [{"drive": wide}, {"drive": wide[..., :1] * late}, {}, {"drive": wide * first}]
+    for together, alone in zip(signatures_of(own, designs), (signature(own, d) for d in designs), strict=True):
+        assert together.rank == alone.rank
+        assert_close(together.gram, alone.gram, atol=1e-9, what="gram")
+        assert_close(together.explained, alone.explained, atol=1e-9, what="explained")
+        assert_close(together.strengths, alone.strengths, atol=1e-9, what="strengths")

@@ -27,6 +27,7 @@ from truing.inference.signatures import (
     channel_signatures,
     rotated_channels,
     signature,
+    signatures_of,
 )
 
 # Numbers drawn at a time.
@@ -345,8 +346,9 @@ def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
         for proposed in (opened(fitted, scene.candidates(kind)), further):
             weights = np.array([scene.prior(cause) for cause in proposed])
             whole = max(weights.sum(), 1e-300) / (FURTHER_SHARE if further else 1.0)
-            for cause, weight in zip(proposed, weights / whole, strict=True):
-                found.append(candidate_of(fitted, pathways, cause, kind.id, float(weight)))
+            own = signatures_of(pathways, (fitted.design_matrix(cause) for cause in proposed))
+            for cause, weight, one in zip(proposed, weights / whole, own, strict=True):
+                found.append(Candidate(cause, kind.id, one, float(weight)))
     return found
 
 

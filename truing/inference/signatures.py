@@ -7,7 +7,7 @@ then cost one small matrix each, and a search over simulated residuals one produ
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +22,8 @@ from truing.inference.observations import Frames, Observations, whitened_columns
 _INFORMATIVE = 0.3
 # Where an effect moves less than this share of the squares that it moves elsewhere, it does not act.
 _MOVED = 1e-3
+# Candidates on the same pathways that are projected by one product.
+_AT_ONCE = 32
 
 
 @dataclass(frozen=True)
@@ -225,30 +227,77 @@ _UNSEEN = Signature(
 )
 
 
+@dataclass(frozen=True)
+class _Acting:
+    """How a candidate acts: its design (B, n, P) over the pathways at ``index``, from the first epoch to the last."""
+
+    index: Integers
+    design: Array
+    during: slice
+
+    @property
+    def size(self) -> int:
+        return int(self.design.shape[-1])
+
+
 def signature(pathways: Pathways, designs: Mapping[str, Array]) -> Signature:
     """Return the signature of a candidate from its designs (B or 1, C_i, P) by pathway, per plausible scale."""
+    return signatures_of(pathways, [designs])[0]
+
+
+def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array]]) -> list[Signature]:
+    """Return the signatures of candidates, each from its designs (B or 1, C_i, P) by pathway, per plausible scale."""
+    acting = [_acting(pathways, own) for own in designs]
+    alike: dict[bytes, list[int]] = {}
+    for number, own in enumerate(acting):
+        if own is not None:
+            alike.setdefault(own.index.tobytes(), []).append(number)
+    found = [_UNSEEN] * len(acting)
+    for numbers in alike.values():
+        for first in range(0, len(numbers), _AT_ONCE):
+            own = [one for n in numbers[first : first + _AT_ONCE] if (one := acting[n]) is not None]
+            explained = _explained(pathways, own)
+            for number, one, part in zip(numbers[first : first + _AT_ONCE], own, explained, strict=True):
+                found[number] = _signature(pathways, one, part)
+    return found
+
+
+def _acting(pathways: Pathways, designs: Mapping[str, Array]) -> _Acting | None:
     epochs = len(pathways.columns)
     names = tuple(name for name in pathways.places if name in designs)
     parts = [np.broadcast_to(designs[name], (epochs, *designs[name].shape[1:])) for name in names]
     if not parts:
-        return _UNSEEN
+        return None
     design = np.concatenate(parts, 1)
     acting = (design != 0.0).reshape(epochs, -1)  # reduced along whole rows: thousands of candidates come by
     of_pathway = acting.any(0).reshape(design.shape[1:]).any(1)
-    design, index = design[:, of_pathway], pathways.index(names)[of_pathway]
-    part = pathways.part(index)
-    during = _extent(acting.any(1))
-    own = design[during]
-    wide = own.reshape(-1, own.shape[-1])
-    explained = (wide.T @ part.shared[during].reshape(len(wide), part.shared.shape[-1])).T
-    whole = wide.T @ (part.gram[during] @ own).reshape(wide.shape)
+    return _Acting(pathways.index(names)[of_pathway], design[:, of_pathway], _extent(acting.any(1)))
+
+
+def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
+    """Return what the shared unknowns explain (G, P) of each of some candidates on the same pathways.
+
+    One product for all, since what is shared is large.
+    """
+    first = min((own.during.start for own in alike if own.during.stop), default=0)
+    during = slice(first, max(own.during.stop for own in alike))
+    shared = pathways.part(alike[0].index).shared[during]
+    wide = np.concatenate([own.design[during].reshape(-1, own.size) for own in alike], 1)
+    found = (wide.T @ shared.reshape(len(wide), shared.shape[-1])).T
+    return np.split(found, np.cumsum([own.size for own in alike])[:-1], 1)
+
+
+def _signature(pathways: Pathways, acting: _Acting, explained: Array) -> Signature:
+    part, own = pathways.part(acting.index), acting.design[acting.during]
+    moved = part.gram[acting.during] @ own
+    whole = own.reshape(-1, acting.size).T @ moved.reshape(-1, acting.size)
     gram = whole - explained.T @ explained
     values, vectors = np.linalg.eigh((gram + gram.T) / 2)
     kept = values > np.maximum(_INFORMATIVE**2, 1e-9 * np.trace(whole))
-    share = float(np.sum(own * (part.input_gram[during] @ own)) / max(np.trace(whole), 1e-300))
+    share = float(np.sum(own * (part.input_gram[acting.during] @ own)) / max(np.trace(whole), 1e-300))
     return Signature(
-        index,
-        design.reshape(-1, design.shape[-1]),
+        acting.index,
+        acting.design.reshape(-1, acting.size),
         explained,
         gram,
         np.sqrt(values[kept]),
