@@ -248,17 +248,17 @@ def signature(pathways: Pathways, designs: Mapping[str, Array]) -> Signature:
 def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array]]) -> list[Signature]:
     """Return the signatures of candidates, each from its designs (B or 1, C_i, P) by pathway, per plausible scale."""
     acting = [_acting(pathways, own) for own in designs]
-    alike: dict[bytes, list[int]] = {}
-    for number, own in enumerate(acting):
-        if own is not None:
-            alike.setdefault(own.index.tobytes(), []).append(number)
+    alike: dict[bytes, list[tuple[int, _Acting]]] = {}
+    for number, one in enumerate(acting):
+        if one is not None:
+            alike.setdefault(one.index.tobytes(), []).append((number, one))
     found = [_UNSEEN] * len(acting)
-    for numbers in alike.values():
-        for first in range(0, len(numbers), _AT_ONCE):
-            own = [one for n in numbers[first : first + _AT_ONCE] if (one := acting[n]) is not None]
-            explained = _explained(pathways, own)
-            for number, one, part in zip(numbers[first : first + _AT_ONCE], own, explained, strict=True):
-                found[number] = _signature(pathways, one, part)
+    for members in alike.values():
+        for first in range(0, len(members), _AT_ONCE):
+            chunk = members[first : first + _AT_ONCE]
+            explained = _explained(pathways, [own for _, own in chunk])
+            for (number, own), part in zip(chunk, explained, strict=True):
+                found[number] = _signature(pathways, own, part)
     return found
 
 
