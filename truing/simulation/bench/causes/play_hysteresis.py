@@ -18,7 +18,7 @@ from truing.simulation.cause import Parameter, ReportedParameter, Step
 _PLAUSIBLE = 0.02
 # So many thresholds are tried, up to this share of the largest load, and one sigma of the logarithm of one about that.
 # Below half a step of the load all of them look alike.
-_THRESHOLDS, _LARGEST, _LEAST, _OF_A_STEP, _PLAUSIBLE_LOG = 5, 0.4, 0.02, 0.5, 0.5
+_THRESHOLDS, _LARGEST, _LEAST, _OF_A_STEP, _PLAUSIBLE_LOG = 3, 0.4, 0.02, 0.5, 0.5
 _ALL_SHARE = 0.3
 _TURNS = 2
 

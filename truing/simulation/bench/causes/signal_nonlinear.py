@@ -18,7 +18,7 @@ QUADRATIC, CUBIC = "quadratic", "cubic"
 _POWERS = {QUADRATIC: 2, CUBIC: 3}
 _PLAUSIBLE = 0.02  # of the largest signal
 # A form has so many parameters at most, and so many readings for each of them.
-_MOST_PARAMETERS, _ROWS_PER_PARAMETER = 200, 3
+_MOST_PARAMETERS, _ROWS_PER_PARAMETER = 60, 3
 _ALL_SHARE = 0.5
 # What a sum over the steps' loads leaves of a product that never occurs.
 _NOTHING = 1e-9
