@@ -49,8 +49,9 @@ EXAMPLES: dict[str, Cause] = {
     "body-drift": BodyDrift("B", _MARKS, _CORNERS),
 }
 _FORMS = {"thermal-expansion": {"form": APART}, "measurement-scale": {"form": "both"}}
-# What is compared: single targets and exchanged labels are like nothing else, and bodies have no legs.
-_ALONE = ("target-moved", "targets-swapped", "body-deformation", "body-drift", "unexplained")
+# What is compared: single targets and exchanged labels are like nothing else, bodies have no legs, and a scatter has no
+# mean.
+_ALONE = ("target-moved", "targets-swapped", "body-deformation", "body-drift", "approach-scatter", "unexplained")
 # A share of its signal that a rival leaves, below which a cause is taken for it.
 ALIKE = 0.2
 
@@ -87,6 +88,8 @@ def concerns(cause: Cause) -> str:
         return "legs, single targets, a body's targets, the scale"
     if {"body", "form"} <= names:
         return "the whole, or a body"
+    if {"body", "legs"} <= names:
+        return "all legs, or any of them, or a body"
     if "body" in names:
         return "two targets" if cause.id == "targets-swapped" else "a target" if "target" in names else "a body"
     return "all legs, or any of them" if isinstance(cause, PerLeg) else "the whole"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -131,7 +130,7 @@ def _found(table: pa.Table) -> str:
     for row in table.to_pylist():
         if row["verdict"] in names:
             # What is found of the noise has no name of its own among the causes.
-            is_noise = "noise_ratio" in json.loads(row["parameters"])
+            is_noise = (row["reason_code"], row["cause"]) == ("noise", "unexplained")
             names[row["verdict"]].append("noise not as declared" if is_noise else row["cause"])
     said = [f"{verdict} {', '.join(dict.fromkeys(own))}" for verdict, own in names.items() if own]
     return "; ".join(said) or "nothing found"

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from truing.report.diagnosis.findings import Facts, explanation, noise_explanation
+from truing.report.diagnosis.findings import Facts, explanation, noise_explanation, scatter_explanation
 from truing.report.wordings.catalogue import clause, confirming, own_clause
-from truing.report.wordings.claim import Advice, Claim
+from truing.report.wordings.claim import Advice, Claim, Size
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
 from truing.schemas.verdict import Relation
@@ -24,6 +24,7 @@ from truing.stages.diagnosis.gathered import POINTS, Channels, Shown
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
     from truing.inference.noise import NoiseDependence, NoiseLevel
+    from truing.inference.scatter import FoundScatter
     from truing.inference.selection import Diagnosis
     from truing.inference.verdicts import Verdict
     from truing.simulation.cause import Cause
@@ -174,7 +175,8 @@ def _noise_rows(diagnosis: Diagnosis, shown: Shown | Channels, level: float) -> 
     """Noise that is larger in places, that of single channels, and where none has its own that of all."""
     final = diagnosis.final
     whole = shown.whole(final.error)
-    rows = [_following_row(own, final, whole) for own in diagnosis.noise_dependences]
+    rows = [_scatter_row(own, final, whole) for own in diagnosis.scatters]
+    rows += [_following_row(own, final, whole) for own in diagnosis.noise_dependences]
     for target, own in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
         rows.append(_larger_row(own, final, shown.only(target)) | {"subject": subject})
@@ -216,18 +218,40 @@ def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> di
     }
 
 
+def _scatter_row(own: FoundScatter, final: FittedModel, shown: Shown) -> dict[str, Any]:
+    """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
+    cause, legs = own.candidate.cause, final.model.part_count
+    values = cause.reported(np.array([own.size]), np.array([[own.sigma**2]]), legs)
+    sizes = tuple(Size(one.name, one.value, one.sigma, one.unit) for one in values)
+    claim = replace(claim_of(cause, legs), sizes=sizes)
+    said = clause(claim)
+    return _without_mean_effect(own.p_value, final, shown) | {
+        "cause": cause.id,
+        "subject": cause.subject,
+        "parameters": json.dumps({s.name: {"value": s.value, "sigma": s.sigma, "unit": s.unit} for s in sizes}),
+        "explanation": scatter_explanation(said, own.p_value),
+        "settings": json.dumps(claim.settings),
+        "clause": said,
+        **_advised(confirming(claim, cause.confirm)),
+    }
+
+
 def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: Shown) -> dict[str, Any]:
-    """What all rows on noise have: no effect on the mean, so nothing is predicted better."""
-    rms, held = shown.rms(final.error), shown.rms(final.held_out)
+    """What all rows on noise have that no cause makes larger."""
     ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}
+    return _without_mean_effect(level.p_value, final, shown) | {"parameters": json.dumps({"noise_ratio": ratio})}
+
+
+def _without_mean_effect(p_value: float, final: FittedModel, shown: Shown) -> dict[str, Any]:
+    """What all rows have on what scatters: no effect on the mean, so nothing is predicted better."""
+    rms, held = shown.rms(final.error), shown.rms(final.held_out)
     return {
         "cause": "unexplained",
         "verdict": "found",
         "reason_code": "noise",
         "subject": "",
-        "p_value": level.p_value,
-        "probability": 1.0 - level.p_value,
-        "parameters": json.dumps({"noise_ratio": ratio}),
+        "p_value": p_value,
+        "probability": 1.0 - p_value,
         "follows": "",
         "rms_before": rms,
         "rms_after": rms,

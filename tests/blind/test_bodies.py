@@ -101,6 +101,17 @@ def test_a_moved_target_is_named_whether_it_moved_a_little_or_far(size: float, t
     assert moved == pytest.approx(size, rel=0.2)
 
 
+def test_a_body_that_lands_elsewhere_each_time_for_a_while_is_told_so(tmp_path: Path) -> None:
+    """Neither as another shape, nor as targets that were moved: it scatters, and moves nothing on average."""
+    told = _told(tmp_path / "c", PLAIN, (Hidden("scatter", "base", 0.3),), 17)
+    assert told.found == [("approach-scatter", "base")]
+    row = next(row for row in told.rows if row["cause"] == "approach-scatter")
+    truth = told.drawn.truth["effects"][0]  # type: ignore[index]
+    assert abs(json.loads(row["settings"])["from_pose"] - truth["from_pose"]) <= 3
+    size = told.parameters("approach-scatter")["scatter"]
+    assert abs(size["value"] - 0.3) < 4 * size["sigma"] < 0.3
+
+
 def test_exchanged_labels_are_named(tmp_path: Path) -> None:
     told = _told(tmp_path / "c", PLAIN, (Hidden("swapped", "base", 1.0),), 14)
     truth = told.drawn.truth["effects"][0]  # type: ignore[index]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.blind.generator.campaign import draw_campaign
-from tests.blind.generator.effects import Effect, LegThermal
+from tests.blind.generator.effects import ApproachScatter, Effect, LegThermal
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Surroundings, Targets
 from tests.blind.generator.schedule import at_rest, even_moves
@@ -21,14 +21,16 @@ from tests.stages.line import run_line
 
 Row = dict[str, Any]
 SURE = 4.0  # sigmas that a fixed seed may be off
-WARM = Surroundings(temperature_step_c=0.4, shuffled=True)
 
 
-def found_in(home: Path, effects: list[Effect], seed: int, poses: int = 30) -> list[Row]:
+def found_in(home: Path, effects: list[Effect], seed: int, poses: int = 30, shuffled: bool = True) -> list[Row]:
     """The rows of what is found in a small campaign, with their parameters read."""
     rng = np.random.default_rng(seed)
     layout = Layout(
-        name="small", targets=Targets(base=8, platform=7, per_leg=2), faults=DataFaults(0.02, 0.01), surroundings=WARM
+        name="small",
+        targets=Targets(base=8, platform=7, per_leg=2),
+        faults=DataFaults(0.02, 0.01),
+        surroundings=Surroundings(temperature_step_c=0.4, shuffled=shuffled),
     )
     campaign = draw_campaign(layout, [at_rest(), *even_moves(poses, 6, rng)], effects, rng)
     tables, _ = run_line(write_campaign(campaign, home / "campaign", seed), "ingest", "pose", "diagnose")
@@ -54,3 +56,28 @@ def test_legs_that_grow_with_temperature_are_named(alphas: tuple[float, ...], su
     assert [(row["cause"], row["subject"]) for row in rows] == [("leg-thermal", subject)]
     truth = {f"alpha_{leg}": alpha for leg, alpha in enumerate(alphas, 1) if alpha} if subject else {"alpha": alphas[0]}
     assert_true(rows[0], truth)
+
+
+def _landing(rng: np.random.Generator, poses: int) -> dict[str, np.ndarray]:
+    """What actuators (poses, 6) land elsewhere by, over its sigma: in 12 poses, or actuator 4 alone."""
+    draws = rng.normal(size=(poses, 6))
+    late = (np.arange(poses) >= 14) & (np.arange(poses) < 26)
+    return {"group": draws * late[:, None], "one": draws * (np.arange(6) == 3)}
+
+
+@pytest.mark.parametrize("which", ["group", "one"])
+def test_actuators_that_land_elsewhere_each_time_are_named(which: str, tmp_path: Path) -> None:
+    draws = _landing(np.random.default_rng(5), 41)[which]
+    rows = found_in(tmp_path, [ApproachScatter(0.03, draws)], 72, poses=34, shuffled=False)
+    assert [(row["cause"], row["subject"]) for row in rows] == [("approach-scatter", "leg4" if which == "one" else "")]
+    assert_true(rows[0], {"scatter": 0.03})
+    settings = json.loads(rows[0]["settings"])
+    assert settings["direction"] == 0
+    if which == "group":  # the groups that are tried begin and end within a few poses of any
+        assert abs(int(settings["from_pose"]) - 14) <= 3
+        assert abs(int(settings["to_pose"]) - 25) <= 3
+
+
+def test_nothing_is_found_where_actuators_land_as_they_should(tmp_path: Path) -> None:
+    for seed in (73, 74):
+        assert found_in(tmp_path / str(seed), [], seed) == []

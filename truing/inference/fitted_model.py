@@ -3,7 +3,7 @@ candidates."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic
@@ -13,7 +13,7 @@ import numpy as np
 from truing.inference.arrays import Array, Mask
 from truing.inference.fit import Fit, fit_model
 from truing.inference.linear_problem import Contribution, rows_by_source
-from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, Model, Scene
+from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, Model, ScatterCandidate, Scene
 from truing.inference.noise import (
     NoiseComponents,
     NoiseDependence,
@@ -30,12 +30,24 @@ from truing.inference.noise import (
 )
 from truing.inference.observations import Epochs, Observations
 from truing.inference.prediction import NoiseFloor, PredictionError, merged, noise_floor, prediction_error
+from truing.inference.scatter import (
+    SETTLED,
+    FoundScatter,
+    InputResiduals,
+    drivers_of,
+    input_residuals,
+    likeliest,
+    nearby,
+    scattering,
+)
 from truing.inference.screening import gross_errors
 from truing.inference.signatures import Pathways, pathways_of
 
 # How often gross errors are looked for, and the noise estimated anew, before the search.
 _PREPARATIONS = 3
 _SAME_NOISE = 0.05
+# How often the scatter of inputs is estimated anew.
+_MOST_SCALINGS = 8
 # Where no epoch is held out, so many blocks of epochs are left out in turn, each of so many epochs at least.
 _BLOCKS, _FEWEST_IN_BLOCK, _MOST_VALUES = 5, 4, 20_000
 
@@ -157,7 +169,9 @@ class Fitter(Generic[CauseT]):
         self._held_out_model: Model[CauseT] | None = None if held_out is None else model.at(held_out.conditions)
         self.declared = calibration.measured.covariance
         self._ratios = 1.0, 1.0
+        self._input_factor: Array = np.ones((1, 1))
         self._seed, self._progress = seed, progress
+        self._recorded = calibration.measured.seen, None if held_out is None else held_out.measured.seen
         self.screened: list[ScreenedValue] = []  # observations taken out as gross errors
 
     def prepared(
@@ -276,12 +290,83 @@ class Fitter(Generic[CauseT]):
             self._held_out_model = self._held_out_model.with_share(share)
         return share != split.share
 
-    def noise_dependence(self, fitted: FittedModel[CauseT], level: float) -> NoiseDependence | None:
+    def noise_dependence(
+        self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], level: float
+    ) -> NoiseDependence | None:
         """Return what the noise that a fit leaves follows, None where p exceeds the level."""
         seen, scene = self.calibration.measured.seen, fitted.scene
         known = np.where(seen[..., None], fitted.standardised, np.nan)
         columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
-        return noise_dependence(known, drivers(columns, scene.shape, fitted.model.channel_groups), level)
+        possible = drivers(columns, scene.shape, fitted.model.channel_groups)
+        possible += drivers_of([one for one in _scatters(fitted, kinds) if not one.of_inputs])
+        return noise_dependence(known, possible, level)
+
+    def scatter(
+        self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], level: float
+    ) -> tuple[ScatterCandidate[CauseT], float] | None:
+        """Return the cause that makes inputs scatter most clearly, most of which are not known to scatter already, and
+        its p-value; None where p exceeds the level."""
+        known = self._input_factor > 1.0
+        offered = [one for one in _scatters(fitted, kinds) if one.of_inputs]
+        candidates = [one for one in offered if 2 * (known & one.own).sum() < one.own.sum()]
+        residuals = _input_residuals(fitted)
+        return scattering(residuals, candidates, level) if candidates and residuals.rest.size else None
+
+    def widen(
+        self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], kinds: Sequence[CauseT]
+    ) -> ScatterCandidate[CauseT]:
+        """Bring the prior sigmas of a candidate's inputs to what they scatter by beside a fit's causes, fit by fit.
+
+        Return the candidate, or one that has most of its inputs and is likelier, once these are known so badly.
+        """
+        start = self._input_factor
+        self._take_back()
+        wide = self._widened(fitted, candidate.own, start * self._ratios[0])
+        near = nearby([one for one in _scatters(fitted, kinds) if one.of_inputs], candidate)
+        best = likeliest(_input_residuals(wide), near, self._input_factor)
+        if best is not candidate:
+            first = float(self._input_factor[candidate.own].max())
+            self._input_factor = start
+            self._widened(wide, best.own, first)
+        return best
+
+    def _take_back(self) -> None:
+        """Take back what was screened as grossly wrong: beside inputs known too well it may only have looked so."""
+        seen, unseen = self._recorded
+        self.screened = []
+        self.calibration = replace(self.calibration, measured=replace(self.calibration.measured, seen=seen))
+        if self.held_out is not None and unseen is not None:
+            self.held_out = replace(self.held_out, measured=replace(self.held_out.measured, seen=unseen))
+
+    def _widened(self, fitted: FittedModel[CauseT], own: Mask, factor: Array | float) -> FittedModel[CauseT]:
+        """Bring the prior sigmas of inputs own (B, H), from factors on, to what they scatter by; return the fit."""
+        before, factor = 0.0, np.where(own, factor, self._input_factor)
+        self._ratios = 1.0, self._ratios[1]  # what was larger throughout may be these inputs alone
+        for _ in range(_MOST_SCALINGS):
+            self._declared = self._declared.with_input_factor(factor)
+            self.model = self._declared.rescaled(*self._ratios)
+            fitted = self.settled(fitted.causes, fitted)
+            square = self._mean_square(factor, own)
+            if abs(square / max(before, 1e-300) - 1.0) < SETTLED:
+                break
+            before = square
+            factor = np.where(own, factor * _input_residuals(fitted).factor(own)[0], factor)
+        self._input_factor = factor
+        return fitted
+
+    def scatter_beside(
+        self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], p_value: float
+    ) -> FoundScatter[CauseT]:
+        """Return by how much inputs scatter beside a fit's causes, once their prior sigmas are nearly as large."""
+        more, share = _input_residuals(fitted).factor(candidate.own)
+        wide = more**2 * self._mean_square(self._input_factor, candidate.own)
+        size = max(wide - self._mean_square(np.ones((1, 1)), candidate.own), 0.0) ** 0.5
+        return FoundScatter(candidate, p_value, size, wide / max(size, wide**0.5 / 2) * share)
+
+    def _mean_square(self, factor: Array, own: Mask) -> float:
+        """Return the mean variance, SI, of inputs own (B, H) whose prior sigmas are larger by factors."""
+        sigmas = self.model.input_scale * factor * np.ones(own.shape)
+        return float(np.mean(sigmas[own] ** 2))
 
     def reweight(self, factor: Array) -> None:
         """Take the observations' noise to be larger by factors (B, K)."""
@@ -290,6 +375,15 @@ class Fitter(Generic[CauseT]):
         self.calibration = replace(
             self.calibration, measured=replace(measured, covariance=measured.covariance * square)
         )
+
+
+def _scatters(fitted: FittedModel[CauseT], kinds: Sequence[CauseT]) -> list[ScatterCandidate[CauseT]]:
+    """Return the candidates that make inputs or observations scatter."""
+    return [candidate for kind in kinds for candidate in fitted.scene.scatters(kind)]
+
+
+def _input_residuals(fitted: FittedModel[CauseT]) -> InputResiduals:
+    return input_residuals(fitted.fit.whitened, _height(fitted.measured), fitted.input_rows)
 
 
 def _height(measured: Observations) -> int:

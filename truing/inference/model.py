@@ -112,6 +112,16 @@ class ChannelCandidates(Generic[CauseT]):
     patterns: Array | None = None  # (T, n, d, q), shifts over a plausible one
 
 
+@dataclass(frozen=True)
+class ScatterCandidate(Generic[CauseT]):
+    """A cause that moves nothing on average: it makes the inputs, or observations, that ``own`` (B, C) marks scatter
+    more than the others."""
+
+    cause: CauseT
+    own: Mask
+    of_inputs: bool
+
+
 class Scene(Protocol[CauseT]):
     """What a campaign offers to causes of one sort: which candidates are worth testing there."""
 
@@ -141,6 +151,9 @@ class Scene(Protocol[CauseT]):
 
     def prior(self, cause: CauseT, /) -> float:
         """Return a candidate's share of its kind's probability beforehand."""
+
+    def scatters(self, kind: CauseT, /) -> Sequence[ScatterCandidate[CauseT]]:
+        """Return the candidates of a kind that make inputs or observations scatter."""
 
 
 class Predicted(Protocol):
@@ -265,6 +278,13 @@ class Model(Protocol[CauseT]):
 
     def rescaled(self, inputs: float, survey: float, /) -> Self:
         """Return the model with the noise of inputs and survey so many times as large."""
+
+    @property
+    def input_scale(self) -> Array:
+        """Return one prior sigma of each input (H,), SI: of a shift, where an input is a part of a pose."""
+
+    def with_input_factor(self, factor: Array, /) -> Self:
+        """Return the model whose inputs at each epoch have prior sigmas (B, H) so many times as large."""
 
     def with_share(self, share: float, /) -> Self:
         """Return the model with another share of what splits in common."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
+from truing.inference.model import Cause
 from truing.inference.observations import Observations
 
 # How many observations the declared noise level counts for: known to about 10 %.
@@ -224,6 +225,7 @@ class Driver:
 
     ``within`` (K,) numbers groups whose own level says nothing: channels for what changes from epoch to epoch, groups
     for what changes from channel to channel. ``channels`` are those concerned where it is noise of these alone.
+    ``cause`` makes it larger where values are.
     """
 
     name: str
@@ -231,6 +233,12 @@ class Driver:
     within: Integers
     column: str = ""
     channels: tuple[int, ...] = ()
+    cause: Cause | None = None
+
+    @property
+    def is_one_sided(self) -> bool:
+        """Return whether noise can only be larger where values are."""
+        return bool(self.channels) or self.cause is not None
 
 
 @dataclass(frozen=True)
@@ -296,7 +304,7 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
     scores = [_slope(logs, known, driver, spread) for driver in candidates]
     best = int(np.argmax([_strength(score, driver) for score, driver in zip(scores, candidates, strict=True)]))
     strength = _strength(scores[best], candidates[best])
-    tails = 1.0 if candidates[best].channels else 2.0
+    tails = 1.0 if candidates[best].is_one_sided else 2.0
     p_value = min(1.0, tails * 0.5 * math.erfc(max(strength, 0.0) / math.sqrt(2.0)) * len(candidates))
     if p_value > level:
         return None
@@ -334,19 +342,17 @@ def _slope(logs: Array, known: Mask, driver: Driver, spread: float) -> tuple[flo
 
 
 def _strength(score: tuple[float, float], driver: Driver) -> float:
-    """Return how many standard deviations a slope is; a single channel only counts where it is noisier."""
+    """Return how many standard deviations a slope is; on one side only where noise can but be larger there."""
     ratio = score[0] / score[1]
-    return ratio if driver.channels else abs(ratio)
+    return ratio if driver.is_one_sided else abs(ratio)
 
 
 def _within(values: Array, known: Mask, groups: Integers) -> Array:
     """Return values (B, K) less the mean of their group of channels; zero where not known."""
     left = np.where(known, values, 0.0)
-    for group in np.unique(groups):
-        own = groups == group
-        count = known[:, own].sum()
-        left[:, own] -= left[:, own].sum() / max(count, 1)
-    return np.where(known, left, 0.0)
+    number = np.unique(groups, return_inverse=True)[1]
+    mean = np.bincount(number, left.sum(0)) / np.maximum(np.bincount(number, known.sum(0)), 1)
+    return np.where(known, left - mean[number], 0.0)
 
 
 def _following(driver: Driver, score: tuple[float, float], known: Mask, p_value: float) -> NoiseDependence:

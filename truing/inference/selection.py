@@ -17,7 +17,7 @@ import numpy as np
 from truing.inference.adequacy import Adequacy, adequacy_of
 from truing.inference.arrays import Array, Mask
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
-from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT
+from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
@@ -30,6 +30,7 @@ from truing.inference.rounds import (
     score_round,
     share_explained,
 )
+from truing.inference.scatter import FoundScatter
 from truing.inference.search import Candidate, Search
 from truing.inference.search_end import MOST_CAUSES, EndOfSearch, end_of_search, limit_reached
 from truing.inference.verdicts import (
@@ -51,6 +52,7 @@ _CAUSES, _NOISE, _FOLLOWING, _DOUBTED = 0.45, 0.05, 0.1, 0.4
 # a cause may show in parameters that were improbable without it, and of what was held out.
 _NO_MORE, _NO_WORSE = 1.002, 1.02
 _MOST_FOLLOWED = 2
+_MOST_SCATTERS = 2
 _MOST_SUBJECTS = 3
 # So many sigmas to either side it is asked; at most so many times as wide the answer makes a sigma.
 _REACH, _WIDEST = 2.0, 4.0
@@ -100,6 +102,7 @@ class Diagnosis(Generic[CauseT]):
     noise_dependences: tuple[NoiseDependence, ...]  # what the noise follows; observations were weighted accordingly
     adequacy: Adequacy  # whether the final model holds as a whole
     end: EndOfSearch[CauseT]  # whether the search came to its end
+    scatters: tuple[FoundScatter[CauseT], ...]  # what makes inputs scatter; their priors are as wide accordingly
     held_out: Epochs[Conditions] | None
 
 
@@ -159,12 +162,18 @@ class Acceptance(Generic[CauseT]):
     def run(self, kinds: Sequence[CauseT]) -> Diagnosis[CauseT]:
         """Return what is decided on all kinds of cause of a catalogue."""
         noise_dependences: list[NoiseDependence] = []
+        scatters: list[FoundScatter[CauseT]] = []
         searched = self._searched(kinds)
+        while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
+            if (more := self._scatter(searched.final, kinds)) is None:
+                break
+            searched, scatter = self._beside(*more, searched, kinds)
+            scatters.append(scatter)
         # What an ended search leaves is more than noise: whether that follows something, it does not tell.
         while searched.end.is_complete and (
-            more := self._noise_follows(searched.final, _MOST_FOLLOWED - len(noise_dependences))
+            follows := self._noise_follows(searched.final, kinds, _MOST_FOLLOWED - len(noise_dependences))
         ):
-            noise_dependences += more
+            noise_dependences += follows
             searched = self._searched(kinds)
         fitter, final = self._fitter, searched.final
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
@@ -185,6 +194,7 @@ class Acceptance(Generic[CauseT]):
             tuple(noise_dependences),
             adequacy,
             searched.end,
+            tuple(scatters),
             fitter.held_out,
         )
 
@@ -224,11 +234,29 @@ class Acceptance(Generic[CauseT]):
             if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
                 yield int(channel), replace(level, p_value=p_value)
 
-    def _noise_follows(self, final: FittedModel[CauseT], most: int) -> list[NoiseDependence]:
+    def _scatter(
+        self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
+    ) -> tuple[ScatterCandidate[CauseT], float] | None:
+        return self._fitter.scatter(final, kinds, self._settings.following_level)
+
+    def _beside(
+        self, candidate: ScatterCandidate[CauseT], p_value: float, before: _Searched[CauseT], kinds: Sequence[CauseT]
+    ) -> tuple[_Searched[CauseT], FoundScatter[CauseT]]:
+        """Return the search beside inputs that scatter, and their scatter.
+
+        All that the plain model leaves of them counts as scatter: names that were found before may have swallowed some
+        of it, and one that is there is found beside it.
+        """
+        candidate = self._fitter.widen(before.plain, candidate, kinds)
+        searched = self._searched(kinds)
+        return searched, self._fitter.scatter_beside(searched.final, candidate, p_value)
+
+    def _noise_follows(self, final: FittedModel[CauseT], kinds: Sequence[CauseT], most: int) -> list[NoiseDependence]:
         """Return what the noise follows, one after the other, each time with the same causes fitted to observations
         that are weighted accordingly: only once nothing more is found is it worth a search."""
         found: list[NoiseDependence] = []
-        while len(found) < most and (more := self._fitter.noise_dependence(final, self._settings.following_level)):
+        level = self._settings.following_level
+        while len(found) < most and (more := self._fitter.noise_dependence(final, kinds, level)):
             found.append(more)
             self._fitter.reweight(more.factor)
             if len(found) < most:

@@ -41,6 +41,7 @@ from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, Actuator
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.mechanisms.causes.scatter import ApproachScatter
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
 from truing.simulation.mechanisms.point_causes import PointCause
@@ -67,6 +68,7 @@ OWN_CAUSES: tuple[PointCause, ...] = (
     TargetsSwapped(),
     BodyDeformation(),
     BodyDrift(),
+    ApproachScatter(),
     NonparametricMechanismEffect(),
 )
 # What is known of a sensor on its bench.
@@ -106,6 +108,7 @@ _OF_BODIES = (
     "targets-swapped",
     "body-deformation",
     "body-drift",
+    "approach-scatter",
     "unexplained",
 )
 # A lab's package names its own causes under this group: `"my-cause" = "my_package.causes:MyCause"`.

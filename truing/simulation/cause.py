@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from truing.inference.model import ChannelCandidates
+    from truing.inference.model import ChannelCandidates, ScatterCandidate
 
 
 # The pathway by which a cause acts on what is observed itself, as `truing.inference.model` calls it.
@@ -92,6 +92,10 @@ class Scene(Generic[CauseT]):
     def prior(self, cause: CauseT) -> float:
         """A candidate's share of its kind's probability beforehand."""
         return cause.prior(self)
+
+    def scatters(self, kind: CauseT) -> Sequence[ScatterCandidate[CauseT]]:
+        """Candidates of a kind that make inputs or observations scatter."""
+        return kind.scatters(self)
 
 
 @dataclass(frozen=True)
@@ -194,6 +198,10 @@ class Cause(Generic[SceneT_contra]):
 
     def channel_candidates(self, scene: SceneT_contra) -> Sequence[ChannelCandidates[Self]]:
         """Return candidates over single targets, which are too many to be told one by one; none for most causes."""
+        return ()
+
+    def scatters(self, scene: SceneT_contra) -> Sequence[ScatterCandidate[Self]]:
+        """Return what may scatter more than the rest by it, where it moves nothing on average; none for most causes."""
         return ()
 
     def higher_order_terms(self, scene: SceneT_contra) -> Sequence[Self]:

@@ -106,6 +106,15 @@ class EffectsModel(ABC, Generic[CauseT]):
         return None
 
     @property
+    def input_scale(self) -> NDArray:
+        """Return one prior sigma of each input (H,), SI: there are none."""
+        return np.zeros(0)
+
+    def with_input_factor(self, factor: NDArray) -> Self:
+        """Return the model with other prior sigmas of inputs: there are none."""
+        return self
+
+    @property
     def split(self) -> Split | None:
         """Return how parameters split into what is common to all legs and each leg's own: none do."""
         return None

@@ -35,6 +35,7 @@ class Hidden:
     ``deformation`` follows a column by a pattern (rms in mm over the column's range); ``hysteresis`` follows the
     direction from which a drive came; ``drift`` follows time by a pattern, ``walk`` as a whole; both with tau over the
     campaign's length (0: linear). ``moved`` shifts one target from a pose on; ``swapped`` exchanges labels in a pose.
+    ``scatter`` puts the body elsewhere in each of a third of the poses, which follow each other (one sigma per axis).
     """
 
     kind: str
@@ -170,6 +171,11 @@ def _shifted(
         first = int(rng.integers(len(time) // 4, 3 * len(time) // 4))
         way = _unit(rng) + np.cross(0.5 * _unit(rng), places) / np.sqrt(np.mean(np.sum(places**2, -1)))
         return (np.arange(len(time)) >= first)[:, None, None] * effect.size * way, {"from_pose": first + 1}
+    if effect.kind == "scatter":
+        first = int(rng.integers(len(time) // 8, len(time) // 2))
+        own = (np.arange(len(time)) >= first) & (np.arange(len(time)) < first + len(time) // 3)
+        shift = effect.size * rng.normal(size=(len(time), 1, 3)) * own[:, None, None]
+        return np.broadcast_to(shift, (len(time), *places.shape)), {"from_pose": first + 1}
     pattern = rng.normal(size=places.shape)
     if effect.kind in ("walk", "late"):
         pattern = np.broadcast_to(_unit(rng) * np.sqrt(3.0), places.shape)

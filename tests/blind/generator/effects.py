@@ -247,6 +247,25 @@ class PeriodicError(PerLeg):
 
 
 @dataclass(frozen=True)
+class ApproachScatter(Effect):
+    """Actuators land elsewhere than they indicate by ``scatter_mm`` (one sigma) times draws (N, L), zero where they
+    land as they should. ``subject`` and ``told`` (further parameters) say where they do not.
+    """
+
+    scatter_mm: float
+    draws: Array
+    subject: str = ""
+    told: tuple[tuple[str, int], ...] = ()
+    id = "approach-scatter"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"scatter": (self.scatter_mm, "mm"), **{name: (value, "") for name, value in self.told}}
+
+    def drive(self, drho: Array, setting: Setting) -> Array:
+        return drho + self.scatter_mm * self.draws
+
+
+@dataclass(frozen=True)
 class LegDrift(PerLeg):
     """A leg's effective length drifts over the campaign by ``amount`` (mm), evenly or with a time constant
     ``tau`` (s).

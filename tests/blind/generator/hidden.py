@@ -11,6 +11,7 @@ from tests.blind.generator import foreign, strange
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.effects import (
     ActuatorGain,
+    ApproachScatter,
     Backlash,
     BaseDeformation,
     Effect,
@@ -25,6 +26,7 @@ from tests.blind.generator.effects import (
     TargetMoved,
     TargetsSwapped,
     ThermalExpansion,
+    approach,
 )
 from tests.blind.generator.quaternions import Array, unit
 
@@ -127,6 +129,34 @@ def _drift(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     return lambda size: LegDrift(size * amount, tau)
 
 
+def _landing(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """All actuators for a while, or one of them, or all that come from one side."""
+    draws, told, subject = rng.normal(size=campaign.truth.drho.shape), (), ""
+    which = rng.integers(3)
+    if which == 0:
+        own, told = _for_a_while(campaign, rng)
+        draws *= own[:, None]
+    elif which == 1:
+        leg = int(rng.integers(draws.shape[1]))
+        draws *= np.arange(draws.shape[1]) == leg
+        subject = f"leg{leg + 1}"
+    else:
+        came = approach(campaign.truth.drho, campaign.schedule, 5 * campaign.layout.noise.actuator_mm)
+        draws *= came == rng.choice([-1, 1])
+    return lambda size: ApproachScatter(size, draws, subject, told)
+
+
+def _for_a_while(campaign: Campaign, rng: np.random.Generator) -> tuple[Array, tuple[tuple[str, int], ...]]:
+    """Poses (N,) that follow each other, a fifth to two fifths of all, and the first and the last by name."""
+    rows, rank = _in_time(campaign), campaign.schedule.rank
+    length = int(rng.uniform(0.2, 0.4) * len(rows))
+    first = int(rng.integers(len(rows) - length + 1))
+    ends = rows[first], rows[first + length - 1]
+    own = (rank >= rank[ends[0]]) & (rank <= rank[ends[1]])
+    names = (campaign.schedule.pose[end] for end in ends)
+    return own, tuple(zip(("from_pose", "to_pose"), names, strict=True))
+
+
 def _flexure(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     return FlexureShift
 
@@ -170,6 +200,7 @@ CATALOGUE: Mapping[str, Kind] = {
     "actuator-gain": Kind(_gain),
     "actuator-backlash": Kind(_backlash),
     "actuator-periodic-error": Kind(_periodic, frozenset({"even"})),
+    "approach-scatter": Kind(_landing),
     "leg-drift": Kind(_drift),
     "leg-thermal": Kind(_leg_thermal),
     "flexure-shift": Kind(_flexure, frozenset({"even", "wide"}), ("6-pus",)),

@@ -59,6 +59,12 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
             {"alpha_3": size(6e-5, 2e-6, "1/K")},
             "Leg 3 grows with temperature and the bodies do not, by 60.0 ± 2.0 ppm/K",
         ),
+        (
+            "approach-scatter",
+            "",
+            {"scatter": size(0.012, 0.001, "mm")},
+            "The actuators land elsewhere each time, by 12.0 ± 1.0 µm (one sigma)",
+        ),
         ("thermal-expansion", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "legs grow with temperature, by 12.0 ± 1.0"),
         ("measurement-scale", "", {"scale": size(-3e-5, 2e-6)}, "Measured lengths are too small, by 30.0 ± 2.0 ppm"),
         (

@@ -205,6 +205,14 @@ def _size(name: str, value: Mapping[str, Any]) -> str:
     return f"{name} = {told_size(name, value['value'], value.get('sigma'), value.get('unit') or '')}"
 
 
+def scatter_explanation(clause: str, p_value: float) -> str:
+    """Return what is to be said of a cause that moves nothing on average."""
+    return (
+        f"The data show that {clause} (p = {p_value:.1g}, corrected for all groups that were tried). It moves nothing "
+        "on average: what was measured there counts the less in all other findings, and no model predicts it."
+    )
+
+
 def noise_explanation(
     ratio: float, sigma: float, rms: float | None, floor: float, follows: Sequence[str] = (), unit: str = "um"
 ) -> str:

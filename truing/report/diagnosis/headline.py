@@ -27,7 +27,7 @@ _MORE = {"kappa": 1, "quadratic": 2, "cubic": 3}
 
 def clause(row: Judged, tables: Tables) -> str:
     """What was found and how large it is, without a full stop."""
-    if row.is_noise:
+    if row.is_noise and row.cause == "unexplained":
         return printed(_noise(row))
     said = catalogue.clause(replace(row, reach=_reach(row, tables)))
     unnamed = UNNAMED if row.cause == "unexplained" and row.verdict == FOUND else ""

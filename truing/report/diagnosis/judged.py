@@ -44,14 +44,14 @@ class Judged(Claim):
 
     @property
     def is_noise(self) -> bool:
-        """Whether it says that the noise is not as declared, rather than what moves the mean."""
-        return any(size.name == "noise_ratio" for size in self.sizes)
+        """Whether it says that something scatters more than declared, rather than what moves the mean."""
+        return self.reason_code == "noise" or any(size.name == "noise_ratio" for size in self.sizes)
 
     @property
     def name(self) -> str:
         """The cause with its subject: ``actuator gain, leg 3``."""
         kind = cause_words(self.cause)
-        if self.is_noise:
+        if self.is_noise and self.cause == "unexplained":
             kind = "noise not as declared"
         elif self.cause == "unexplained" and self.follows:
             kind = f"unexplained, follows {columns_words(self.follows)}"

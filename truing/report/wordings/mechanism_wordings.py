@@ -141,7 +141,24 @@ def _heat(claim: Claim) -> str:
     return f"bodies grow with temperature: {', '.join(f'{part} {size}' for part, size in sizes.items())}"
 
 
+def _lands(claim: Claim) -> str:
+    """Who lands elsewhere each time, when, and by how much."""
+    who = f"body {claim.fact('body')}" if claim.fact("body") else _actuators(claim)
+    one = bool(claim.fact("body")) or _verb(claim, "one", "")
+    way = {1: " after coming from below", -1: " after coming from above"}.get(claim.fact("direction") or 0, "")
+    poses = [claim.fact(name) for name in ("from_pose", "to_pose")]
+    when = "" if poses[0] in (None, "") else f" from pose {poses[0]} to pose {poses[1]}"
+    size, _ = only(claim, "scatter")
+    far = by(f"{size} (one sigma)") if size else ""
+    return f"{who} {'lands' if one else 'land'} elsewhere each time{way}{when}{far}"
+
+
 MECHANISM = {
+    "approach-scatter": Wording(
+        "scatter of approach",
+        _lands,
+        "Approach one of these poses ten times, and one of the others: the scatter of the two tells it.",
+    ),
     "platform-deformation-linear": Wording("platform deformation linear", _deforms, _ATTACHMENTS),
     "platform-deformation-matrix": Wording("platform deformation matrix", _deforms_with_all, _ATTACHMENTS),
     "platform-deformation-nonlinear": Wording(

@@ -321,8 +321,13 @@ def _of_noise(body: BodyTargets) -> Array:
 
 
 def _root(covariance: Array, body: BodyTargets) -> Array:
-    """A square root of what is positive of a covariance; at least a small share of the points' noise everywhere."""
+    """A square root of what is positive of a covariance; at least a small share of the points' noise everywhere.
+
+    Lower triangular: the first three unknowns are the shift, with the rotation that comes along, the others what it
+    turns beside.
+    """
     radius = max(float(np.sqrt(np.mean(np.sum((body.shape - body.shape.mean(0)) ** 2, -1)))), 1e-6)
     unit = np.array([body.sigma] * 3 + [body.sigma / radius] * 3)
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, _LEAST**2)))
+    positive = (vectors * np.maximum(values, _LEAST**2)) @ vectors.T
+    return np.asarray(unit[:, None] * np.linalg.cholesky(positive))

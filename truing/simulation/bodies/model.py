@@ -65,6 +65,7 @@ class BodyConditions(Conditions):
             R=self.R[rows],
             t=self.t[rows],
             level=self.level[rows],
+            input_factor=None if self.input_factor is None else self.input_factor[rows],
         )
 
 
@@ -162,13 +163,29 @@ class BodyModel(RecordedModel):
         modes = replace(self.known.survey, modes=self.known.survey.modes * factors)
         return replace(self, known=replace(self.known, survey=modes, jitter=self.known.jitter * readings))
 
+    @property
+    def input_scale(self) -> NDArray:
+        """Return one prior sigma of the shift of each body that stands still, for each part of its pose (H,), m."""
+        jitter = self.known.jitter[self.known.still]
+        return np.repeat(np.sqrt(np.sum(jitter[:, :3] ** 2, (1, 2)) / 3), _POSE)
+
+    def with_input_factor(self, factor: NDArray) -> Self:
+        """Return the model with jitters of the bodies that stand still, (B, H), so many times as large."""
+        return replace(self, conditions=replace(self.conditions, input_factor=factor))
+
+    def _jittered(self, body: int) -> NDArray:
+        """Return by how much the prior sigmas (B, 6), or (1, 6), of a body's pose are larger than known beforehand."""
+        factor = self.conditions.input_factor
+        return np.ones((1, _POSE)) if factor is None or not self.known.still[body] else factor[:, self._local[body]]
+
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
         recording = self._recording(shared, local)
         by_local = np.zeros((*recording.state.points.shape, self.local_size))
         for body, own, slope in self._by_pose(shared, local, recording):
             if body in self._local:
-                by_local[:, own, :, self._local[body]] = slope @ self._pose_factor(body)
+                factor = self._pose_factor(body) * self._jittered(body)[:, None]
+                by_local[:, own, :, self._local[body]] = slope @ factor[:, None]
         by_local = recording.recorded(by_local)
         self._fill_pose_errors(by_local)
         slopes = self._by_shared(shared, local, recording) if by_shared else None
@@ -225,7 +242,7 @@ class BodyModel(RecordedModel):
         """Return how far a body is from where it was found (B, 6): shift of its centre, rotation vector."""
         found = np.zeros((len(self.conditions.t), _POSE), np.result_type(shared, local))
         if body in self._local:
-            found = found + local[:, self._local[body]] @ self._pose_factor(body).T
+            found = found + (local[:, self._local[body]] * self._jittered(body)) @ self._pose_factor(body).T
         if self.known.still[body]:
             levels = int(self.known.levels[body])
             first = self._seat(body).start

@@ -163,7 +163,8 @@ def some_of(conditions: Conditions, rows: NDArray) -> Conditions:
     rows = np.arange(len(conditions.readings))[rows]
     own = {name: value[rows] for name, value in conditions.covariates.items()}
     poses = tuple(conditions.poses[row] for row in rows) if conditions.poses else ()
-    return replace(conditions, readings=conditions.readings[rows], covariates=own, poses=poses)
+    factor = None if conditions.input_factor is None else conditions.input_factor[rows]
+    return replace(conditions, readings=conditions.readings[rows], covariates=own, poses=poses, input_factor=factor)
 
 
 def _predicted(

@@ -126,6 +126,24 @@ class PointModel(RecordedModel):
             self, known=replace(self.known, survey=scaled, reading_sigma=self.known.reading_sigma * readings)
         )
 
+    @property
+    def input_scale(self) -> NDArray:
+        """Return one prior sigma of each reading (L,), m; none where they are exact."""
+        return np.full(self._rolls.start, self.known.reading_sigma)
+
+    def with_input_factor(self, factor: NDArray) -> Self:
+        """Return the model with prior sigmas of the readings (B, L) so many times as large."""
+        return replace(self, conditions=replace(self.conditions, input_factor=factor))
+
+    @property
+    def _reading_sigma(self) -> tuple[NDArray, NDArray]:
+        """Return how far actuators stand from their readings, and how far these are off, (B, L) or (), per unknown, m.
+
+        What scatters beyond the readings' noise is no error of the reading: effects follow what was read.
+        """
+        factor, sigma = self.conditions.input_factor, self.known.reading_sigma
+        return (np.asarray(sigma), np.asarray(sigma)) if factor is None else (sigma * factor, sigma / factor)
+
     def legs(self, shared: NDArray) -> Legs:
         """Return the geometry that shared unknowns (G,) stand for."""
         count, legs = self.nominal.count, self.nominal
@@ -340,14 +358,14 @@ class PointModel(RecordedModel):
 
     def _passage(self, shared: NDArray, local: NDArray) -> Passage:
         """Return how the readings pass drive and structure."""
-        rho = self.conditions.readings + self._actuators(local) * self.known.reading_sigma
+        stands, read = (self.conditions.readings + self._actuators(local) * own for own in self._reading_sigma)
         shape, legs = self.shape(shared), self.legs(shared)
         reference = reference_pose(legs)
         start = State(
             legs,
-            rho,
-            np.zeros_like(rho),
-            indicated=rho,
+            stands,
+            np.zeros_like(stands),
+            indicated=read,
             covariates=self.conditions.covariates,
             targets=self.targets,
             shape=shape,
@@ -385,8 +403,8 @@ class PointModel(RecordedModel):
         if self.known.reading_sigma <= 0:
             return None
         count = self.nominal.count
-        shift = np.eye(count)[None] * self.known.reading_sigma
-        return Change({"indicated": shift, "rho": shift}, count)
+        stands, read = (np.eye(count)[None] * own[..., None] for own in self._reading_sigma)
+        return Change({"indicated": read, "rho": stands}, count)
 
     def _with_reference(self, shared: NDArray, change: Change) -> Change:
         """Return a change of the geometry with what it does to the reference, where an effect counts from that."""

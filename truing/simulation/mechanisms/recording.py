@@ -40,7 +40,8 @@ class Conditions:
 
     ``span_s`` is the first and last time of the whole campaign, of which these poses may be a part. ``common_errors``
     (B, K, 3, Q): how points, in the model's frame, follow the errors that photographs of all poses share, m;
-    ``pose_errors`` (B, K, 3, E) those that the points of each pose share.
+    ``pose_errors`` (B, K, 3, E) those that the points of each pose share. ``input_factor`` (B, H): by how much the
+    prior sigmas of inputs are larger there than known beforehand; as they are, where it is None.
     """
 
     readings: NDArray
@@ -49,6 +50,7 @@ class Conditions:
     span_s: tuple[float, float] | None = None
     common_errors: NDArray | None = field(default=None, kw_only=True)
     pose_errors: NDArray | None = field(default=None, kw_only=True)
+    input_factor: NDArray | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)

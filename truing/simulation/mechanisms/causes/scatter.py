@@ -1,0 +1,114 @@
+"""Causes that move nothing on average: actuators, or bodies, that land elsewhere each time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.model import ScatterCandidate
+from truing.simulation.cause import Parameter, Step
+from truing.simulation.change import Change
+from truing.simulation.inputs import APPROACH, ORDER, ranks
+from truing.simulation.mechanisms.point_causes import PointCause, PointScene
+from truing.simulation.mechanisms.state import State
+
+# Lengths of the groups of neighbouring poses that are tried, over the campaign; they follow each other by an eighth.
+_LENGTHS = (1 / 12, 1 / 8, 1 / 6, 1 / 5, 1 / 4, 0.3, 1 / 3, 0.4, 1 / 2)
+_FEWEST_IN_GROUP, _FEWEST_POSES = 3, 12
+_PLAUSIBLE_M = 1e-5
+_POSE = 6
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of neighbouring poses in time: which they are (B,), and the names of the first and the last."""
+
+    own: NDArray[np.bool_]
+    from_pose: int | str
+    to_pose: int | str
+
+
+def groups_in_time(scene: PointScene) -> Iterator[Group]:
+    """Yield groups of poses that follow each other, in several lengths; none of few poses, or without an order."""
+    count = len(scene.poses)
+    if count < _FEWEST_POSES or ORDER not in scene.covariates:
+        return
+    rank = ranks(np.asarray(scene.covariates[ORDER]))
+    in_time = np.argsort(rank)
+    for length in sorted({max(round(share * count), _FEWEST_IN_GROUP) for share in _LENGTHS}):
+        for first in sorted({*range(0, count - length, max(length // 8, 1)), count - length}):
+            own = (rank >= first) & (rank < first + length)
+            yield Group(own, scene.poses[in_time[first]], scene.poses[in_time[first + length - 1]])
+
+
+@dataclass(frozen=True)
+class ApproachScatter(PointCause):
+    """Actuators land elsewhere than they read, another way each time; of ``body``, which should stand still, its pose.
+
+    Those of ``legs``, or all; where ``direction`` is 1 or -1, after they came from below or above; from the pose
+    ``from_pose`` to the pose ``to_pose`` in time, or always.
+    """
+
+    legs: tuple[int, ...] = ()
+    body: str = ""
+    direction: int = 0
+    from_pose: int | str = ""
+    to_pose: int | str = ""
+
+    id = "approach-scatter"
+    step = Step.DRIVE
+    is_persistent = False
+    reads = frozenset()
+
+    @property
+    def subject(self) -> str:
+        """Return the actuator's leg, or the body."""
+        return self.body or " ".join(f"leg{leg}" for leg in self.legs)
+
+    def candidates(self, scene: PointScene) -> Sequence[ApproachScatter]:
+        """Return none: a scatter has no mean effect that a search could find."""
+        return ()
+
+    def scatters(self, scene: PointScene) -> Sequence[ScatterCandidate[ApproachScatter]]:
+        """Return groups of poses, single actuators, and each direction of approach, of one actuator or all."""
+        return list(_of_legs(scene) if scene.legs else _of_bodies(scene))
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the scatter, one sigma along each actuator, beyond the noise of the readings."""
+        return (Parameter("scatter", "mm", _PLAUSIBLE_M, 1e-3),)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return no mean effect."""
+        return Change({}, 1)
+
+
+def _of_legs(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
+    poses, legs = scene.readings.shape
+    every = np.ones((poses, legs), bool)
+    for group in groups_in_time(scene):
+        cause = ApproachScatter(from_pose=group.from_pose, to_pose=group.to_pose)
+        yield ScatterCandidate(cause, group.own[:, None] & every, True)
+    alone = [every & (np.arange(legs) == leg) for leg in range(legs)] if legs > 1 else []
+    for leg, own in enumerate(alone, 1):
+        yield ScatterCandidate(ApproachScatter((leg,)), own, True)
+    came = scene.covariates.get(APPROACH)
+    for direction in (1, -1) if came is not None and np.ptp(came) > 0 else ():
+        from_there = np.asarray(came) == direction
+        yield ScatterCandidate(ApproachScatter(direction=direction), from_there & every, True)
+        for leg, own in enumerate(alone, 1):
+            if 0 < from_there[:, leg - 1].sum() < poses:
+                yield ScatterCandidate(ApproachScatter((leg,), direction=direction), from_there & own, True)
+
+
+def _of_bodies(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
+    """Yield groups of poses for each body that stands still: its pose is six inputs, of which three are its shift."""
+    every = np.repeat(np.eye(len(scene.still), dtype=bool), _POSE, 1)
+    shifts = np.arange(every.shape[1]) % _POSE < _POSE // 2
+    for body, inputs in zip(scene.still, every, strict=True):
+        for group in groups_in_time(scene):
+            cause = ApproachScatter(body=body, from_pose=group.from_pose, to_pose=group.to_pose)
+            yield ScatterCandidate(cause, group.own[:, None] & inputs, True)
+            yield ScatterCandidate(cause, group.own[:, None] & inputs & shifts, True)
