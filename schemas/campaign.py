@@ -112,6 +112,15 @@ class Campaign(Section):
             raise ValueError("no [[renamed]] and no [[resurvey]]: a bench has no targets")
         return self
 
+    @model_validator(mode="after")
+    def _up_has_a_frame(self) -> Campaign:
+        if self.measurement.up is not None and self.reference_body is None and not self.is_frame_fixed:
+            raise ValueError(
+                '[bodies] reference, or frame = "campaign", beside [measurement] up: in a frame of its own in every '
+                "pose no direction is up"
+            )
+        return self
+
     @property
     def reference_body(self) -> str | None:
         """The body that the others are seen from: ``base`` where a mechanism stands on one."""

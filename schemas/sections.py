@@ -17,6 +17,7 @@ from truing.schemas.section import (
     Positive,
     Section,
     Shown,
+    Vector,
     Words,
 )
 
@@ -175,6 +176,19 @@ class Measurement(Section):
         "pose, which `truing check` says; campaign: the instrument stood still, and its frame is that of `base` where "
         "this body is not measured",
     )
+    up: Vector | None = Field(
+        None,
+        description="which way is up: a direction of any length in the frame of the reference body (`base` of a "
+        "mechanism), or, where nothing is the reference, in that of an instrument that stood still; absent: gravity is "
+        "no cause",
+    )
+
+    @field_validator("up")
+    @classmethod
+    def _up_is_a_direction(cls, up: Vector | None) -> Vector | None:
+        if up is not None and not any(up):
+            raise ValueError("a direction, such as [0, 0, 1]: three numbers, not all zero")
+        return up
 
 
 class MeasuredPoses(Section):

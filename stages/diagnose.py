@@ -36,7 +36,7 @@ DECLARATION = Stage(
         *(f"noise.{key}" for key in _NOISE),
         *(*COLUMNS_OF_AXES, *NOISE_OF_COMMANDS, *NOISE_OF_ENCODERS),
         *(f"diagnosis.{key}" for key in _RULES),
-        *_SECTIONS,
+        *("measurement.up", *_SECTIONS),
     ),
     summary="what the simulation gets wrong: causes, their sizes, the extended model",
 )

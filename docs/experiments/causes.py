@@ -24,6 +24,7 @@ from truing.inference.fit import Fit, fit_model
 from truing.inference.observations import Observations, whitened_columns
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
+from truing.simulation.bodies.causes.gravity import GravitySag
 from truing.simulation.catalogue import OWN_CAUSES, catalogue
 from truing.simulation.cause import Cause, Step
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
@@ -47,11 +48,20 @@ EXAMPLES: dict[str, Cause] = {
         "B", _MARKS, _CORNERS, terms=("temperature_c",), columns=("temperature_c",), zeros=(20.0,), ranges=(5.0,)
     ),
     "body-drift": BodyDrift("B", _MARKS, _CORNERS),
+    "gravity-sag": GravitySag("B", _MARKS, _CORNERS),
 }
 _FORMS = {"thermal-expansion": {"form": APART}, "measurement-scale": {"form": "both"}}
 # What is compared: single targets and exchanged labels are like nothing else, bodies have no legs, and a scatter has no
 # mean.
-_ALONE = ("target-moved", "targets-swapped", "body-deformation", "body-drift", "approach-scatter", "unexplained")
+_ALONE = (
+    "target-moved",
+    "targets-swapped",
+    "body-deformation",
+    "body-drift",
+    "gravity-sag",
+    "approach-scatter",
+    "unexplained",
+)
 # A share of its signal that a rival leaves, below which a cause is taken for it.
 ALIKE = 0.2
 
@@ -86,6 +96,8 @@ def concerns(cause: Cause) -> str:
     names = {f.name for f in fields(cause)}
     if cause.id == "unexplained":
         return "legs, single targets, a body's targets, the scale"
+    if {"body", "one"} <= names:
+        return "a body, or a target"
     if {"body", "form"} <= names:
         return "the whole, or a body"
     if {"body", "legs"} <= names:

@@ -70,6 +70,8 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
     stands = [_standing(body, settings, covariates) for body in found]
     bodies = MeasuredBodies.led(found, stands, settings.reference_body)
     covariates |= bodies.places(covariates["order"]) if not settings.campaign.drives else {}
+    if settings.measurement.up is not None:
+        covariates |= bodies.gravity(settings.measurement.up, settings.reference_body)
     model = _model(bodies, covariates, poses, settings)
     usable = np.any([body.ok for body in found], 0)
     fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)

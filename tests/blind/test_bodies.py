@@ -101,6 +101,25 @@ def test_a_moved_target_is_named_whether_it_moved_a_little_or_far(size: float, t
     assert moved == pytest.approx(size, rel=0.2)
 
 
+UPRIGHT = replace(PLAIN, up=(0.0, 0.0, 2.0))
+
+
+@pytest.mark.parametrize("kind", ["sag", "nest"])
+def test_targets_that_sag_with_gravity_are_named_and_sized(kind: str, tmp_path: Path) -> None:
+    told = _told(tmp_path / "c", UPRIGHT, (Hidden(kind, "tool", 0.02),), 18)
+    sag = np.array(told.drawn.truth["effects"][0]["sag_mm"])  # type: ignore[index]
+    one = f"T{int(np.argmax(np.abs(sag))) + 1:02}"
+    assert told.found == [("gravity-sag", "tool" if kind == "sag" else f"target {one}")]
+    found, relative = told.parameters("gravity-sag"), sag - (sag.mean() if kind == "sag" else 0.0)
+    for name, value in zip((f"T{k + 1:02}_sag" for k in range(6)), relative, strict=True):
+        if name in found:
+            assert abs(found[name]["value"] - value) < 4 * found[name]["sigma"] < 0.02
+
+
+def test_nothing_sags_where_nothing_is_hidden(tmp_path: Path) -> None:
+    assert _told(tmp_path / "c", UPRIGHT, (), 19).found == []
+
+
 def test_a_body_that_lands_elsewhere_each_time_for_a_while_is_told_so(tmp_path: Path) -> None:
     """Neither as another shape, nor as targets that were moved: it scatters, and moves nothing on average."""
     told = _told(tmp_path / "c", PLAIN, (Hidden("scatter", "base", 0.3),), 17)

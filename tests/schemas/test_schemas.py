@@ -126,6 +126,11 @@ LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
         ({"files": {"points": {"path": "x", "seperator": ";"}}}, "did you mean separator?"),
         ({"exclude": [{"target": "P1", "by": "me"}]}, "column exclude.1.reason: expected this key to be present"),
         ({"format": 2}, "column format: found '2'; expected 1"),
+        (
+            {"measurement": {"up": [0, 0, 0], "frame": "campaign"}},
+            "column measurement.up: expected a direction, such as [0, 0, 1]",
+        ),
+        ({"measurement": {"up": [0, 0, 1]}}, '[bodies] reference, or frame = "campaign", beside [measurement] up'),
     ],
 )
 def test_faults_of_campaign_toml_are_named(section, expected):

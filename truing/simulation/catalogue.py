@@ -28,6 +28,7 @@ from truing.simulation.bench.causes.stiffness import (
 from truing.simulation.bench.causes.zero_step import ZeroStep
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
+from truing.simulation.bodies.causes.gravity import GravitySag
 from truing.simulation.cause import Cause, CauseT
 from truing.simulation.installed import with_installed
 from truing.simulation.mechanisms.causes.deformation import (
@@ -68,6 +69,7 @@ OWN_CAUSES: tuple[PointCause, ...] = (
     TargetsSwapped(),
     BodyDeformation(),
     BodyDrift(),
+    GravitySag(),
     ApproachScatter(),
     NonparametricMechanismEffect(),
 )
@@ -108,6 +110,7 @@ _OF_BODIES = (
     "targets-swapped",
     "body-deformation",
     "body-drift",
+    "gravity-sag",
     "approach-scatter",
     "unexplained",
 )

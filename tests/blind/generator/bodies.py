@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.blind.generator.folder import truth_path
-from tests.blind.generator.quaternions import Array, from_vector, rotate
+from tests.blind.generator.quaternions import Array, from_vector, inverse, rotate
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class Hidden:
     ``deformation`` follows a column by a pattern (rms in mm over the column's range); ``hysteresis`` follows the
     direction from which a drive came; ``drift`` follows time by a pattern, ``walk`` as a whole; both with tau over the
     campaign's length (0: linear). ``moved`` shifts one target from a pose on; ``swapped`` exchanges labels in a pose.
-    ``scatter`` puts the body elsewhere in each of a third of the poses, which follow each other (one sigma per axis).
+    ``sag`` lets every target shift along gravity by its own; ``nest`` lets one do so. ``scatter`` puts the body
+    elsewhere in each of a third of the poses, which follow each other (one sigma per axis).
     """
 
     kind: str
@@ -59,6 +60,7 @@ class Layout:
     gross: float = 0.005
     verification: int = 12
     drives: tuple[str, ...] = ("elevation_deg",)
+    up: tuple[float, float, float] | None = None  # in the frame of the body at rest
     columns: Mapping[str, Array] = field(default_factory=dict)
 
 
@@ -89,7 +91,10 @@ def draw(layout: Layout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -
     truth: list[dict[str, object]] = []
     for effect in hidden:
         rows = np.array([body == effect.body for body, _ in names])
-        shift, told = _shifted(effect, places[rows], columns, rng)
+        if effect.kind in ("sag", "nest"):
+            shift, told = _sagging(effect, int(rows.sum()), _down(layout, poses, effect.body), rng)
+        else:
+            shift, told = _shifted(effect, places[rows], columns, rng)
         own[:, rows] += shift
         truth.append({"cause": effect.kind, "subject": effect.body, "size": effect.size, **told})
     points = np.empty_like(own)
@@ -108,10 +113,11 @@ def write(drawn: Drawn, folder: Path, rng: np.random.Generator) -> Path:
     layout = drawn.layout
     rest = next((body.name for body in layout.bodies if body.at_rest), None)
     head = ["[campaign]", f'name = "{folder.name}"', 'kind = "photogrammetry"']
+    turned = [] if layout.up is None else ["[measurement]", f"up = {list(layout.up)}"]
     head += [f"drives = {json.dumps(list(layout.drives))}"] if layout.configured else []
     head += ["[bodies]", f'reference = "{rest}"'] if rest else []
     declared = layout.noise if layout.declared is None else layout.declared
-    _write(folder / "campaign.toml", [*head, "[noise]", f"point_mm = {declared}"])
+    _write(folder / "campaign.toml", [*head, *turned, "[noise]", f"point_mm = {declared}"])
     rows = [
         f"{n + 1},{body},{name},{_numbers(drawn.points[n, k])}"
         for n in range(layout.poses)
@@ -192,6 +198,21 @@ def _shifted(
     if effect.kind == "swapped":
         course = 0.0 * time
     return course[:, None, None] * pattern, {"pattern_mm": pattern.tolist()}
+
+
+def _down(layout: Layout, poses: Mapping[str, tuple[Array, Array]], body: str) -> Array:
+    """The direction of gravity (N, 3) in a body's frame."""
+    rest = next(body.name for body in layout.bodies if body.at_rest)
+    down = rotate(poses[rest][0], -np.array(layout.up) / np.linalg.norm(layout.up or ()))
+    return rotate(inverse(poses[body][0]), down)
+
+
+def _sagging(effect: Hidden, targets: int, down: Array, rng: np.random.Generator) -> tuple[Array, dict[str, object]]:
+    """How far targets (N, k, 3) hang from where they are on average, and by how much each."""
+    sag = effect.size * rng.normal(size=targets)
+    if effect.kind == "nest":
+        sag = effect.size * (np.arange(targets) == rng.integers(targets))
+    return (down - down.mean(0))[:, None] * sag[:, None], {"sag_mm": sag.tolist()}
 
 
 def _without_motion(places: Array, pattern: Array) -> Array:

@@ -306,7 +306,26 @@ def _wait(claim: Claim) -> str:
     return f"Measure {claim.subject} again and again with nothing moved, until it has come to rest."
 
 
+def _sags(claim: Claim) -> str:
+    """What shifts with the direction of gravity, and by how much."""
+    one, body = claim.fact("one"), claim.fact("body") or claim.subject
+    if one:
+        size = claim.size(f"{one}_sag")
+        return f"target {one} on {body} sags with gravity{by(told(size)) if size is not None else ''}"
+    if claim.fact("form") == "free":
+        return with_sizes(f"the targets on {body} shift with the direction of gravity in its frame", claim)
+    size = largest(tuple(size for size in claim.sizes if size.name.endswith("_sag")))
+    most = f", most {size.name.removesuffix('_sag')} ({told(size)})" if size is not None else ""
+    return f"the targets on {body} sag with gravity, each by its own{most}"
+
+
+def _turn_over(claim: Claim) -> str:
+    body = claim.fact("body") or claim.subject
+    return f"Measure {body} in a few attitudes and upside down, nothing else moved: what sags changes its sign."
+
+
 BODIES = {
+    "gravity-sag": Wording("sag under gravity", _sags, _turn_over),
     "target-moved": Wording("target moved", _moved, _look_at_target),
     "targets-swapped": Wording("targets swapped", _swapped, _look_at_images),
     "body-deformation": Wording("body deformation", _body_deforms, _alone),

@@ -19,7 +19,7 @@ from truing.estimation.target_positions import (
     stray_places,
 )
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.simulation.bodies.causes.terms import place_columns
+from truing.simulation.bodies.causes.terms import gravity_column, place_columns
 from truing.simulation.bodies.model import FIRST_BODY, BodyConditions
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped, markers_of, swapped_targets
 from truing.simulation.targets import FREE_LENGTH_M, Targets
@@ -227,6 +227,29 @@ class MeasuredBodies:
             for axis, name in enumerate(place_columns(body.name)):
                 columns[name] = np.interp(order, order[rows], seen[rows, axis])
         return columns
+
+    def gravity(self, up: Sequence[float], reference: str | None) -> dict[str, Array]:
+        """Return the direction of gravity (B, 3) in each body's frame, by its column.
+
+        ``up`` is told in the frame of the reference, or of the measurement where nothing is the reference. None where
+        the reference was not measured. Where a body is not determined, gravity is what it is on average.
+        """
+        names = [body.name for body in self.bodies]
+        down = -np.asarray(up, float) / np.linalg.norm(up)
+        seen = np.ones(len(self.bodies[0].ok), bool)
+        if reference is not None:
+            if reference not in names:
+                return {}
+            seen = self.bodies[names.index(reference)].ok
+            down = self.stands[names.index(reference)].R @ down
+        found = {}
+        for body in self.bodies:
+            known = seen & body.ok
+            own = np.einsum("bji,bj->bi", body.R, np.broadcast_to(down, (len(seen), 3)))
+            found[gravity_column(body.name)] = (
+                np.where(known[:, None], own, own[known].mean(0)) if known.any() else 0 * own
+            )
+        return found
 
     def conditions(self, covariates: Mapping[str, Array], poses: tuple[int | str, ...]) -> BodyConditions:
         """Return where each body was found in the model's frame: that of the leading body, else as measured."""
