@@ -60,6 +60,7 @@ _ALONE = (
     "body-drift",
     "gravity-sag",
     "approach-scatter",
+    "noise-burst",
     "unexplained",
 )
 # A share of its signal that a rival leaves, below which a cause is taken for it.

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -203,7 +203,9 @@ def _followed_column(column: str) -> tuple[str, ...]:
 
 
 def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> dict[str, Any]:
-    """Noise that is larger in places, and the column or the target that it follows."""
+    """Noise that is larger in places, and the cause, the column or the target that it follows."""
+    if own.driver.cause is not None:
+        return _row_of_cause(cast("Cause", own.driver.cause), own.ratio, own.sigma, own.p_value, final, shown)
     names = [_name(final, target) for target in own.driver.channels]
     whose = final.model.channel_word
     follows = own_name(own.driver.name) or f"{whose} {names[0]}"
@@ -220,16 +222,23 @@ def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> di
 
 def _scatter_row(own: FoundScatter, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
-    cause, legs = own.candidate.cause, final.model.part_count
-    values = cause.reported(np.array([own.size]), np.array([[own.sigma**2]]), legs)
+    return _row_of_cause(own.candidate.cause, own.size, own.sigma, own.p_value, final, shown)
+
+
+def _row_of_cause(
+    cause: Cause, value: float, sigma: float, p_value: float, final: FittedModel, shown: Shown
+) -> dict[str, Any]:
+    """What is said of a cause that moves nothing on average, with its one size, SI."""
+    legs = final.model.part_count
+    values = cause.reported(np.array([value]), np.array([[sigma**2]]), legs)
     sizes = tuple(Size(one.name, one.value, one.sigma, one.unit) for one in values)
     claim = replace(claim_of(cause, legs), sizes=sizes)
     said = clause(claim)
-    return _without_mean_effect(own.p_value, final, shown) | {
+    return _without_mean_effect(p_value, final, shown) | {
         "cause": cause.id,
         "subject": cause.subject,
         "parameters": json.dumps({s.name: {"value": s.value, "sigma": s.sigma, "unit": s.unit} for s in sizes}),
-        "explanation": scatter_explanation(said, own.p_value),
+        "explanation": scatter_explanation(said, p_value),
         "settings": json.dumps(claim.settings),
         "clause": said,
         **_advised(confirming(claim, cause.confirm)),

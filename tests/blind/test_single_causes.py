@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.blind.generator.campaign import draw_campaign
-from tests.blind.generator.effects import ApproachScatter, Effect, LegThermal
+from tests.blind.generator.effects import ApproachScatter, Effect, LegThermal, NoiseBurst
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Surroundings, Targets
 from tests.blind.generator.schedule import at_rest, even_moves
@@ -76,6 +76,16 @@ def test_actuators_that_land_elsewhere_each_time_are_named(which: str, tmp_path:
     if which == "group":  # the groups that are tried begin and end within a few poses of any
         assert abs(int(settings["from_pose"]) - 14) <= 3
         assert abs(int(settings["to_pose"]) - 25) <= 3
+
+
+def test_noise_that_grows_for_a_while_is_named_and_follows_no_column(tmp_path: Path) -> None:
+    own = (np.arange(41) >= 9) & (np.arange(41) < 20)
+    rows = found_in(tmp_path, [NoiseBurst(2.5, own)], 75, poses=34, shuffled=False)
+    assert [(row["cause"], row["follows"]) for row in rows] == [("noise-burst", "")]
+    settings = json.loads(rows[0]["settings"])
+    assert abs(int(settings["from_pose"]) - 9) <= 2
+    assert abs(int(settings["to_pose"]) - 19) <= 2
+    assert_true(rows[0], {"noise_ratio": 2.5})
 
 
 def test_nothing_is_found_where_actuators_land_as_they_should(tmp_path: Path) -> None:

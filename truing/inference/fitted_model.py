@@ -330,6 +330,12 @@ class Fitter(Generic[CauseT]):
             self._widened(wide, best.own, first)
         return best
 
+    def narrow(self) -> None:
+        """Bring the prior sigmas of all inputs back to what is known beforehand."""
+        self._input_factor = np.ones_like(self._input_factor)
+        self._declared = self._declared.with_input_factor(self._input_factor)
+        self.model = self._declared.rescaled(*self._ratios)
+
     def _take_back(self) -> None:
         """Take back what was screened as grossly wrong: beside inputs known too well it may only have looked so."""
         seen, unseen = self._recorded

@@ -33,6 +33,7 @@ _TOLD = 0.1
 _LEAST = 1e-3
 _ADDED = {1: 1.0}
 _FEWEST_VALUES = 20
+_LEAD = math.log(20.0)
 # Angles whose squared cosine is the share in common, all equally likely beforehand (Jeffreys' prior of a share). At the
 # ends a part is a thousandth of what it may be, which no data show, and not nothing: so a fit can still tell of it.
 _END = 1e-3
@@ -302,12 +303,18 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
     follows, spread = _log_moments(size)
     logs = np.where(known, np.log(squares) / follows, 0.0)
     scores = [_slope(logs, known, driver, spread) for driver in candidates]
-    best = int(np.argmax([_strength(score, driver) for score, driver in zip(scores, candidates, strict=True)]))
+    # By the log likelihood; a cause has to be clearly likelier than a column, which follows it, too.
+    gains = [_gain(score, driver) for score, driver in zip(scores, candidates, strict=True)]
+    best = int(np.argmax(gains))
     strength = _strength(scores[best], candidates[best])
     tails = 1.0 if candidates[best].is_one_sided else 2.0
     p_value = min(1.0, tails * 0.5 * math.erfc(max(strength, 0.0) / math.sqrt(2.0)) * len(candidates))
     if p_value > level:
         return None
+    if candidates[best].cause is not None:  # which epochs are concerned is told best by the squares themselves
+        squares = np.where(known, square, np.nan)
+        likely = [0.0 if one.cause is None else variance_gain(squares, one.values > 0.5) for one in candidates]
+        best = int(np.argmax(likely))
     return _following(candidates[best], scores[best], known, p_value)
 
 
@@ -345,6 +352,22 @@ def _strength(score: tuple[float, float], driver: Driver) -> float:
     """Return how many standard deviations a slope is; on one side only where noise can but be larger there."""
     ratio = score[0] / score[1]
     return ratio if driver.is_one_sided else abs(ratio)
+
+
+def variance_gain(square: Array, own: Mask) -> float:
+    """Return by how much the log likelihood of squares (B, H) rises with a larger variance for own (B, H)."""
+    known = np.isfinite(square)
+    inside, outside = square[known & own], square[known & ~own]
+    if not len(inside) or not len(outside) or inside.mean() <= outside.mean():
+        return 0.0
+    parts = (np.concatenate([inside, outside]), 1.0), (inside, -1.0), (outside, -1.0)
+    return float(sum(sign * len(part) / 2.0 * math.log(max(part.mean(), 1e-12)) for part, sign in parts))
+
+
+def _gain(score: tuple[float, float], driver: Driver) -> float:
+    """Return by how much a slope makes the logarithms likelier, less what a cause has to lead by."""
+    strength = _strength(score, driver)
+    return math.copysign(strength**2 / 2.0, strength) - (_LEAD if driver.cause is not None else 0.0)
 
 
 def _within(values: Array, known: Mask, groups: Integers) -> Array:

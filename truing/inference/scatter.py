@@ -15,7 +15,7 @@ import numpy as np
 from truing.inference.arrays import Array, Mask
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseT, ScatterCandidate
-from truing.inference.noise import Driver, noise_dependence
+from truing.inference.noise import Driver, noise_dependence, variance_gain
 
 # An input of which a fit tells less than this share says nothing of its scatter.
 _TOLD = 0.01
@@ -107,7 +107,7 @@ def likeliest(
     """Return the candidate with the largest likelihood of a variance of its own; inputs have prior sigmas that are
     larger by factors (B, H) in the fit."""
     square = (residuals.standardised[..., 0] * factor) ** 2
-    return candidates[int(np.argmax([_gain(square, candidate.own) for candidate in candidates]))]
+    return candidates[int(np.argmax([variance_gain(square, candidate.own) for candidate in candidates]))]
 
 
 def nearby(
@@ -116,13 +116,3 @@ def nearby(
     """Return the candidate first, then those that have half of their inputs or more in common with it."""
     own = candidate.own
     return [candidate, *(one for one in candidates if 2 * (one.own & own).sum() >= (one.own | own).sum())]
-
-
-def _gain(square: Array, own: Mask) -> float:
-    """Return by how much the log likelihood of squares (B, H) rises with a larger variance for own (B, H)."""
-    known = np.isfinite(square)
-    inside, outside = square[known & own], square[known & ~own]
-    if not len(inside) or not len(outside) or inside.mean() <= outside.mean():
-        return 0.0
-    parts = (np.concatenate([inside, outside]), 1.0), (inside, -1.0), (outside, -1.0)
-    return float(sum(sign * len(part) / 2.0 * math.log(max(part.mean(), 1e-12)) for part, sign in parts))

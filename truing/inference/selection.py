@@ -162,19 +162,16 @@ class Acceptance(Generic[CauseT]):
     def run(self, kinds: Sequence[CauseT]) -> Diagnosis[CauseT]:
         """Return what is decided on all kinds of cause of a catalogue."""
         noise_dependences: list[NoiseDependence] = []
-        scatters: list[FoundScatter[CauseT]] = []
-        searched = self._searched(kinds)
-        while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
-            if (more := self._scatter(searched.final, kinds)) is None:
-                break
-            searched, scatter = self._beside(*more, searched, kinds)
-            scatters.append(scatter)
+        searched, scatters = self._searched_with_scatter(kinds)
         # What an ended search leaves is more than noise: whether that follows something, it does not tell.
         while searched.end.is_complete and (
             follows := self._noise_follows(searched.final, kinds, _MOST_FOLLOWED - len(noise_dependences))
         ):
             noise_dependences += follows
             searched = self._searched(kinds)
+        if scatters and noise_dependences:  # where observations are noisier, inputs only seemed to scatter
+            self._fitter.narrow()
+            searched, scatters = self._searched_with_scatter(kinds)
         fitter, final = self._fitter, searched.final
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]))
@@ -233,6 +230,17 @@ class Acceptance(Generic[CauseT]):
             level = noise_level(final.fit.whitened, final.measured, self._fitter.declared, only)
             if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
                 yield int(channel), replace(level, p_value=p_value)
+
+    def _searched_with_scatter(self, kinds: Sequence[CauseT]) -> tuple[_Searched[CauseT], list[FoundScatter[CauseT]]]:
+        """Return the search beside inputs that scatter, and what makes them."""
+        scatters: list[FoundScatter[CauseT]] = []
+        searched = self._searched(kinds)
+        while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
+            if (more := self._scatter(searched.final, kinds)) is None:
+                break
+            searched, scatter = self._beside(*more, searched, kinds)
+            scatters.append(scatter)
+        return searched, scatters
 
     def _scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]

@@ -42,7 +42,7 @@ from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, Actuator
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
-from truing.simulation.mechanisms.causes.scatter import ApproachScatter
+from truing.simulation.mechanisms.causes.scatter import ApproachScatter, NoiseBurst
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
 from truing.simulation.mechanisms.point_causes import PointCause
@@ -71,6 +71,7 @@ OWN_CAUSES: tuple[PointCause, ...] = (
     BodyDrift(),
     GravitySag(),
     ApproachScatter(),
+    NoiseBurst(),
     NonparametricMechanismEffect(),
 )
 # What is known of a sensor on its bench.
@@ -112,6 +113,7 @@ _OF_BODIES = (
     "body-drift",
     "gravity-sag",
     "approach-scatter",
+    "noise-burst",
     "unexplained",
 )
 # A lab's package names its own causes under this group: `"my-cause" = "my_package.causes:MyCause"`.

@@ -266,6 +266,22 @@ class ApproachScatter(Effect):
 
 
 @dataclass(frozen=True)
+class NoiseBurst(Effect):
+    """The noise of all points is ``times`` the instrument's in the poses ``own`` (N,), which follow each other."""
+
+    times: float
+    own: Array
+    told: tuple[tuple[str, int], ...] = ()
+    id = "noise-burst"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"noise_ratio": (self.times, "1"), **{name: (value, "") for name, value in self.told}}
+
+    def scatter(self, scatter: Array, setting: Setting) -> Array:
+        return scatter * np.where(self.own, self.times, 1.0)[:, None]
+
+
+@dataclass(frozen=True)
 class LegDrift(PerLeg):
     """A leg's effective length drifts over the campaign by ``amount`` (mm), evenly or with a time constant
     ``tau`` (s).

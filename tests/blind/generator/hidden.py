@@ -21,6 +21,7 @@ from tests.blind.generator.effects import (
     LinearDeformation,
     MatrixDeformation,
     MeasurementScale,
+    NoiseBurst,
     NonlinearDeformation,
     PeriodicError,
     TargetMoved,
@@ -157,6 +158,11 @@ def _for_a_while(campaign: Campaign, rng: np.random.Generator) -> tuple[Array, t
     return own, tuple(zip(("from_pose", "to_pose"), names, strict=True))
 
 
+def _burst(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    own, told = _for_a_while(campaign, rng)
+    return lambda size: NoiseBurst(1 + size, own, told)
+
+
 def _flexure(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     return FlexureShift
 
@@ -201,6 +207,7 @@ CATALOGUE: Mapping[str, Kind] = {
     "actuator-backlash": Kind(_backlash),
     "actuator-periodic-error": Kind(_periodic, frozenset({"even"})),
     "approach-scatter": Kind(_landing),
+    "noise-burst": Kind(_burst),
     "leg-drift": Kind(_drift),
     "leg-thermal": Kind(_leg_thermal),
     "flexure-shift": Kind(_flexure, frozenset({"even", "wide"}), ("6-pus",)),

@@ -324,7 +324,20 @@ def _turn_over(claim: Claim) -> str:
     return f"Measure {body} in a few attitudes and upside down, nothing else moved: what sags changes its sign."
 
 
+def _bursts(claim: Claim) -> str:
+    """When all points scattered more, and how much."""
+    size = claim.size("noise_ratio")
+    more = f"{told(size)} times as much" if size is not None else "more"
+    poses = f"from pose {claim.fact('from_pose')} to pose {claim.fact('to_pose')}"
+    return f"all points scatter {more} {poses} as in the other poses, as in vibration"
+
+
 BODIES = {
+    "noise-burst": Wording(
+        "noise for a while",
+        _bursts,
+        "Look what ran near the machine at that time, and repeat some of these poses without it.",
+    ),
     "gravity-sag": Wording("sag under gravity", _sags, _turn_over),
     "target-moved": Wording("target moved", _moved, _look_at_target),
     "targets-swapped": Wording("targets swapped", _swapped, _look_at_images),

@@ -1,4 +1,5 @@
-"""Causes that move nothing on average: actuators, or bodies, that land elsewhere each time."""
+"""Causes that move nothing on average: actuators, or bodies, that land elsewhere each time; noise that grows for a
+while."""
 
 from __future__ import annotations
 
@@ -112,3 +113,36 @@ def _of_bodies(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]
             cause = ApproachScatter(body=body, from_pose=group.from_pose, to_pose=group.to_pose)
             yield ScatterCandidate(cause, group.own[:, None] & inputs, True)
             yield ScatterCandidate(cause, group.own[:, None] & inputs & shifts, True)
+
+
+@dataclass(frozen=True)
+class NoiseBurst(PointCause):
+    """All points scatter more from the pose ``from_pose`` to the pose ``to_pose`` in time, as in vibration."""
+
+    from_pose: int | str = ""
+    to_pose: int | str = ""
+
+    id = "noise-burst"
+    step = Step.INSTRUMENT
+    is_persistent = False
+    reads = frozenset()
+
+    def candidates(self, scene: PointScene) -> Sequence[NoiseBurst]:
+        """Return none: noise has no mean effect that a search could find."""
+        return ()
+
+    def scatters(self, scene: PointScene) -> Sequence[ScatterCandidate[NoiseBurst]]:
+        """Return groups of poses that follow each other."""
+        every = np.ones((1, len(scene.shape)), bool)
+        return [
+            ScatterCandidate(NoiseBurst(group.from_pose, group.to_pose), group.own[:, None] & every, False)
+            for group in groups_in_time(scene)
+        ]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return by how much the noise is larger than in the other poses."""
+        return (Parameter("noise_ratio", "1", 1.0),)
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return no mean effect."""
+        return Change({}, 1)
