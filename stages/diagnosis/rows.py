@@ -222,7 +222,8 @@ def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> di
 
 def _scatter_row(own: FoundScatter, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
-    return _row_of_cause(own.candidate.cause, own.size, own.sigma, own.p_value, final, shown)
+    row = _row_of_cause(own.candidate.cause, own.size, own.sigma, own.p_value, final, shown)
+    return row if own.is_sure else row | {"verdict": "suspected"}
 
 
 def _row_of_cause(

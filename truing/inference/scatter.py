@@ -27,12 +27,13 @@ _LEAST, _MOST = 0.5, 1e4
 @dataclass(frozen=True)
 class FoundScatter(Generic[CauseT]):
     """A cause by which inputs scatter; its p-value, corrected for all that was tried; and how much: in SI, beyond the
-    prior sigma of these inputs, with one sigma."""
+    prior sigma of these inputs, with one sigma. ``is_sure``: the final model holds as a whole."""
 
     candidate: ScatterCandidate[CauseT]
     p_value: float
     size: float
     sigma: float
+    is_sure: bool = True
 
 
 @dataclass(frozen=True)

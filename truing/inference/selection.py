@@ -191,7 +191,7 @@ class Acceptance(Generic[CauseT]):
             tuple(noise_dependences),
             adequacy,
             searched.end,
-            tuple(scatters),
+            tuple(replace(scatter, is_sure=holds) for scatter in scatters),
             fitter.held_out,
         )
 

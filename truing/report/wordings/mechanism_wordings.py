@@ -308,7 +308,7 @@ def _wait(claim: Claim) -> str:
 
 def _sags(claim: Claim) -> str:
     """What shifts with the direction of gravity, and by how much."""
-    one, body = claim.fact("one"), claim.fact("body") or claim.subject
+    one, body = claim.fact("one"), claim.fact("body") or claim.subject or "a body"
     if one:
         size = claim.size(f"{one}_sag")
         return f"target {one} on {body} sags with gravity{by(told(size)) if size is not None else ''}"
@@ -320,7 +320,7 @@ def _sags(claim: Claim) -> str:
 
 
 def _turn_over(claim: Claim) -> str:
-    body = claim.fact("body") or claim.subject
+    body = claim.fact("body") or claim.subject or "the body"
     return f"Measure {body} in a few attitudes and upside down, nothing else moved: what sags changes its sign."
 
 
@@ -328,7 +328,8 @@ def _bursts(claim: Claim) -> str:
     """When all points scattered more, and how much."""
     size = claim.size("noise_ratio")
     more = f"{told(size)} times as much" if size is not None else "more"
-    poses = f"from pose {claim.fact('from_pose')} to pose {claim.fact('to_pose')}"
+    ends = [claim.fact(name) for name in ("from_pose", "to_pose")]
+    poses = "for a while" if ends[0] in (None, "") else f"from pose {ends[0]} to pose {ends[1]}"
     return f"all points scatter {more} {poses} as in the other poses, as in vibration"
 
 
