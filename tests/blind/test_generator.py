@@ -61,7 +61,6 @@ EFFECTS: tuple[Effect, ...] = (
     hidden.Backlash(0.01 * np.ones(6)),
     hidden.PeriodicError(0.005 * np.ones(6), 0.5, np.linspace(0, 3, 6)),
     hidden.LegDrift(np.array([0, 0.1, 0, 0, 0, 0])),
-    hidden.NoiseBurst(2.0, np.ones(1, bool), told=(("from_pose", 3), ("to_pose", 9))),
     hidden.ApproachScatter(0.01, np.ones((1, 6)), told=(("from_pose", 3), ("to_pose", 9))),
     hidden.FlexureShift(60.0),
     hidden.MeasurementScale(scale=1e-4),
