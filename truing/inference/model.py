@@ -281,7 +281,7 @@ class Model(Protocol[CauseT]):
 
     @property
     def input_scale(self) -> Array:
-        """Return one prior sigma of each input (H,), SI: of a shift, where an input is a part of a pose."""
+        """Return one prior sigma of each input (H,), SI."""
 
     def with_input_factor(self, factor: Array, /) -> Self:
         """Return the model whose inputs at each epoch have prior sigmas (B, H) so many times as large."""
