@@ -88,6 +88,14 @@ def test_a_compact_problem_leaves_what_the_same_one_at_full_width_leaves() -> No
     assert_close(own.problem.moved(steps), wide.problem.moved(steps), atol=1e-12, what="moved")
 
 
+def test_unknowns_none_of_which_act_in_most_poses_are_solved_for() -> None:
+    problem = of_few_poses(draw(6))
+    problem = replace(problem, by_shared=problem.by_shared * (np.arange(SHARED) != 3))
+    assert compact(problem).common == 0
+    matrix, right = dense(problem)
+    assert_close(whiten(compact(problem)).step()[0], np.linalg.lstsq(matrix, right)[0][:SHARED], atol=1e-12)
+
+
 def test_a_problem_whose_unknowns_act_everywhere_is_not_compact() -> None:
     assert columns_of(draw(1).by_shared.any(1)) is None
 

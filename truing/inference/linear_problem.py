@@ -110,7 +110,7 @@ class Whitened:
         found = problem.extra_by_shared.T @ problem.extra_by_shared
         found[np.diag_indices(len(found))] += 1.0  # the priors
         common, size = columns[0, : problem.common], len(found)
-        wide = self.own[..., : problem.common].reshape(-1, problem.common)
+        wide = self.own[..., : problem.common].reshape(self.own.shape[0] * self.own.shape[1], problem.common)
         of_few = np.swapaxes(self.own[..., problem.common :], 1, 2) @ self.own
         whole = np.zeros((size + 1, size + 1))
         np.add.at(whole, (columns[:, problem.common :, None], columns[:, None]), of_few)
