@@ -134,10 +134,12 @@ def _middle(values: NDArray) -> list[str]:
 
 
 def causes(campaigns: Sequence[Judged], own: Instrument) -> str:
-    """Return the table of each cause: what is clear, and what is too weak to be found for certain."""
+    """The table of each cause that was hidden alone: what is clear, and what is too weak to be found for certain."""
     rows = []
     for cause in own.catalogue:
         alone = [one for one in campaigns if [effect.cause for effect in one.hidden] == [cause]]
+        if not alone:
+            continue
         clear = [one for one in alone if rates.is_clear(one)]
         weak = [one for one in alone if not rates.is_clear(one)]
         covered = rates.coverage(clear)

@@ -207,10 +207,12 @@ class Acceptance(Generic[CauseT]):
         """
         if verdict.verdict != FOUND:
             return verdict
-        if not verdict.signal_to_noise or verdict.after.growth_over(verdict.before) > _NO_MORE:
-            return replace(verdict, verdict=SUSPECTED, reason=Reason.UNPAID)
         before, after = verdict.held_out
-        if before is not None and after is not None and after.growth_over(before) > _NO_WORSE:
+        held_out = 1.0 if before is None or after is None else after.growth_over(before)
+        pays = verdict.signal_to_noise > 0.0 and verdict.after.growth_over(verdict.before) <= _NO_MORE
+        if not pays and held_out > 1.0 / _NO_WORSE:  # what happened in held-out epochs alone lowers only their errors
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.UNPAID)
+        if held_out > _NO_WORSE:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.HELD_OUT)
         if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
