@@ -205,7 +205,8 @@ def _followed_column(column: str) -> tuple[str, ...]:
 def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """Noise that is larger in places, and the cause, the column or the target that it follows."""
     if own.driver.cause is not None:
-        return _row_of_cause(cast("Cause", own.driver.cause), own.ratio, own.sigma, own.p_value, final, shown)
+        size = own.ratio, own.sigma
+        return _row_of_cause(cast("Cause", own.driver.cause), size, own.p_value, own.doubt, final, shown)
     names = [_name(final, target) for target in own.driver.channels]
     whose = final.model.channel_word
     follows = own_name(own.driver.name) or f"{whose} {names[0]}"
@@ -222,15 +223,16 @@ def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> di
 
 def _scatter_row(own: FoundScatter, final: FittedModel, shown: Shown) -> dict[str, Any]:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
-    row = _row_of_cause(own.candidate.cause, own.size, own.sigma, own.p_value, final, shown)
-    return row if own.is_sure else row | {"verdict": "suspected"}
+    return _row_of_cause(own.candidate.cause, (own.size, own.sigma), own.p_value, own.doubt, final, shown)
 
 
 def _row_of_cause(
-    cause: Cause, value: float, sigma: float, p_value: float, final: FittedModel, shown: Shown
+    cause: Cause, size: tuple[float, float], p_value: float, doubt: str, final: FittedModel, shown: Shown
 ) -> dict[str, Any]:
-    """What is said of a cause that moves nothing on average, with its one size, SI."""
+    """What is said of a cause that moves nothing on average, with its one size and sigma, SI; ``doubt`` is the reason
+    code where it is only suspected."""
     legs = final.model.part_count
+    value, sigma = size
     values = cause.reported(np.array([value]), np.array([[sigma**2]]), legs)
     sizes = tuple(Size(one.name, one.value, one.sigma, one.unit) for one in values)
     claim = replace(claim_of(cause, legs), sizes=sizes)
@@ -239,7 +241,8 @@ def _row_of_cause(
         "cause": cause.id,
         "subject": cause.subject,
         "parameters": json.dumps({s.name: {"value": s.value, "sigma": s.sigma, "unit": s.unit} for s in sizes}),
-        "explanation": scatter_explanation(said, p_value),
+        "explanation": scatter_explanation(said, p_value, doubt),
+        **({"verdict": "suspected", "reason_code": doubt} if doubt else {}),
         "settings": json.dumps(claim.settings),
         "clause": said,
         **_advised(confirming(claim, cause.confirm)),

@@ -247,7 +247,8 @@ class NoiseDependence:
     """What the noise follows; its p-value, corrected for all that was tried; and how much larger it is where it is
     largest than where it is least.
 
-    ``factor`` (B, K) is each observation's noise over the typical one.
+    ``factor`` (B, K) is each observation's noise over the typical one; ``doubt``: why a cause that makes it so is
+    only suspected (a value of ``Reason``), empty where it is found.
     """
 
     driver: Driver
@@ -255,6 +256,7 @@ class NoiseDependence:
     ratio: float
     sigma: float
     factor: Array
+    doubt: str = ""
 
 
 def standardised(rest: Array, told: Array) -> Array:

@@ -27,13 +27,14 @@ _LEAST, _MOST = 0.5, 1e4
 @dataclass(frozen=True)
 class FoundScatter(Generic[CauseT]):
     """A cause by which inputs scatter; its p-value, corrected for all that was tried; and how much: in SI, beyond the
-    prior sigma of these inputs, with one sigma. ``is_sure``: the final model holds as a whole."""
+    prior sigma of these inputs, with one sigma. ``doubt``: why it is only suspected (a value of ``Reason``), empty
+    where it is found."""
 
     candidate: ScatterCandidate[CauseT]
     p_value: float
     size: float
     sigma: float
-    is_sure: bool = True
+    doubt: str = ""
 
 
 @dataclass(frozen=True)

@@ -177,6 +177,10 @@ class Acceptance(Generic[CauseT]):
         adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]))
         verdicts = self._verdicts(searched)
         holds = searched.end.is_complete and adequacy.p_value > self._settings.doubted_level
+        # What forms without a name leave scatters too: beside them, no scatter has a name for certain.
+        doubt = (
+            Reason.INADEQUATE if not holds else "" if all(own.catalogued for own in final.causes) else Reason.UNNAMED
+        )
         outdone = {step.cause.key for step in searched.kept if step.is_outdone}
         verdicts = [self._doubted(verdict, final, holds, outdone) for verdict in verdicts]
         return Diagnosis(
@@ -188,10 +192,10 @@ class Acceptance(Generic[CauseT]):
             tuple(fitter.screened),
             noise,
             tuple(self._noisy_channels(final)),
-            tuple(noise_dependences),
+            tuple(replace(own, doubt=doubt) for own in noise_dependences),
             adequacy,
             searched.end,
-            tuple(replace(scatter, is_sure=holds) for scatter in scatters),
+            tuple(replace(scatter, doubt=doubt) for scatter in scatters),
             fitter.held_out,
         )
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.report.diagnosis_parts import part_of, state_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
-from truing.report.diagnosis.findings import DOUBTS
+from truing.report.diagnosis.findings import DOUBTS, scatter_explanation
 from truing.report.diagnosis.section import diagnosis
 from truing.report.head import build_head
 
@@ -93,3 +93,13 @@ def test_a_search_that_was_ended_is_said_first_with_what_is_left() -> None:
     part = part_of("adequacy", diagnosis_tables() | {"adequacy": ENDED})
     assert part.listings[0].marks == ("fail", "pass", "none")
     assert "next would be actuator gain of leg 3" in part.lead
+
+
+@pytest.mark.parametrize("doubt", ["inadequate", "unnamed"])
+def test_a_scatter_that_is_suspected_is_told_with_its_reason(doubt: str) -> None:
+    size = {"scatter": {"value": 0.02, "sigma": 0.002, "unit": "mm"}}
+    doubted = row("approach-scatter", "suspected", subject="leg3", parameters=size, reason_code=doubt)
+    section = diagnosis({**diagnosis_tables(rows(doubted, *rejected())), "adequacy": HOLDS})
+    assert section is not None
+    assert DOUBTS[doubt] in section.said[0][1]
+    assert DOUBTS[doubt] in scatter_explanation("actuator 3 lands elsewhere", 1e-4, doubt)

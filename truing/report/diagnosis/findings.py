@@ -205,10 +205,12 @@ def _size(name: str, value: Mapping[str, Any]) -> str:
     return f"{name} = {told_size(name, value['value'], value.get('sigma'), value.get('unit') or '')}"
 
 
-def scatter_explanation(clause: str, p_value: float) -> str:
-    """Return what is to be said of a cause that moves nothing on average."""
+def scatter_explanation(clause: str, p_value: float, doubt: str = "") -> str:
+    """The sentences on a cause that moves nothing on average; ``doubt``: the reason code where it is only suspected."""
+    said = f"It may be that {clause}" if doubt else f"The data show that {clause}"
+    doubted = f" This is suspected, and not found: {DOUBTS[doubt]}." if doubt else ""
     return (
-        f"The data show that {clause} (p = {p_value:.1g}, corrected for all groups that were tried). It moves nothing "
+        f"{said} (p = {p_value:.1g}, corrected for all groups that were tried).{doubted} It moves nothing "
         "on average: what was measured there counts the less in all other findings, and no model predicts it."
     )
 
