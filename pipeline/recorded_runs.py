@@ -20,8 +20,9 @@ from truing.pipeline.whole_file import write_whole
 from truing.report.comparison.compared_runs import Between, Compared, Comparison
 from truing.report.comparison.page import comparison_head, comparison_sections
 from truing.report.rendering.render import render_page
+from truing.report.verdict import gates
 from truing.runs.comparison.side_by_side import SideBySide, compared_table, kind_of, mechanism_of, side_by_side
-from truing.runs.exports.certificate import certificate, failed_checks, qualified, temperature
+from truing.runs.exports.certificate import certificate, doubts, failed_checks, qualified, temperature
 from truing.runs.exports.controller import controller
 from truing.runs.exports.summary import summary
 from truing.runs.exports.tables import text_tables, workbook
@@ -92,7 +93,8 @@ def _mixed(folder: Path, ledger: Ledger) -> Iterator[Fault]:
 def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign: Path | None = None) -> ExitCode:
     """Write the forms into a folder, one file after the other, each whole; raises CampaignFaults.
 
-    A certificate takes what no measurement tells from the campaign's folder, and is refused where a check failed.
+    A certificate takes what no measurement tells from the campaign's folder, and is refused where a check failed or
+    all of its results rest on a model that fails.
     """
     known = (*FORMS, _CERTIFICATE)
     unknown = [form for form in forms if form not in known]
@@ -110,6 +112,8 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
             voice.warn(str(why))
             return ExitCode.FAILED_CHECK
         voice.say(f"{form}: {_said(place, written)}")
+        for left_out in qualified(run).left_out if form == _CERTIFICATE else ():
+            voice.warn(f"not certified: {left_out}")
     return ExitCode.DONE
 
 
@@ -142,11 +146,11 @@ def _said(place: Path, written: list[str]) -> str:
 
 
 class _NoCertificate(Exception):
-    """The run may not be certified, because checks of its quality failed."""
+    """The run may not be certified: its data, or the model that its results rest on, fail."""
 
 
 def certificate_files(run: Run, campaign: Path | None) -> Iterable[tuple[str, bytes]]:
-    """The certificate; raises NoCertificate where a check failed, CampaignFaults with all that is missing at once."""
+    """The certificate; raises NoCertificate where data or model fail, CampaignFaults with all that is missing."""
     if campaign is None:
         raise CampaignFaults([Fault("--campaign", "the campaign's folder, whose campaign.toml has [certificate]")])
     settings = open_campaign(campaign).validated()
@@ -154,7 +158,12 @@ def certificate_files(run: Run, campaign: Path | None) -> Iterable[tuple[str, by
         raise CampaignFaults([Fault("--campaign", f"the campaign {run.campaign}", value=settings.campaign.name)])
     if failed := failed_checks(run):
         raise _NoCertificate(f"no certificate: failed checks of quality, accepted by nobody: {', '.join(failed)}")
-    if "uncertainty" not in run or not len(qualified(run).results):
+    if failed := gates(run.verdict.to_dict("records")):
+        raise _NoCertificate(f"no certificate: what was recorded fails ({', '.join(failed)}): see the page of the run")
+    found = qualified(run) if "uncertainty" in run else None
+    if found is not None and not len(found.results) and found.left_out and doubts(run):
+        raise _NoCertificate(f"no certificate: {' '.join(found.left_out)}")
+    if found is None or not len(found.results):
         wanted = "results with an uncertainty, which a certificate needs; `truing run` says why there are none"
         raise CampaignFaults([Fault(str(run.folder), wanted)])
     if faults := list(_faults(settings.certificate, temperature(run) is not None)):

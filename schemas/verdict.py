@@ -71,6 +71,11 @@ class ReasonCode(StrEnum):
         return _MEANING[self]
 
 
+# Sections whose failure says that the numbers of a model are not to be relied on.
+OF_MODEL = ("adequacy", "pulls", "calibration")
+# Codes of an incomplete picture: what no model holds biases every number of it.
+INCOMPLETE = (ReasonCode.BEYOND_NOISE, ReasonCode.LACK_OF_FIT)
+
 _MEANING = {
     ReasonCode.BELONG: "every tested relation between the tables holds",
     ReasonCode.DEPARTS: "a tested relation holds only in part, or numbers were written down in coarse steps",
@@ -130,6 +135,7 @@ class Relation(StrEnum):
 
 # By chance a right model leaves as much once in 1,000 campaigns; and declared noise is known to a tenth.
 _UNLIKELY, _MARGIN = 1e-3, 1.1
+BY_A_FACTOR = 2.0  # errors so many times the noise fail: no declared noise is wrong by so much unnoticed
 
 
 def does_not_fit(p_value: float, ratio: float) -> bool:

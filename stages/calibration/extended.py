@@ -170,9 +170,12 @@ def compared_rows(chosen: Judged, extended: Extended, fitted: NDArray) -> Rows:
 
 
 def add_extended(
-    rows: Mapping[str, Rows], extended: Extended, asked: Requirement, gathered: Gathered, fitted: NDArray
+    rows: Mapping[str, Rows], extended: Extended, asked: Requirement, gathered: Gathered, fitted: NDArray, why_not: str
 ) -> None:
-    """Add the extended model to the tables of the calibrations; it was fitted to other data, and is not chosen from."""
+    """Add the extended model to the tables of the calibrations; it was fitted to other data, and is not chosen from.
+
+    ``why_not``: by what it fails, so that it meets no requirement; empty where it does not.
+    """
     key, measured = (MODEL, extended.deformation), gathered.measured
     rows["calibration"].extend(extended_parameters(extended))
     rows["correlations"].extend(extended_correlations(extended))
@@ -181,4 +184,4 @@ def add_extended(
     figures += [("main", 1.0, "1")] if extended.is_main else []
     add_figures(rows["model_choice"], key, ESTIMATOR, figures)
     noise = measured.platform.covariance
-    rows["requirements"].extend(requirement_rows(asked, key, extended.errors, noise, ~fitted))
+    rows["requirements"].extend(requirement_rows(asked, key, extended.errors, noise, ~fitted, why_not))

@@ -141,13 +141,13 @@ def accuracy_rows(artifact: str, told: Sequence[tuple[Key, PoseErrors]], measure
 
 
 def requirement_rows(
-    asked: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray, misfit: float | None = None
+    asked: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray, why_not: str = ""
 ) -> Rows:
     """A row per component that something is asked of, judged by the errors of a model.
 
     noise (B, 6, 6): covariance of the measured poses, which is not the machine's; held_out (B,): the poses judged by,
-    and where there are none all of them. ``misfit``: by how many times the noise the model misses what it was fitted
-    to, None where it fits; a model that does not fit meets nothing.
+    and where there are none all of them. ``why_not``: by what the model fails, and what to do; such a model meets
+    nothing.
     """
     rows, judged = Rows("requirements"), held_out if held_out.any() else ~held_out
     by = "" if held_out.any() else ", judged by the poses that were fitted"
@@ -159,10 +159,8 @@ def requirement_rows(
         found = error_of_95_percent(errors.error[judged, i] / si, noise[judged, i, i] / si**2)
         verdict = _verdict(found, limit)
         words = _requirement_words(found, verdict, limit, unit) + by
-        if misfit is not None and verdict in ("meets", "undecided"):
-            verdict = "not evaluated"
-            words = f"not tested: the model misses what it was fitted to by {misfit:.3g} times the declared noise; "
-            words += "correct [noise], or find the cause that is missing"
+        if why_not and verdict in ("meets", "undecided"):
+            verdict, words = "not evaluated", f"not tested: {why_not}"
         rows.add(
             model=key[0],
             deformation=key[1],

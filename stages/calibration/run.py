@@ -9,7 +9,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.calibration.accuracy import Extended, Judged, choice, doubts, misfit_of
+from truing.belonging.relation import State
+from truing.calibration.accuracy import Extended, Judged, choice, doubts, shortcoming
 from truing.calibration.every_case import LEAST_LEGS, OFF, Screened, calibrations, judged, screened_poses
 from truing.calibration.measured import Gathered
 from truing.calibration.question import Case, cases
@@ -69,7 +70,16 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
     extended = None
     if findings.text is not None:
         extended = extended_of(findings.text, tables, gathered.measured, fitted, is_main=findings.is_main)
-    return _calibrated(gathered, fitted, settings.requirement, extended, progress)
+    return _calibrated(gathered, fitted, settings.requirement, extended, incomplete_picture(tables), progress)
+
+
+def incomplete_picture(tables: Mapping[str, pa.Table]) -> str:
+    """How far the picture of the diagnosis is from complete, where its adequacy fails; empty elsewhere."""
+    from truing.report.diagnosis.adequacy import adequacy_verdict
+
+    known = {name: tables[name].to_pandas() for name in ("diagnosis", "adequacy", "prediction") if name in tables}
+    verdict = adequacy_verdict(known, {})
+    return verdict.explanation if verdict is not None and verdict.state == State.FAILS else ""
 
 
 def nothing_calibrated(why: str) -> Outcome:
@@ -102,9 +112,17 @@ def _unreached(gathered: Gathered) -> str:
 
 
 def _calibrated(
-    gathered: Gathered, fitted: NDArray, asked: Requirement, extended: Extended | None, progress: Progress
+    gathered: Gathered,
+    fitted: NDArray,
+    asked: Requirement,
+    extended: Extended | None,
+    incomplete: str,
+    progress: Progress,
 ) -> Outcome:
-    """The tables of all calibrations of the poses fitted (B,); the extended model stands beside them."""
+    """The tables of all calibrations of the poses fitted (B,); the extended model stands beside them.
+
+    ``incomplete``: by how much the last model of the diagnosis fails; empty where it does not.
+    """
     every = list(cases(gathered, structures(gathered.machine)))
     clean = screened_poses(gathered, fitted, every)
     both = calibrations(gathered, clean, every, lambda done, total, case: progress(done, total, _words(case)))
@@ -130,10 +148,10 @@ def _calibrated(
     if best.errors is not None:
         add_uncalibrated(rows["model_choice"], gathered.machine, measured)
         noise = measured.platform.covariance
-        key, misfit = best.calibration.case.key, misfit_of(best)
-        rows["requirements"] = requirement_rows(asked, key, best.errors, noise, ~fitted, misfit)
+        key, why_not = best.calibration.case.key, shortcoming(best) or incomplete
+        rows["requirements"] = requirement_rows(asked, key, best.errors, noise, ~fitted, why_not)
     if extended is not None:
-        add_extended(rows, extended, asked, gathered, fitted)
+        add_extended(rows, extended, asked, gathered, fitted, incomplete)
         if extended.effects and best.errors is not None:
             rows["calibrations_compared"] = compared_rows(best, extended, fitted)
     if not rows["calibration_left_out"].count:

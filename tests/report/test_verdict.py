@@ -90,6 +90,27 @@ def test_requirements_are_not_met_by_a_model_that_does_not_fit():
     assert not [said for mark, said in build_head("c", tables).verdicts if " met" in said]
 
 
+def test_requirements_are_not_met_where_the_picture_fails_whatever_the_calibration_says():
+    tables = misfit(1.0) | of({**FOUND, "rms_after": 60.0}, *rejected())
+    verdicts = section_verdicts(tables)
+    assert verdicts["adequacy"].state == State.FAILS
+    assert verdicts["requirements"].reason_code == ReasonCode.MODEL_DOES_NOT_FIT
+    assert verdicts["adequacy"].explanation in verdicts["requirements"].explanation
+
+
+def test_what_was_held_out_fails_a_calibration_whatever_else_asks_for_attention():
+    tables = misfit(1.0)
+    choice = tables["model_choice"]
+    choice = choice[~choice["figure"].isin(["pull_p_value", "p_value", "heldout_ratio"])]
+    keys = choice.loc[choice["estimator"].eq("errors-in-variables"), ["model", "deformation", "estimator"]]
+    figures = {"pull_p_value": 1e-9, "p_value": 1e-9, "heldout_ratio": 3.0}
+    more = [keys.drop_duplicates().assign(figure=name, value=value, unit="1") for name, value in figures.items()]
+    tables["model_choice"] = pd.concat([choice, *more], ignore_index=True)
+    verdict = section_verdicts(tables)["calibration"]
+    assert (verdict.state, verdict.reason_code, verdict.value) == (State.FAILS, ReasonCode.HELD_OUT_MISSED, 3.0)
+    assert section_verdicts(tables)["requirements"].reason_code == ReasonCode.MODEL_DOES_NOT_FIT
+
+
 def test_a_misfit_that_a_found_cause_explains_is_not_a_failure_of_the_campaign():
     tables = of(FOUND, *rejected()) | misfit(3.0)
     verdicts = section_verdicts(tables)

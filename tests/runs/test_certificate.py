@@ -185,6 +185,91 @@ def test_results_that_are_off_by_a_cause_they_do_not_hold_are_not_certified(run:
     assert "platform in base" in "".join(_read(run).itertext())
 
 
+def _judged(run: truing.Run, section: str, state: str, code: str) -> truing.Run:
+    """The run with another verdict on one section."""
+
+    def change(rows: pd.DataFrame) -> pd.DataFrame:
+        own = rows["section"] == section
+        return rows.assign(
+            state=rows["state"].where(~own, state),
+            reason_code=rows["reason_code"].where(~own, code),
+            value=rows["value"].where(~own, 2.6),
+            limit=rows["limit"].where(~own, 2.0),
+        )
+
+    return _with(run, "verdict", change)
+
+
+@pytest.mark.parametrize(
+    ("section", "state", "code"),
+    [
+        ("adequacy", "fails", "beyond-noise"),
+        ("adequacy", "attention", "lack-of-fit"),
+        ("pulls", "fails", "beyond-tolerance"),
+        ("calibration", "fails", "misfit"),
+    ],
+)
+def test_no_number_of_a_model_that_fails_is_certified(run: truing.Run, section: str, state: str, code: str) -> None:
+    said = "".join(_read(_judged(run, section, state, code)).itertext())
+    explanation = run["verdict"].set_index("section").loc[section, "explanation"]
+    assert f"{section}: {state} ({code}, value 2.60, limit 2). {' '.join(explanation.split())}" in " ".join(
+        said.split()
+    )
+    kinds = {
+        row.findtext("dcc:name/dcc:content", "", _NAMES) for row in _measurements(_judged(run, section, state, code))
+    }
+    assert kinds == {"Poses"}
+    assert {"Poses", "Numbers of the mechanism"} <= {
+        row.findtext("dcc:name/dcc:content", "", _NAMES) for row in _measurements(run)
+    }
+
+
+def _measurements(run: truing.Run) -> list[ElementTree.Element]:
+    return _read(run).findall(".//dcc:measurementResult", _NAMES)
+
+
+@pytest.mark.parametrize(
+    ("section", "state", "code"), [("diagnosis", "fails", "found"), ("pulls", "attention", "misfit")]
+)
+def test_what_says_nothing_against_the_model_refuses_nothing(
+    run: truing.Run, section: str, state: str, code: str
+) -> None:
+    assert len(_measurements(_judged(run, section, state, code))) == len(_measurements(run))
+
+
+def test_poses_of_bodies_that_their_survey_does_not_explain_are_not_certified(
+    run: truing.Run, campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bodies = _with(run, "diagnosis", lambda rows: rows.assign(relation="bodies-survey"))
+    assert len(_measurements(bodies)) == len(_measurements(run))
+    failing = _judged(bodies, "adequacy", "fails", "beyond-noise")
+    monkeypatch.setattr(recorded_runs, "opened_run", lambda folder: failing)
+    done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
+    assert done.exit_code == ExitCode.FAILED_CHECK
+    for word in ("no certificate", "adequacy: fails", "value 2.60", "limit 2", "run again"):
+        assert word in " ".join(done.output.split())
+    assert not list((campaign / "out").iterdir())
+
+
+def test_the_command_says_what_was_not_certified(
+    run: truing.Run, campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorded_runs, "opened_run", lambda folder: _judged(run, "pulls", "fails", "beyond-tolerance"))
+    done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
+    assert done.exit_code == ExitCode.DONE
+    assert "not certified: Numbers of the mechanism" in " ".join(done.output.split())
+
+
+def test_data_that_do_not_belong_together_are_not_certified(
+    run: truing.Run, campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing = _judged(run, "belonging", "fails", "do-not-belong")
+    monkeypatch.setattr(recorded_runs, "opened_run", lambda folder: failing)
+    done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
+    assert done.exit_code == ExitCode.FAILED_CHECK
+    assert "belonging" in done.output
+
+
 @settings(max_examples=40)
 @given(st.text(min_size=1, max_size=40), st.text(min_size=1, max_size=40))
 def test_no_text_breaks_the_document_and_words_survive(name: str, label: str) -> None:

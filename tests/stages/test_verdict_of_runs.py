@@ -6,12 +6,14 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
 from tests.broken.good import axis as positioned_axis
 from tests.pipeline.test_sample_campaign import bodies_campaign
+from tests.report.diagnosis_tables import row, rows
 from truing.calibration.accuracy import PoseErrors
 from truing.pipeline.command_line import app
 from truing.pipeline.in_memory import StageLine, stage_line
@@ -21,6 +23,7 @@ from truing.runs.recorded_run import load
 from truing.schemas.sections import Requirement
 from truing.schemas.verdict import SECTIONS, Relation
 from truing.stages.calibration.model_rows import requirement_rows
+from truing.stages.calibration.run import incomplete_picture
 
 
 def by_section(line: StageLine) -> dict[str, dict[str, object]]:
@@ -88,16 +91,23 @@ def test_every_row_of_a_run_names_a_section_of_the_reference(refused: tuple[Path
     ]
 
 
-@pytest.mark.parametrize("misfit", [None, 5.15])
-def test_requirements_are_met_by_a_model_that_fits_alone(misfit: float | None) -> None:
+@pytest.mark.parametrize(("rms", "fails"), [(4.0, False), (60.0, True)])
+def test_a_calibration_knows_of_a_picture_that_fails(rms: float, fails: bool) -> None:
+    told = rows(row("actuator-gain", rms_after=rms))
+    tables = {"diagnosis": pa.Table.from_pandas(told, preserve_index=False)}
+    assert incomplete_picture(tables).startswith("The picture is incomplete") is fails
+
+
+@pytest.mark.parametrize("why_not", ["", "5.15 times the declared noise"])
+def test_requirements_are_met_by_a_model_that_fits_alone(why_not: str) -> None:
     noise = np.tile(1e-12 * np.eye(6), (20, 1, 1))
     error = np.random.default_rng(1).normal(0.0, 1e-6, (20, 6))
     error[:, 1] = 1e-3
     asked = Requirement(x_mm=0.1, y_mm=0.1)
     table = requirement_rows(
-        asked, ("6-pus", "linear"), PoseErrors(error, noise), noise, np.ones(20, bool), misfit
+        asked, ("6-pus", "linear"), PoseErrors(error, noise), noise, np.ones(20, bool), why_not
     ).table()
     verdicts = {row["component"]: row for row in table.to_pylist()}
     assert verdicts["y"]["verdict"] == "fails"
-    assert verdicts["x"]["verdict"] == ("meets" if misfit is None else "not evaluated")
-    assert ("5.15 times the declared noise" in verdicts["x"]["message"]) is (misfit is not None)
+    assert verdicts["x"]["verdict"] == ("not evaluated" if why_not else "meets")
+    assert ("5.15 times the declared noise" in verdicts["x"]["message"]) is bool(why_not)

@@ -16,7 +16,7 @@ from truing.calibration.question import common_effects, is_deformation, own_cova
 from truing.estimation.held_out import Choice, Contender, choose_model, held_out_misfit
 from truing.estimation.rotation import log_so3
 from truing.inference.pulls import TOLD
-from truing.schemas.verdict import does_not_fit
+from truing.schemas.verdict import BY_A_FACTOR, does_not_fit
 from truing.simulation.cause import Effect
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.extended_model import (
@@ -222,13 +222,18 @@ def _pull_p_value(calibration: Calibration, own: NDArray) -> float:
     return float(chdtrc(len(shift), max(float(shift @ np.linalg.solve(spread, shift)), 0.0)))
 
 
-def misfit_of(one: Judged) -> float | None:
-    """Return rms misfit over the declared noise of a calibration that does not fit; None of one that fits."""
+def shortcoming(one: Judged) -> str:
+    """Return by what a calibration fails, and what to do; empty of one that fits, and misses what was held out by less
+    than a factor."""
     figures = {name: value for name, value, _ in fit_figures(one)}
-    if "misfit_p_value" not in figures:
-        return None
-    ratio = float(np.sqrt(figures["chi_square"] / figures["freedom"]))
-    return ratio if does_not_fit(figures["misfit_p_value"], ratio) else None
+    missed = ""
+    if "misfit_p_value" in figures:
+        ratio = float(np.sqrt(figures["chi_square"] / figures["freedom"]))
+        if does_not_fit(figures["misfit_p_value"], ratio):
+            missed = f"what it was fitted to by {ratio:.3g} times the declared noise"
+    if not missed and figures.get("p_value", 1.0) < _UNLIKELY and figures["heldout_ratio"] > BY_A_FACTOR:
+        missed = f"what was held out by {figures['heldout_ratio']:.3g} times what noise leaves"
+    return missed and f"the model misses {missed}; correct [noise], or find the cause that is missing"
 
 
 def doubts(one: Judged) -> str:

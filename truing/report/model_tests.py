@@ -9,7 +9,6 @@ from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 
 _UNLIKELY, _MARGIN = 1e-3, 1.1  # of errors that are called smaller than noise allows: by chance, and in size
-BY_A_FACTOR = 2.0  # errors so many times the noise fail: no declared noise is wrong by so much unnoticed
 _PASS, _FAIL, _IDLE = "pass", "fail", "not evaluated"
 _MARKS = {_PASS: "pass", _FAIL: "fail", _IDLE: "none"}
 

@@ -65,7 +65,10 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
         worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
         said = f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required."
         return SectionVerdict("requirements", State.FAILS, ReasonCode.NOT_MET, said, float(worst["ratio"]), "1", 1.0)
-    of_recorded = main_calibration(tables) == chosen_calibration(tables)
+    adequacy, of_recorded = before.get("adequacy"), main_calibration(tables) == chosen_calibration(tables)
+    if judged is not None and adequacy is not None and adequacy.state == State.FAILS:
+        said = f"Requirements not tested: the model that predicts the errors does not hold. {adequacy.explanation}"
+        return SectionVerdict("requirements", State.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
     if judged is not None and of_recorded and (to_do := _why_not_by(before.get("calibration"))):
         said = f"Requirements not tested: the calibration that predicts the errors does not fit. {to_do}"
         return SectionVerdict("requirements", State.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
@@ -85,8 +88,7 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
         return ""
     if calibration.reason_code == ReasonCode.CAUSE_LEFT_OUT:
         return "It leaves out what was found: errors of the extended model stand under Requirements."
-    misfit = calibration.reason_code == ReasonCode.MISFIT and calibration.state == State.FAILS
-    return "Correct [noise], or find the cause that is missing." if misfit else ""
+    return "Correct [noise], or find the cause that is missing." if calibration.state == State.FAILS else ""
 
 
 def _lead(own: pd.DataFrame, key: Key) -> str:

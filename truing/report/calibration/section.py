@@ -26,13 +26,13 @@ from truing.report.calibration.calibrations import (
 from truing.report.calibration.figures import geometry_picture, has_geometry
 from truing.report.calibration.listings import GOOD, all_calibrations, all_deviations, deviations, strong_correlations
 from truing.report.calibration.with_findings import compared_calibrations, data_words
-from truing.report.model_tests import BY_A_FACTOR, ModelTest, below_noise, by_p, listing_of
+from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Drawn, Listing, Section
 from truing.report.reasons import why_no_calibration
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, filled
-from truing.schemas.verdict import ReasonCode, does_not_fit
+from truing.schemas.verdict import BY_A_FACTOR, ReasonCode, does_not_fit
 
 _BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives"
 
@@ -78,11 +78,13 @@ def _of_chosen(
     misfit = misfit_ratio(facts)
     if misfit is not None and does_not_fit(float(facts["misfit_p_value"]), misfit):
         return _misfit(chosen, misfit, before)
-    failed = [test for test in tests if test.holds is False]
+    failed = {code: test for code, test in zip(_CODES, tests, strict=True) if test.holds is False}
     who = called(chosen)
     if failed:
-        said = f"{who[:1].upper()}{who[1:]} fails a test ({failed[0].asked}). {failed[0].says}"
-        return _failed(said, _CODES[tests.index(failed[0])], misfit, facts)
+        missed = ReasonCode.HELD_OUT_MISSED in failed and float(facts.get("heldout_ratio", 0.0)) > BY_A_FACTOR
+        code = ReasonCode.HELD_OUT_MISSED if missed else next(iter(failed))
+        said = f"{who[:1].upper()}{who[1:]} fails a test ({failed[code].asked}). {failed[code].says}"
+        return _failed(said, code, misfit, facts)
     if all(test.holds is None for test in tests):
         return _calibrated(State.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {tests[0].says}")
     passed = "; ".join(test.asked for test in tests if test.holds)

@@ -9,14 +9,13 @@ from truing.belonging.relation import State
 from truing.report.diagnosis.findings import subject_words
 from truing.report.diagnosis.judged import accepted_of, judged
 from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, missed_by
-from truing.report.model_tests import BY_A_FACTOR
 from truing.report.numbers import count, p_value, rough, sign
 from truing.report.page import Listing, Section
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.followed import columns_words
-from truing.schemas.verdict import ReasonCode
+from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
 _TITLE = "Does the model hold as a whole?"
 _CAUSES_LEFT, _UNNAMED = "causes-left", "unnamed-effects"

@@ -11,12 +11,12 @@ import plotly.graph_objects as go
 from truing.belonging.relation import State
 from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, style
-from truing.report.model_tests import BY_A_FACTOR, ModelTest, below_noise, listing_of
+from truing.report.model_tests import ModelTest, below_noise, listing_of
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, Section
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import LOAD_UNITS, LOADS, WHY_NOT, Tables, cell, filled, reason
-from truing.schemas.verdict import ReasonCode
+from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
 _TITLE = "Calibration of the sensor"
 _TYPES = {"type_1_error": "Type 1, with the synthetic error", "type_2_error": "Type 2, without"}

@@ -12,10 +12,13 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 import pandas as pd
 
+from truing.belonging.relation import State
 from truing.estimation.uncertainty_budget import NOT_HELD
+from truing.report.numbers import plain
 from truing.report.uncertainty_section import KINDS, statement
 from truing.runs.recorded_run import Run
 from truing.schemas.certificate import Certificate, Contact, Item
+from truing.schemas.verdict import INCOMPLETE, OF_MODEL, Relation
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 _LANGUAGE = "en"
@@ -54,6 +57,9 @@ FILE = "certificate.xml"
 _INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
 _PROBABILITY = "0.95"
 _NORMS = {"positioning": "ISO 230-2"}
+# Kinds of result that are measured, and rest on no model of the machine.
+_MEASURED = ("pose", "positioning")
+_TO_DO = "Correct [noise] and tolerances or find what is missing, then run again; its numbers are not certified."
 _ALIKE = 2  # from so many results of one quantity on they stand as a list
 
 
@@ -144,12 +150,37 @@ def failed_checks(run: Run) -> list[str]:
     return sorted({f"{row.check} {row.subject or ''}".strip() for row in failed.itertuples()})
 
 
+def doubts(run: Run) -> list[str]:
+    """A sentence per section of the verdict by which the run's model is not to be relied on, or incomplete."""
+    rows = run.verdict
+    doubted = rows["state"].eq(State.FAILS.value) | rows["reason_code"].isin([code.value for code in INCOMPLETE])
+    own = rows[rows["section"].isin(OF_MODEL) & doubted]
+    return [f"{row.section}: {row.state} ({_size(row)}). {row.explanation} {_TO_DO}" for row in own.itertuples()]
+
+
+def _size(row: Any) -> str:
+    """The figure that a state rests on, with its limit where it has one."""
+    parts = [f"{name} {plain(size)}" for name, size in (("value", row.value), ("limit", row.limit)) if size == size]
+    return ", ".join([str(row.reason_code), *parts])
+
+
+def _rest_on_model(run: Run) -> list[str]:
+    """Kinds of result that follow from a model; of poses where what was searched relates no machine to them."""
+    relations = run["diagnosis"]["relation"].dropna().unique() if "diagnosis" in run else ()
+    measured = _MEASURED if all(Relation(name).is_simulated for name in relations) else _MEASURED[1:]
+    return [kind for kind in KINDS if kind not in measured]
+
+
 def qualified(run: Run) -> _Qualified:
-    """The results with an uncertainty that holds; those of a fit without a cause that was found are none."""
+    """The results with an uncertainty that holds: none of a model that fails, nor without a cause that was found."""
     stated, parts = run["uncertainty"], run["uncertainty_budget"]
     good = stated[stated["stated"] & stated["estimate"].notna() & (stated["expanded_uncertainty"] > 0.0)]
     good = good[good["coverage_factor"] >= 1.0]  # others have no place in D-SI
     left_out = []
+    if doubted := doubts(run):
+        kinds = [kind for kind in _rest_on_model(run) if (good["result"] == kind).any()]
+        good = good[~good["result"].isin(kinds)]
+        left_out += [f"{', '.join(KINDS[kind] for kind in kinds)}: {' '.join(doubted)}"] if kinds else []
     for kind, off in _off(parts).items():
         if (good["result"] == kind).any():
             good = good[good["result"] != kind]
