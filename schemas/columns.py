@@ -225,7 +225,8 @@ _MEASURED = (
         "it worse), dropped (not needed next to others), contained (in what was found), unseen (the campaign cannot "
         "show it), or, of one that is suspected, inadequate (the model does not hold as a whole) or unnamed (something "
         "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it); ended "
-        "(the search was ended before it was accepted or rejected); of a section: the list in docs/verdict.md",
+        "(the search was ended before it was accepted or rejected); no-time, no-up, ... (not recorded, so that it "
+        "could not be tested); of a section: the list in docs/verdict.md",
     ),
     real("misfit", "", "rms of what the relation leaves as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "the same with the slips undone; empty where no slip explains it", nullable=True),

@@ -191,7 +191,7 @@ def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:
     for verdict in _ORDER:
         of_verdict = [row for row in rows if row["verdict"] == verdict]
         if verdict in _LOST:
-            of_verdict.sort(key=lambda row: -row["probability"])
+            of_verdict.sort(key=lambda row: -(row["probability"] or 0.0))
             once = {row["cause"]: row for row in reversed(of_verdict) if row["cause"] not in told}
             of_verdict = [row for row in of_verdict if once.get(row["cause"]) is row]
             told |= once.keys()

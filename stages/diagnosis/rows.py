@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
 
-from truing.report.diagnosis.findings import Facts, explanation, noise_explanation, scatter_explanation
-from truing.report.wordings.catalogue import clause, confirming, own_clause
+from truing.report.diagnosis.findings import (
+    Facts,
+    explanation,
+    missing_explanation,
+    noise_explanation,
+    scatter_explanation,
+)
+from truing.report.wordings.catalogue import cause_words, clause, confirming, own_clause
 from truing.report.wordings.claim import Advice, Claim, Size
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
@@ -50,7 +56,28 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
     found = sum(row["verdict"] in ("found", "suspected") for row in rows)
     rows[found:found] = _noise_rows(diagnosis, words.shown, noise_level)
+    rows += _missing_rows(diagnosis)
     return ranked_table([{**row, "relation": words.relation.value} for row in rows])
+
+
+def _missing_rows(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
+    """Yield a row per cause that could not be tested because something was not recorded or varied."""
+    for cause in cast("tuple[Cause, ...]", diagnosis.unasked):
+        if missing := cause.lacks(diagnosis.plain.scene):
+            said = clause(claim_of(cause, diagnosis.plain.model.part_count))
+            yield {
+                "cause": cause.id,
+                "verdict": "not testable",
+                "reason_code": str(missing),
+                "subject": "",
+                "parameters": "{}",
+                "follows": "",
+                "explanation": missing_explanation(cause_words(cause.id), missing),
+                "next_measurement": "",
+                "unit": "",
+                "settings": "{}",
+                "clause": said,
+            }
 
 
 def ranked_table(rows: list[dict[str, Any]]) -> pa.Table:

@@ -162,3 +162,22 @@ def test_exchanged_labels_are_named(tmp_path: Path) -> None:
 def test_nothing_hidden_nothing_found(tmp_path: Path) -> None:
     for name, layout in {"plain": PLAIN, "noisy": NOISY, "other": without_survey(OTHER)}.items():
         assert _told(tmp_path / name, layout, (), 15).found == [], name
+
+
+def test_a_body_that_lands_elsewhere_is_not_told_as_targets_that_were_moved(tmp_path: Path) -> None:
+    """One body alone, half of whose poses scatter by twenty times the noise: each target would take a part of it."""
+    alone = replace(
+        PLAIN, poses=32, bodies=(Body("base", 3, 150.0, at_rest=True, jitter_mm=0.003),), missing=0.0, gross=0.0
+    )
+    told = _told(tmp_path / "c", alone, (Hidden("scatter", "base", 0.2),), 21)
+    assert {cause for cause, _ in told.named} == {"approach-scatter"}
+
+
+def test_what_could_not_be_tested_says_what_was_not_recorded(tmp_path: Path) -> None:
+    bare = replace(PLAIN, bodies=(Body("tool", 6),), drives=(), configured=False)
+    told = _told(tmp_path / "c", bare, (), 22)
+    missing = {row["cause"]: row["reason_code"] for row in told.rows if row["verdict"] == "not testable"}
+    assert missing["gravity-sag"] == "no-up"
+    assert missing["body-deformation"] == "no-drives"
+    assert missing["thermal-expansion"] == "no-temperature"
+    assert "body-drift" not in missing

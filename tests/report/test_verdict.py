@@ -18,6 +18,7 @@ from truing.report.rendering.render import render_page
 from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.sections import build_sections
 from truing.report.verdict import gates, leading, section_verdicts, verdict_frame, with_verdict
+from truing.report.wordings.catalogue import cause_words
 from truing.schemas.verdict import SECTIONS, ReasonCode, Relation
 
 FOUND = row("actuator-gain", parameters=GAIN_3, subject="leg3")
@@ -159,7 +160,7 @@ def test_suspected_causes_are_told_as_suspected():
     ("relation", "words"),
     [
         (Relation.READINGS_POSES, "Actuator readings and measured poses (through the mechanism) agree"),
-        (Relation.BODIES_SURVEY, "Measured bodies and their survey agree"),
+        (Relation.BODIES_SURVEY, "The shapes of bodies as measured in all poses agree"),
         (Relation.COMMANDS_ENCODERS, "Commands and encoders of the axis agree"),
         (Relation.LOADS_READINGS, "Loads and readings (through the simulated compliance) agree"),
         (Relation.LOADS_SIGNALS, "Loads and signals (through the equations of the sensor) agree"),
@@ -196,7 +197,8 @@ def test_what_no_campaign_of_its_kind_could_show_is_not_agreed_upon():
     assert "agree" not in verdict.explanation
     some = section_verdicts(of(*hidden[:3], *rejected()[3:]))["diagnosis"]
     assert some.state == State.OK
-    assert "none of 8 candidates was found; 3 more are not testable here" in some.explanation
+    names = ", ".join(cause_words(one["cause"]) for one in hidden[:3])
+    assert f"none of 8 candidates was found; not testable here: {names}." in some.explanation
 
 
 def test_data_that_do_not_belong_together_lead_everything_and_gate():

@@ -27,6 +27,7 @@ from truing.inference.noise import (
     standardised,
     survey_ratio,
     told_residuals,
+    variance_gain,
 )
 from truing.inference.observations import Epochs, Observations
 from truing.inference.prediction import NoiseFloor, PredictionError, merged, noise_floor, prediction_error
@@ -311,6 +312,11 @@ class Fitter(Generic[CauseT]):
         candidates = [one for one in offered if 2 * (known & one.own).sum() < one.own.sum()]
         residuals = _input_residuals(fitted)
         return scattering(residuals, candidates, level) if candidates and residuals.rest.size else None
+
+    def scatter_gain(self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT]) -> float:
+        """Return by how much the log likelihood of a fit's input residuals rises where a candidate's inputs scatter
+        more than the others."""
+        return variance_gain(_input_residuals(fitted).standardised[..., 0] ** 2, candidate.own)
 
     def widen(
         self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], kinds: Sequence[CauseT]

@@ -18,7 +18,7 @@ from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.noise import Driver, noise_dependence, variance_gain
 
 # An input of which a fit tells less than this share says nothing of its scatter.
-_TOLD = 0.01
+_TOLD = 1e-5
 # A variance is settled within this share of itself.
 SETTLED = 0.01
 _LEAST, _MOST = 0.5, 1e4

@@ -54,6 +54,8 @@ _NO_MORE, _NO_WORSE = 1.002, 1.02
 _MOST_FOLLOWED = 2
 _MOST_SCATTERS = 2
 _MOST_SUBJECTS = 3
+# Inputs that scatter come before the best name where their log likelihood exceeds its log odds by so much.
+_UNSTRUCTURED = 5.0
 # So many sigmas to either side it is asked; at most so many times as wide the answer makes a sigma.
 _REACH, _WIDEST = 2.0, 4.0
 
@@ -104,6 +106,7 @@ class Diagnosis(Generic[CauseT]):
     end: EndOfSearch[CauseT]  # whether the search came to its end
     scatters: tuple[FoundScatter[CauseT], ...]  # what makes inputs scatter; their priors are as wide accordingly
     held_out: Epochs[Conditions] | None
+    unasked: tuple[CauseT, ...] = ()  # kinds that have no candidate in this campaign
 
 
 @dataclass(frozen=True)
@@ -197,7 +200,14 @@ class Acceptance(Generic[CauseT]):
             searched.end,
             tuple(replace(scatter, doubt=doubt) for scatter in scatters),
             fitter.held_out,
+            self._unasked(kinds, searched),
         )
+
+    def _unasked(self, kinds: Sequence[CauseT], searched: _Searched[CauseT]) -> tuple[CauseT, ...]:
+        """Return the kinds of cause of which the campaign has no candidate, neither of an effect nor of scatter."""
+        known = {*searched.rounds[0].best, *(cause.id for cause in self._given)}
+        scene = searched.plain.scene
+        return tuple(kind for kind in kinds if kind.id not in known and not scene.scatters(kind))
 
     def _doubted(
         self, verdict: Verdict[CauseT], final: FittedModel[CauseT], holds: bool, outdone: set[str]
@@ -240,13 +250,28 @@ class Acceptance(Generic[CauseT]):
     def _searched_with_scatter(self, kinds: Sequence[CauseT]) -> tuple[_Searched[CauseT], list[FoundScatter[CauseT]]]:
         """Return the search beside inputs that scatter, and what makes them."""
         scatters: list[FoundScatter[CauseT]] = []
-        searched = self._searched(kinds)
+        plain = self._fitter.prepared(self._given)
+        first = self._round(plain, kinds, 0)
+        if (more := self._scatter(plain, kinds)) is not None and self._outdoes_names(more[0], first):
+            searched, scatter = self._beside(*more, plain, kinds)
+            scatters.append(scatter)
+        else:
+            searched = self._searched(kinds, first)
         while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
             if (more := self._scatter(searched.final, kinds)) is None:
                 break
-            searched, scatter = self._beside(*more, searched, kinds)
+            searched, scatter = self._beside(*more, searched.plain, kinds)
             scatters.append(scatter)
         return searched, scatters
+
+    def _outdoes_names(self, candidate: ScatterCandidate[CauseT], first: Round[CauseT]) -> bool:
+        """Whether inputs that scatter are far more probable than the best cause of a mean effect.
+
+        Names taken first would each swallow some of the scatter: the data then seem to hold several of them.
+        """
+        real = (c for c in first.best.values() if is_real(first, c, self._settings.level))
+        best = max((first.posterior(c) for c in real), default=0.0)
+        return self._fitter.scatter_gain(first.fitted, candidate) > best + _UNSTRUCTURED
 
     def _scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
@@ -254,14 +279,14 @@ class Acceptance(Generic[CauseT]):
         return self._fitter.scatter(final, kinds, self._settings.following_level)
 
     def _beside(
-        self, candidate: ScatterCandidate[CauseT], p_value: float, before: _Searched[CauseT], kinds: Sequence[CauseT]
+        self, candidate: ScatterCandidate[CauseT], p_value: float, plain: FittedModel[CauseT], kinds: Sequence[CauseT]
     ) -> tuple[_Searched[CauseT], FoundScatter[CauseT]]:
         """Return the search beside inputs that scatter, and their scatter.
 
         All that the plain model leaves of them counts as scatter: names that were found before may have swallowed some
         of it, and one that is there is found beside it.
         """
-        candidate = self._fitter.widen(before.plain, candidate, kinds)
+        candidate = self._fitter.widen(plain, candidate, kinds)
         searched = self._searched(kinds)
         return searched, self._fitter.scatter_beside(searched.final, candidate, p_value)
 
@@ -277,9 +302,10 @@ class Acceptance(Generic[CauseT]):
                 final = self._fitter.settled(final.causes, final)
         return found
 
-    def _searched(self, kinds: Sequence[CauseT]) -> _Searched[CauseT]:
-        plain = self._fitter.prepared(self._given)
-        rounds = [self._round(plain, kinds, 0)]
+    def _searched(self, kinds: Sequence[CauseT], first: Round[CauseT] | None = None) -> _Searched[CauseT]:
+        """The search from the plain model on, whose round may be known already."""
+        rounds = [first or self._round(self._fitter.prepared(self._given), kinds, 0)]
+        plain = rounds[0].fitted
         found, worse, end = self._forward(rounds, kinds)
         kept, dropped, final = self._dropped(found, plain)
         return _Searched(plain, kept, [*worse, *dropped], rounds, final, end)

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.inputs import Missing
+
 if TYPE_CHECKING:
     from truing.inference.model import ChannelCandidates, ScatterCandidate
 
@@ -133,6 +135,7 @@ class Cause(Generic[SceneT_contra]):
     share: ClassVar[float] = 1.0
     reach: ClassVar[float] = 10.0  # plausible scales that its fit is held within: its prior must not shrink it
     catalogued: ClassVar[bool] = True  # False: a dependence in a form that nobody declared
+    lacking: ClassVar[Missing | None] = None  # without what it has no candidates
 
     @property
     def says(self) -> str:
@@ -195,6 +198,11 @@ class Cause(Generic[SceneT_contra]):
     def candidates(self, scene: SceneT_contra) -> Sequence[Self]:
         """Return the candidates worth testing in a campaign; none where it could not show."""
         return (self,)
+
+    def lacks(self, scene: SceneT_contra) -> Missing | None:
+        """What was not recorded or varied, where a campaign has no candidates of this kind; None where that is no
+        reason, as on a machine to which it does not apply."""
+        return self.lacking
 
     def channel_candidates(self, scene: SceneT_contra) -> Sequence[ChannelCandidates[Self]]:
         """Return candidates over single targets, which are too many to be told one by one; none for most causes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,19 @@ OWN_DRIVE, APPROACH, LAST_STEP, MEMORY = "own drive", "approach", "last step", "
 LOOKING_BACK = (APPROACH, LAST_STEP, MEMORY)
 PER_ACTUATOR = (OWN_DRIVE, *LOOKING_BACK)
 _MOST_LACKING = 0.1  # of a column, that neighbours in time tell
+
+
+class Missing(StrEnum):
+    """What a campaign did not record or vary, so that a cause cannot be tested."""
+
+    TEMPERATURE = "no-temperature"
+    TIME = "no-time"
+    APPROACH = "no-approach"
+    DRIVES = "no-drives"
+    UP = "no-up"
+    STILL = "no-still"
+    POSES = "few-poses"
+    TURNS = "no-turns"
 
 
 def drive_of(column: str) -> int | None:

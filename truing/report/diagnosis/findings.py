@@ -18,6 +18,18 @@ DOUBTS = {
     "held-out": "it predicts what was held out worse than the model without it",
     "unpaid": "with it the simulation misses the measurement by no less",
 }
+# What a cause needs to be tested, by the reason code of a row that says it was not.
+NEEDS = {
+    "no-temperature": "a temperature (temperature_c) that changes in the course of the campaign",
+    "no-time": "the times of the measurements (time_s)",
+    "no-approach": "the same positions, approached from both directions, in a known order (time_s)",
+    "no-drives": "what the body may follow: columns of configurations.csv that [campaign] drives names",
+    "no-up": 'the direction of gravity ([measurement] up) in one frame ([bodies] reference, or frame = "campaign") in '
+    "which bodies turn over",
+    "no-still": "a body that should stand still ([bodies] still)",
+    "few-poses": "12 poses or more, in a known order",
+    "no-turns": "loads that are raised and lowered again, step by step",
+}
 # What an empty subject stands for, beside one of this kind.
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
 # From this share on a name explains all that it competes for.
@@ -166,6 +178,11 @@ def _hidden(facts: Facts) -> str:
     """A candidate that could not have been seen: no word on whether it is there."""
     said = f"Whether {facts.clause} is not testable here: this campaign would have shown it at no plausible size"
     return f"{said}, only from {facts.detectable} on." if facts.detectable else f"{said}."
+
+
+def missing_explanation(cause: str, reason_code: str) -> str:
+    """Return what is said of a cause, as a noun, that was not tested for want of something."""
+    return f"Not tested: {cause}. A test needs {NEEDS[reason_code]}."
 
 
 def _reach(facts: Facts) -> str:

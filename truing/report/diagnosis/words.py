@@ -130,11 +130,12 @@ def _testable(rows: list[Judged]) -> list[Judged]:
 
 
 def _none(rows: list[Judged]) -> str:
-    """``none of 9 candidates was found, 2 more are not testable here``."""
-    tested, idle = len(_testable(rows)), sum(row.verdict == NOT_TESTABLE for row in rows)
+    """``none of 9 candidates was found; not testable here: scale of the measurement, sag under gravity``."""
+    tested, idle = len(_testable(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
     if not tested:
-        return f"none of {count(idle, 'candidate')} is testable here: no plausible size of them would have been seen"
-    more = f"; {idle} more {'is' if idle == 1 else 'are'} not testable here" if idle else ""
+        return f"none of {count(len(idle), 'candidate')} is testable here"
+    names = list(dict.fromkeys(cause_words(row.cause) for row in idle))
+    more = f"; not testable here: {listed_shortly(names)}" if names else ""
     return f"none of {count(tested, 'candidate')} was found{more}"
 
 
@@ -144,7 +145,7 @@ _RELATED = {
     Relation.LOADS_READINGS: "loads and readings (through the simulated compliance)",
     Relation.LOADS_SIGNALS: "loads and signals (through the equations of the sensor)",
     Relation.COMMANDS_ENCODERS: "commands and encoders of the axis",
-    Relation.BODIES_SURVEY: "measured bodies and their survey",
+    Relation.BODIES_SURVEY: "the shapes of bodies as measured in all poses",
     Relation.RAYS_POINTS: "rays of photographs and the points where they meet",
 }
 

@@ -21,6 +21,7 @@ from truing.simulation.axis.rows import (
     AxisRows,
 )
 from truing.simulation.cause import Cause, ChannelScene, Parameter, ReportedParameter, Step
+from truing.simulation.inputs import Missing
 
 # The most ordinary element first: where readings cannot tell two apart, it is named, and the other beside it.
 ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
@@ -117,6 +118,7 @@ class LostMotion(AxisCause):
     """The load stands behind the motor by backlash x direction of approach; the full gap is twice that."""
 
     id = "lost-motion"
+    lacking = Missing.APPROACH
     step = Step.STRUCTURE
 
     def candidates(self, scene: AxisScene) -> Sequence[LostMotion]:

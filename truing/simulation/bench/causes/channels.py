@@ -23,7 +23,7 @@ from truing.simulation.bench.causes.reading_causes import (
 )
 from truing.simulation.bench.load_steps import AIR, MATERIAL, PRESSURE, LoadSteps, ReadingState
 from truing.simulation.cause import Parameter, Step
-from truing.simulation.inputs import TIME
+from truing.simulation.inputs import TIME, Missing
 
 # Plausible in an hour, in a channel's own unit; per kelvin of displacements (a frame of 0.3 m of steel), rotations and
 # signals.
@@ -105,6 +105,7 @@ class ZeroDrift(OfRun):
     scale_per_s: float = 1e-6 / HOUR
 
     id = "zero-drift"
+    lacking = Missing.TIME
     reach = 30.0
     is_persistent = False
 
@@ -166,6 +167,7 @@ class ThermalDrift(OfChannel):
     columns: tuple[str, ...] = (MATERIAL,)
 
     id = "thermal-drift"
+    lacking = Missing.TEMPERATURE
     reach = 30.0
 
     def candidates(self, scene: BenchScene) -> Sequence[ThermalDrift]:

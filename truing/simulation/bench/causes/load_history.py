@@ -14,7 +14,7 @@ from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, ReportedParameter, Step
-from truing.simulation.inputs import TIME
+from truing.simulation.inputs import TIME, Missing
 
 _PLAUSIBLE = 0.02
 _SHORTEST_S = 10.0
@@ -40,6 +40,7 @@ class Creep(OfLoad):
     free: bool = False
 
     id = "creep"
+    lacking = Missing.TIME
     step = Step.STRUCTURE
 
     def candidates(self, scene: BenchScene) -> Sequence[Creep]:

@@ -14,6 +14,7 @@ from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, ReportedParameter, Step
+from truing.simulation.inputs import Missing
 
 _PLAUSIBLE = 0.02
 # So many thresholds are tried, up to this share of the largest load, and one sigma of the logarithm of one about that.
@@ -40,6 +41,7 @@ class PlayHysteresis(OfLoad):
     free: bool = False
 
     id = "play-hysteresis"
+    lacking = Missing.TURNS
     step = Step.STRUCTURE
 
     def candidates(self, scene: BenchScene) -> Sequence[PlayHysteresis]:

@@ -19,6 +19,7 @@ from truing.simulation.bench.causes.reading_causes import (
 from truing.simulation.bench.load_steps import CHANNELS, LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, Step
+from truing.simulation.inputs import Missing
 
 # The whole response under a load changes, or that along its own axis alone; all axes together are less likely.
 _OWN_SHARE, _ALL_SHARE = 0.4, 0.3
@@ -149,6 +150,7 @@ class Hysteresis(Deflection):
     ends."""
 
     id = "hysteresis"
+    lacking = Missing.TURNS
     parameter = "width"
     plausible = 0.02
 

@@ -25,6 +25,7 @@ from truing.simulation.bodies.causes.terms import (
 )
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
+from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
@@ -56,6 +57,10 @@ class OfBody(PointCause):
     def subject(self) -> str:
         """Return the body."""
         return self.body
+
+    def lacks(self, scene: PointScene) -> Missing | None:
+        """What was not recorded; None of a mechanism, whose platform and base have causes of their own."""
+        return None if scene.legs else self.lacking
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return no column: it moves no platform."""
@@ -129,6 +134,7 @@ class BodyDeformation(OfBody):
     with_time: bool = False
 
     id = "body-deformation"
+    lacking = Missing.DRIVES
 
     @property
     def key(self) -> str:

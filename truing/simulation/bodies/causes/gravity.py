@@ -12,6 +12,7 @@ from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_la
 from truing.simulation.bodies.causes.terms import gravity_column
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.change import Change
+from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 
@@ -38,6 +39,7 @@ class GravitySag(OfBody):
     middle: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     id = "gravity-sag"
+    lacking = Missing.UP
 
     @property
     def key(self) -> str:

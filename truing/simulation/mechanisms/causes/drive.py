@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
+from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
@@ -52,6 +53,7 @@ class ActuatorBacklash(PerLeg):
     """The actuator stays behind by the backlash, against the direction of its last movement."""
 
     id = "actuator-backlash"
+    lacking = Missing.APPROACH
     step = Step.DRIVE
     reads = frozenset()
 

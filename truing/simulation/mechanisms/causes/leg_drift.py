@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
-from truing.simulation.inputs import TIME
+from truing.simulation.inputs import TIME, Missing
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choice_share, choices
 from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
@@ -39,6 +39,7 @@ class LegDrift(PerLeg):
     free: bool = False
 
     id = "leg-drift"
+    lacking = Missing.TIME
     step = Step.STRUCTURE
     is_persistent = False
     reads = frozenset()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.inference.model import ScatterCandidate
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
-from truing.simulation.inputs import APPROACH, ORDER, ranks
+from truing.simulation.inputs import APPROACH, ORDER, Missing, ranks
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
@@ -69,6 +69,10 @@ class ApproachScatter(PointCause):
         """Return the actuator's leg, or the body."""
         return self.body or " ".join(f"leg{leg}" for leg in self.legs)
 
+    def lacks(self, scene: PointScene) -> Missing | None:
+        """What was not recorded: poses, or, without a mechanism, a body that stands still."""
+        return Missing.POSES if scene.legs or scene.still else Missing.STILL
+
     def candidates(self, scene: PointScene) -> Sequence[ApproachScatter]:
         """Return none: a scatter has no mean effect that a search could find."""
         return ()
@@ -123,6 +127,7 @@ class NoiseBurst(PointCause):
     to_pose: int | str = ""
 
     id = "noise-burst"
+    lacking = Missing.POSES
     step = Step.INSTRUMENT
     is_persistent = False
     reads = frozenset()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
+from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.causes.per_leg import PerLeg, choices
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
@@ -42,6 +43,7 @@ class ThermalExpansion(PointCause):
     body: str = ""
 
     id = "thermal-expansion"
+    lacking = Missing.TEMPERATURE
     step = Step.STRUCTURE
     reads = frozenset({"a", "b", "l", "shape"})
 
@@ -92,6 +94,7 @@ class LegThermal(PerLeg):
     """
 
     id = "leg-thermal"
+    lacking = Missing.TEMPERATURE
     step = Step.STRUCTURE
     reads = frozenset({"l", "shape"})
 
