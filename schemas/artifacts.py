@@ -8,6 +8,9 @@ from truing.schemas.photograph_artifacts import CORRELATION, COVARIANCE, PHOTOGR
 _WRENCH = "fx_n fy_n fz_n mx_nm my_nm mz_nm"
 _SURROUNDINGS = "air_temperature_c air_pressure_hpa relative_humidity_pct material_temperature_c"
 
+# Of what to measure next: what it serves, how much it takes, and what it gives.
+_PLANNED = "need measurements duration_s sigma_now sigma_expected unit odds_expected repeat_of"
+
 _MEASUREMENT = (
     parquet(
         "observations",
@@ -296,6 +299,7 @@ _CALIBRATION = (
         "requirements",
         "the accuracy asked for against the accuracy reached",
         "model* deformation* component* requirement error lower upper unit verdict message",
+        optional="poses_judged measurements lower_expected upper_expected",
     ),
     parquet(
         "uncertainty",
@@ -318,7 +322,7 @@ _DIAGNOSIS = (
         "rank* cause verdict subject p_value probability parameters follows rms_before rms_after heldout_rms_before "
         "heldout_rms_after noise_floor unit explanation next_measurement",
         optional="signal_to_noise share_explained log_evidence scale_holds reason_code rival settings clause "
-        "largest_motion advice_kind next_in_short relation",
+        "largest_motion advice_kind next_in_short next_purpose relation",
     ),
     parquet(
         "adequacy",
@@ -378,7 +382,7 @@ _DIAGNOSIS = (
         "next_poses",
         "what to measure next: configurations, and what they are for",
         "purpose* pose* expected",
-        optional="times conditions temperature_c",
+        optional=f"{_PLANNED} times conditions temperature_c",
         families="rho",
         covariates=True,
     ),
@@ -386,6 +390,7 @@ _DIAGNOSIS = (
         "next_loads",
         "what to measure next on a bench: load steps, run by run, and what they are for",
         f"purpose* run* step* time_s {_WRENCH} branch channels conditions times expected",
+        optional=_PLANNED,
     ),
     parquet(
         "cause_uncertainty",
@@ -422,6 +427,13 @@ _DIAGNOSIS = (
         "one row per section of the page, and one of the whole campaign, led by the worst that a reader must act on",
         "section* state reason_code value unit limit explanation",
         optional="decided_by",
+    ),
+    parquet(
+        "next_measurements",
+        "all that could be measured next, the most urgent need first, in words; configurations and loads stand in "
+        "next_poses and next_loads",
+        "rank* need purpose next_measurement",
+        optional="measurements duration_s sigma_now sigma_expected odds_expected unit",
     ),
     Artifact("report", "report.html", "the page: what was measured, found and left out"),
 )

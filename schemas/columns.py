@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from truing.schemas.column import Column, flag, integer, real, share, size, text
+from truing.schemas.needs import Need
 
 _CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz", *(f"v{number}" for number in range(1, 9)))
 
@@ -56,7 +57,11 @@ _MEASURED = (
     flag("relocated", "whether the target lies elsewhere than before, beyond chance or as was said"),
     text("holds_as", "the target as which the new place holds; empty where it holds for no pose", nullable=True),
     # Of repeats.
-    text("repeat_of", "the pose that this one repeats, by its name; empty where it repeats none", nullable=True),
+    text(
+        "repeat_of",
+        "the measured pose, or the runs, that this one repeats, by name; empty: it repeats none",
+        nullable=True,
+    ),
     text("repeated", "what came out again", choices=("pose", "point", "attachment", "reading", "signal")),
     size("pure_error", "", "one standard deviation of a repeat, in the unit of its row"),
     size("declared_sigma", "", "one standard deviation as stated, in the unit of its row", nullable=True),
@@ -379,6 +384,7 @@ _CONCLUDED = (
         choices=("separate", "another kind", "confirm", "sharpen", "in vain"),
     ),
     text("next_in_short", "next_measurement without the settings that a table holds; else empty", nullable=True),
+    text("next_purpose", "the purpose of its rows in next_poses or next_loads; empty where it has none", nullable=True),
     text("next_measurement", "what to measure to confirm it, or to tell it from its rivals", nullable=True),
     share(
         "share_explained",
@@ -408,10 +414,35 @@ _CONCLUDED = (
         for when in ("before", "after")
     ),
     text("purpose", "what a measurement is for: the cause to confirm, or the two to tell apart"),
+    text(
+        "need",
+        "what the measurement serves, the most urgent first: a requirement that is undecided; to tell rivals apart, "
+        "named or not; a parameter that is to be known better; a cause that this campaign could not show",
+        choices=tuple(Need),
+    ),
+    integer(
+        "measurements",
+        "further poses or runs that the purpose takes in all, with repeats; empty: not known, or none is enough",
+        minimum=1,
+        nullable=True,
+    ),
+    size("duration_s", "s", "how long all of them take at the campaign's own pace; empty: not known", nullable=True),
+    size(
+        "sigma_expected",
+        "",
+        "the same once this and those before it are measured, in the unit of its row",
+        nullable=True,
+    ),
+    size(
+        "odds_expected",
+        "",
+        "odds of the rival that is right, once this and those before it are measured",
+        nullable=True,
+    ),
     text("expected", "what is expected once this and those before it are measured", nullable=True),
     text("conditions", "what else to see to: approach, pause, pace, surroundings", nullable=True),
     text("channels", "what is read, separated by blanks"),
-    integer("times", "how often all of them are needed; empty: no number is enough", nullable=True),
+    integer("times", "how often it is to be measured; empty: no number of times is enough", nullable=True),
     real("before", "", "the parameter as the earlier campaign left it, in the unit of its row", nullable=True),
     size("sigma_before", "", "one standard deviation of it then", nullable=True),
     real("now", "", "the parameter as this campaign alone has it", nullable=True),
@@ -495,6 +526,11 @@ _CONCLUDED = (
     size("error", "", "the error that 95 of 100 poses stay below", nullable=True),
     size("lower", "", "lower end of the 95 % interval of the number beside it", nullable=True),
     size("upper", "", "upper end of the 95 % interval of the number beside it", nullable=True),
+    integer("poses_judged", "poses that an undecided requirement rests on; else empty", minimum=1, nullable=True),
+    *(
+        size(f"{end}_expected", "", f"{end} end of that interval once these poses are measured", nullable=True)
+        for end in ("lower", "upper")
+    ),
     # Of uncertainty.
     text("result", "what kind of result", choices=RESULTS),
     text("quantity", "which number of the subject"),

@@ -25,7 +25,8 @@ OF_LOADS = frozenset(
 _OF_DIAGNOSIS = frozenset(
     (
         *("order", "approach", "last step", "memory", "own drive", "time_in_run_s", "held_out"),
-        *("purpose", "pose", "run", "times", "conditions", "expected"),
+        *("purpose", "pose", "run", "times", "conditions", "expected", "repeat_of"),
+        *("need", "measurements", "duration_s", "sigma_now", "sigma_expected", "odds_expected"),
     )
 )
 _OF_PROGRAM = re.compile(r"(approach|unloading|largest so far|direction of) .*|.* [xyz]|.*\*.*|v[1-8]_mv", re.DOTALL)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="report",
     reads=tuple(f"{table}?" for table in tables_read()),
-    leaves=("verdict", "report"),
+    leaves=("verdict", "next_measurements", "report"),
     settings=("campaign.name", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
     summary="the verdict, and one self-contained page with figures, findings and exclusions",
 )
@@ -28,7 +28,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.page import all_of
     from truing.report.rendering.render import render_page
     from truing.report.verdict import gates
-    from truing.runs.page_parts import page_parts, verdict_table
+    from truing.runs.page_parts import next_measurements_table, page_parts, verdict_table
 
     verdict = verdict_table(tables)
     told = {**tables, "verdict": verdict}
@@ -37,7 +37,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
     read, size = f"{len(tables)} artifacts", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
-    left = {"verdict": verdict, "report": page}
+    left = {"verdict": verdict, "next_measurements": next_measurements_table(told), "report": page}
     return Outcome(left, read, "nothing", f"{size}; {_in_short(verdict)}", tuple(gates(verdict.to_pylist())))
 
 

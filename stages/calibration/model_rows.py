@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from truing.calibration.accuracy import (
     ARCSEC,
+    Decision,
     Figure,
     Interval,
     Judged,
     PoseErrors,
+    deciding,
     error_figures,
     error_of_95_percent,
     fit_figures,
@@ -158,6 +160,8 @@ def requirement_rows(
             continue
         found = error_of_95_percent(errors.error[judged, i] / si, noise[judged, i, i] / si**2)
         verdict = _verdict(found, limit)
+        spare = 0 if held_out.any() else int(judged.sum())
+        decision = deciding(errors.error[judged, i] / si, noise[judged, i, i] / si**2, limit, spare)
         words = _requirement_words(found, verdict, limit, unit) + by
         if why_not and verdict in ("meets", "undecided"):
             verdict, words = "not evaluated", f"not tested: {why_not}"
@@ -172,8 +176,22 @@ def requirement_rows(
             unit=unit,
             verdict=verdict,
             message=f"{component}: {words}",
+            **(_open(decision) if verdict == "undecided" else _open(None)),
         )
     return rows
+
+
+def _open(decision: Decision | None) -> dict[str, float | int | None]:
+    """What would decide a requirement that is undecided; nothing of others."""
+    if decision is None:
+        return dict.fromkeys(("poses_judged", "measurements", "lower_expected", "upper_expected"))
+    then = (None, None) if decision.then is None else (decision.then.low, decision.then.high)
+    return {
+        "poses_judged": decision.poses,
+        "measurements": decision.further,
+        "lower_expected": then[0],
+        "upper_expected": then[1],
+    }
 
 
 def _verdict(found: Interval | None, limit: float) -> str:

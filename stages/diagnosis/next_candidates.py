@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.design.rival_design import Candidates, Fitted, Instrument, candidates
+from truing.report.numbers import duration
 from truing.schemas.covariates import own_name
 from truing.simulation.bodies.causes.terms import CAME_FROM
+from truing.simulation.inputs import APPROACH, LAST_STEP, LOOKING_BACK, ORDER, TEMPERATURE, TIME
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -20,13 +22,13 @@ if TYPE_CHECKING:
 # Corners of what can be reached, places between them, and single actuators moved alone: what candidates there are.
 _CORNERS, _BETWEEN = 36, 48
 _OF_BODIES = 40  # candidates where no configuration is to be chosen, but surroundings alone
-_DIGITS, _ROUNDING_M = 6, 1e-6  # readings are asked for to a micrometre
+_FINEST_M = 1e-6  # readings are asked for to a micrometre, or to what actuators repeat
+_SAME = 5.0  # readings within so many of these steps are the same
+_TOLD_DIGITS = 4  # of a value that surroundings are set to
 # Temperatures this far from those measured are no trouble to set up, K.
 _WARMER_K = 5.0
 # A change of surroundings that moves no measurement by this many sigma does not matter to a model.
 _MATTERS = 0.1
-_HOUR_S = 3600.0
-APPROACH, TIME, ORDER, TEMPERATURE = "approach", "time_s", "order", "temperature_c"
 
 
 @dataclass(frozen=True)
@@ -41,20 +43,24 @@ class Level:
 class Possible:
     """Candidates: their conditions (readings (C, L), covariates by column), words on surroundings, columns that matter.
 
-    ``repeated``: whether they are configurations that were measured, for want of a range; ``instrument`` is how they
-    would be measured.
+    ``repeats``: the measured pose that each repeats, None of new ones; ``instrument`` is how they would be measured;
+    ``pace_s``: time from one pose of the campaign to the next, None where it is not known; ``pause_s`` (C,): the pause
+    that comes before.
     """
 
     conditions: Any
     words: tuple[str, ...]
     matters: tuple[str, ...]
-    repeated: bool
+    repeats: tuple[int | str | None, ...]
     instrument: Instrument
+    pace_s: float | None
+    pause_s: NDArray
 
     what: ClassVar[tuple[str, str]] = ("configuration", "configurations")
     unit: ClassVar[str] = "pose"
     do: ClassVar[str] = "measure"
     between: ClassVar[str] = ", "
+    pace: ClassVar[str] = "at the pace of this campaign"
 
     @property
     def settable(self) -> tuple[str, ...]:
@@ -69,28 +75,72 @@ class Possible:
     def named(self, k: int) -> str:
         """Return a candidate in words: its readings, and what else to see to."""
         readings = " ".join(f"{value * 1e3:.3f}" for value in self.conditions.readings[k])
-        return " ".join(filter(None, (f"rho {readings} mm" if readings else "", self.words[k]))) or "as before"
+        again = "" if self.repeats[k] is None else f"pose {self.repeats[k]} again"
+        return " ".join(filter(None, (f"rho {readings} mm" if readings else "", again, self.words[k]))) or "as before"
 
     def rows(self, k: int) -> list[dict[str, Any]]:
         """Return the row of a candidate; of covariates those that matter, and time only in words, for it will be what
         it is."""
         readings = {f"rho{leg}_mm": round(float(v * 1e3), 6) for leg, v in enumerate(self.conditions.readings[k], 1)}
         set_to = {name: float(self.conditions.covariates[name][k]) for name in self.settable}
-        return [{**readings, **set_to, "conditions": self.words[k] or None}]
+        again = None if self.repeats[k] is None else str(self.repeats[k])
+        return [{**readings, **set_to, "conditions": self.words[k] or None, "repeat_of": again}]
+
+    def seconds(self, times: Mapping[int, int]) -> float | None:
+        """Return how long candidates take, each so often, at the campaign's own pace and with one pause before, s."""
+        if self.pace_s is None:
+            return None
+        pause = max(self.pause_s[list(times)], default=0.0)
+        return self.pace_s * sum(times.values()) + float(pause)
 
 
 def possible(settings: Campaign, models: Sequence[Fitted], instrument: Instrument) -> Possible:
     """Return what could be measured next, to judge models by."""
     rng = np.random.default_rng(0)
-    measured = models[0].model.conditions
-    readings, repeated = _configurations(settings, measured.readings, models[0].model, rng)
-    levels = {name: _levels(name, value) for name, value in measured.covariates.items()}
+    measured, finest = models[0].model.conditions, _finest(settings)
+    readings = _configurations(settings, measured.readings, models[0].model, finest, rng)
+    step = _movement(measured.covariates.get(LAST_STEP), finest)
+    levels = {name: _levels(name, value, step) for name, value in measured.covariates.items()}
     levels = {name: found for name, found in levels.items() if found}
     matters = _matters(models, readings[_BETWEEN % len(readings)], levels, instrument)
     drawn = _drawn(levels, matters, len(readings), rng)
     covariates = {name: np.array([level.value for level in column]) for name, column in drawn.items()}
-    said = [", ".join(filter(None, (column[c].words for column in drawn.values()))) for c in range(len(readings))]
-    return Possible(conditions_at(measured, readings, covariates), tuple(said), matters, repeated, instrument)
+    said = [
+        ", ".join(dict.fromkeys(column[c].words for column in drawn.values() if column[c].words))
+        for c in range(len(readings))
+    ]
+    return Possible(
+        conditions_at(measured, readings, covariates),
+        tuple(said),
+        matters,
+        _repeats(readings, measured, finest),
+        instrument,
+        _pace(measured.covariates.get(TIME)),
+        covariates[TIME] - levels[TIME][0].value if TIME in matters else np.zeros(len(readings)),
+    )
+
+
+def _finest(settings: Campaign) -> float:
+    """Return the least step, m, that readings are asked for in: a power of ten, no finer than actuators repeat."""
+    sigma = settings.noise.actuator_mm * 1e-3
+    return _FINEST_M if sigma <= _FINEST_M else float(10.0 ** np.ceil(np.log10(sigma)))
+
+
+def _pace(time: NDArray | None) -> float | None:
+    """Return the median time from one pose to the next, s; None where nothing tells it."""
+    steps = np.empty(0) if time is None else np.diff(np.sort(time[np.isfinite(time)]))
+    return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else None
+
+
+def _repeats(readings: NDArray, measured: Any, finest: float) -> tuple[int | str | None, ...]:
+    """Return for each configuration (C, L) the measured pose whose readings it repeats, None where there is none."""
+    if not readings.shape[1]:
+        return (None,) * len(readings)
+    away = np.max(np.abs(readings[:, None] - measured.readings), -1)
+    nearest = np.nanargmin(np.where(np.isfinite(away), away, np.inf), 1)
+    return tuple(
+        measured.poses[near] if away[own, near] <= _SAME * finest else None for own, near in enumerate(nearest)
+    )
 
 
 def conditions_at(measured: Any, readings: NDArray, covariates: Mapping[str, NDArray]) -> Any:
@@ -105,11 +155,11 @@ def conditions_at(measured: Any, readings: NDArray, covariates: Mapping[str, NDA
 
 
 def _configurations(
-    settings: Campaign, measured: NDArray, model: Any, rng: np.random.Generator
-) -> tuple[NDArray, bool]:
-    """Return readings (C, L), m, and whether they are those that were measured."""
+    settings: Campaign, measured: NDArray, model: Any, finest: float, rng: np.random.Generator
+) -> NDArray:
+    """Return readings (C, L), m; those that were measured where no others are within reach."""
     if not model.part_count:
-        return np.empty((_OF_BODIES, measured.shape[1])), False
+        return np.empty((_OF_BODIES, measured.shape[1]))
     from truing.simulation.mechanisms.legs.kinematics import reaches
 
     legs: Legs = model.nominal
@@ -117,10 +167,10 @@ def _configurations(
     half = None if reach is None else reach * 1e-3
     low, high = (measured.min(0), measured.max(0)) if half is None else (legs.rho0 - half, legs.rho0 + half)
     found = _of_six(low, high, rng) if legs.count == 6 else _of_more(settings, low - legs.rho0, high - legs.rho0, rng)
-    found = np.round(found, _DIGITS)
-    within = np.all((found > low - _ROUNDING_M) & (found < high + _ROUNDING_M), 1)
+    found = np.round(found / finest) * finest
+    within = np.all((found > low - finest) & (found < high + finest), 1)
     found = found[within & reaches(legs, found)]
-    return (found, False) if len(found) else (measured, True)
+    return found if len(found) and np.ptp(found, 0).any() else measured
 
 
 def _of_six(low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:
@@ -149,12 +199,12 @@ def _of_more(settings: Campaign, low: NDArray, high: NDArray, rng: np.random.Gen
     return np.asarray(regressors.at(np.concatenate([region.draw(_BETWEEN, rng), corners, np.zeros((1, 6))])).rho)
 
 
-def _levels(name: str, value: NDArray) -> list[Level]:
+def _levels(name: str, value: NDArray, step: float) -> list[Level]:
     """Return what a covariate (B,) or (B, L) can be set to, the usual one first; nothing where it is not known."""
     if not np.isfinite(value).all():
         return []
     if value.ndim == 2:
-        return _movements(name, value)
+        return _movements(name, value.shape[1], step)
     if name.startswith(CAME_FROM):
         return _approaches(own_name(name.removeprefix(CAME_FROM)))
     low, high, middle = float(value.min()), float(value.max()), float(np.median(value))
@@ -163,18 +213,18 @@ def _levels(name: str, value: NDArray) -> list[Level]:
     if name == ORDER:
         return [Level(high + 1.0)]
     if name == TEMPERATURE:
-        low, high = min(low, middle - _WARMER_K), max(high, middle + _WARMER_K)
-        return [Level(middle), Level(low, f"at {low:.0f} °C"), Level(high, f"at {high:.0f} °C")]
-    said = own_name(name)
-    return [Level(middle), Level(low, f"at {said} = {low:.4g}"), Level(high, f"at {said} = {high:.4g}")]
+        ends = [round(min(low, middle - _WARMER_K)), round(max(high, middle + _WARMER_K))]
+        return [Level(middle), *(Level(float(end), f"at {end} °C") for end in ends)]
+    told = [f"{end:.{_TOLD_DIGITS}g}" for end in (low, high) if end != middle]
+    return [Level(middle), *(Level(float(end), f"at {own_name(name)} = {end}") for end in told)]
 
 
 def _times(value: NDArray) -> list[Level]:
     """Return the time of the next pose and that after a pause as long as the campaign, s."""
     span = float(np.ptp(value))
     last, step = float(value.max()), span / max(len(value) - 1, 1)
-    pause = f"{span / _HOUR_S:.1f} h" if span >= _HOUR_S else f"{span / 60.0:.0f} min"
-    return [Level(last + step), Level(last + step + span, f"after a pause of {pause}")]
+    later = [Level(last + step + span, f"after a pause of {duration(span)}")] if span > 0.0 else []
+    return [Level(last + step), *later]
 
 
 def _approaches(drive: str) -> list[Level]:
@@ -182,10 +232,18 @@ def _approaches(drive: str) -> list[Level]:
     return [Level(1.0, f"approached with growing {drive}"), Level(-1.0, f"approached with falling {drive}")]
 
 
-def _movements(name: str, value: NDArray) -> list[Level]:
-    """Return how actuators may come to a pose, from what is known of how they came to others (B, L)."""
-    size = 1.0 if name == APPROACH else float(np.median(np.abs(value)))
-    legs = value.shape[1]
+def _movement(steps: NDArray | None, finest: float) -> float:
+    """Return by how much actuators mostly moved from pose to pose (B, L), m, in full steps; 0 where they did not."""
+    sizes = np.empty(0) if steps is None else np.abs(steps[np.isfinite(steps)])
+    moved = sizes[sizes > _SAME * finest]
+    return float(np.round(np.median(moved) / finest) * finest) if len(moved) else 0.0
+
+
+def _movements(name: str, legs: int, step: float) -> list[Level]:
+    """Return how actuators may come to a pose by a movement of ``step``, m; at rest where they never moved so far."""
+    if not step and name != APPROACH:
+        return [Level(np.zeros(legs))]
+    size = 1.0 if name == APPROACH else step
     turns = np.where(np.arange(legs) % 2 == 0, 1.0, -1.0)
     ways = {
         "growing readings of all legs": np.ones(legs),
@@ -193,7 +251,7 @@ def _movements(name: str, value: NDArray) -> list[Level]:
         "growing readings of the odd legs and falling ones of the even": turns,
         "growing readings of the even legs and falling ones of the odd": -turns,
     }
-    by = "" if name == APPROACH else f" by {size * 1e3:.2f} mm"
+    by = f" by {step * 1e3:.3f} mm" if step else ""
     return [Level(way * size, f"approached with {words}{by}") for words, way in ways.items()]
 
 
@@ -218,10 +276,13 @@ def _matters(
 def _drawn(
     levels: Mapping[str, list[Level]], matters: tuple[str, ...], count: int, rng: np.random.Generator
 ) -> dict[str, list[Level]]:
-    """Return a level of every covariate for each of ``count`` candidates: the usual one where it does not matter."""
-    return {
-        name: [
-            found[k] if name in matters else replace(found[0], words="") for k in rng.integers(len(found), size=count)
-        ]
-        for name, found in levels.items()
-    }
+    """Return a level of every covariate for each of ``count`` candidates: the usual one where it does not matter.
+
+    All that tells how actuators came to a pose is told of one movement.
+    """
+    ways = rng.integers(4, size=count)
+    drawn = {}
+    for name, found in levels.items():
+        places = ways if name in LOOKING_BACK else rng.integers(len(found), size=count)
+        drawn[name] = [found[k % len(found)] if name in matters else replace(found[0], words="") for k in places]
+    return drawn

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truing.estimation.design.rival_design import Candidates, Fitted, Readout, Runs, run_candidates
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.load_cases import LoadLimits, bench_loads
+from truing.report.numbers import duration
 from truing.simulation.bench.known_readings import ReadingConditions, Zeros
 from truing.simulation.bench.model import ReadingModel
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
@@ -36,18 +37,25 @@ _TEMPERATURE = "_temperature_c"
 # What moves no reading by this many sigma does not matter to a model.
 _MATTERS = 0.1
 _PAUSE_S = 3600.0
+# Loads are asked for to so many digits, and are the same within so many sigmas, or within what rounding leaves.
+_DIGITS, _SAME, _ROUNDED = 3, 3.0, 0.01
+_TINY = 1e-9
 _USUAL_S = 60.0  # between steps, where no run has two of them
 
 
 @dataclass(frozen=True)
 class _Run:
-    """One run: loads (S, 6), how long a step takes, a column that changes evenly by so much, and words for both."""
+    """One run: loads (S, 6), how long a step takes, a column that changes evenly by so much, and words for both.
+
+    ``repeats``: measured runs that hold all of these loads; empty where one of them is new.
+    """
 
     load: Array
     loads_in_words: str
     step_s: float
     changing: str = ""
     words: str = ""
+    repeats: str = ""
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,7 @@ class PossibleRuns:
     unit: ClassVar[str] = "run"
     do: ClassVar[str] = "apply"
     between: ClassVar[str] = "; "
+    pace: ClassVar[str] = "of loading"
 
     def seen(self, fitted: Fitted) -> Candidates:
         """Return the candidates as a fitted model sees them."""
@@ -73,7 +82,12 @@ class PossibleRuns:
         run = self.made[self.runs.run[k]]
         own = [name for name in self._read(k) if name in CHANNELS]
         reading = f"reading {' '.join(own)}" if 0 < len(own) < len(CHANNELS) else ""
-        return ", ".join(filter(None, (run.loads_in_words, run.words, reading)))
+        again = f"loads as in run{'s' * (', ' in run.repeats)} {run.repeats}" if run.repeats else ""
+        return ", ".join(filter(None, (run.loads_in_words, run.words, reading, again)))
+
+    def seconds(self, times: Mapping[int, int]) -> float | None:
+        """Return how long runs take, each so often, at the pace of their steps and without pauses between them, s."""
+        return sum(_STEPS * self.made[self.runs.run[k]].step_s * own for k, own in times.items())
 
     def rows(self, k: int) -> list[dict[str, Any]]:
         """Return the steps of a candidate as rows of next_loads.parquet."""
@@ -86,6 +100,7 @@ class PossibleRuns:
                 "branch": branch,
                 "channels": " ".join(self._read(k)),
                 "conditions": run.words or None,
+                "repeat_of": run.repeats or None,
             }
             for step, branch in enumerate(_branches(run.load))
         ]
@@ -118,7 +133,8 @@ def possible_runs(settings: Campaign, stand: FittedModel, models: Sequence[Fitte
     model = stand.model
     assert isinstance(model, ReadingModel)
     readout, seen = _readout(stand, model), stand.measured.seen
-    plain = list(_plain_runs(settings, model))
+    least = np.repeat([settings.noise.load_n, settings.noise.load_nm], 3)
+    plain = [_as_measured(run, model, least) for run in _plain_runs(settings, model, least)]
     made = list(plain)
     for other in _otherwise(model, plain):
         if any(_moves(fitted, plain, other, readout.sigma) for fitted in models):
@@ -151,8 +167,24 @@ def _reads(model: ReadingModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
     return ever[None]
 
 
-def _plain_runs(settings: Campaign, model: ReadingModel) -> Iterator[_Run]:
-    """Runs at the usual pace: of every axis that can be loaded there and back, both ways, near zero, and held."""
+def _as_measured(run: _Run, model: ReadingModel, least: Array) -> _Run:
+    """A run with the names of measured ones that hold all its loads, to within what loads are known to."""
+    measured, runs = model.conditions.load, model.conditions.run
+    apart = np.abs(run.load[:, None] - measured) <= np.maximum(_SAME * least, _ROUNDED * np.abs(run.load[:, None]))
+    same = apart.all(-1)[run.load.any(1)]
+    if not len(same) or not same.any(1).all():
+        return run
+    by_run = {name: same[:, runs == name].any(1) for name in dict.fromkeys(runs.tolist())}
+    most = max(by_run, key=lambda name: by_run[name].sum())
+    others = {runs[np.flatnonzero(own)[0]] for own in same[~by_run[most]]}
+    return replace(run, repeats=", ".join(map(str, [most, *sorted(others)])))
+
+
+def _plain_runs(settings: Campaign, model: ReadingModel, least: Array) -> Iterator[_Run]:
+    """Runs at the usual pace: of every axis that can be loaded there and back, both ways, near zero, and held.
+
+    Loads are round numbers, and none is smaller than ``least`` (6,), what loads are known to.
+    """
     steps = model.steps
     declared = np.array([getattr(settings.loading, name) is not None for name in LOAD_COLUMNS])
     usable = np.flatnonzero(declared | steps.loaded)
@@ -161,15 +193,24 @@ def _plain_runs(settings: Campaign, model: ReadingModel) -> Iterator[_Run]:
     yield _Run(np.zeros((_STEPS, len(LOADS))), "without load", pace)
     for peak in bench_loads(LoadLimits(steps.largest[usable]), np.array([_LARGE]), max(at_once, 1)):
         load = np.zeros(len(LOADS))
-        load[usable] = peak
+        load[usable] = _round(peak)
         yield _Run(_THERE[:, None] * load, _words(load, "{axis} 0 .. {peak:+g} .. 0 {unit}"), pace)
         if (load != 0.0).sum() > 1:
             continue
         yield _Run(_HELD[:, None] * load, _words(load, "{axis} held at {peak:+g} {unit}"), pace)
         if load.sum() > 0.0:
             for share in (_LARGE, _SMALL):
+                if share * load.sum() <= _SAME * least[load > 0.0].sum():
+                    continue
                 way = _words(share * load, "{axis} 0 .. {peak:+g} .. {other:+g} .. 0 {unit}")
                 yield _Run(_BOTH[:, None] * share * load, way, pace)
+
+
+def _round(load: Array) -> Array:
+    """Loads towards zero to a few digits."""
+    size = np.where(load, np.abs(load), 1.0)
+    last = 10.0 ** (np.floor(np.log10(size)) - _DIGITS + 1)
+    return np.asarray(np.trunc(load / last * (1.0 + _TINY)) * last)
 
 
 def _words(load: Array, form: str) -> str:
@@ -180,7 +221,7 @@ def _words(load: Array, form: str) -> str:
 
 def _otherwise(model: ReadingModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:
     """The same runs slowly, and while a temperature changes."""
-    slow = f"a step every {_SLOWER * plain[0].step_s / 60.0:.0f} min"
+    slow = f"a step every {duration(_SLOWER * plain[0].step_s)}"
     yield [replace(run, step_s=_SLOWER * run.step_s, words=slow) for run in plain]
     for name in model.conditions.covariates:
         if name.endswith(_TEMPERATURE):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from truing.estimation.design.rival_design import Candidates, Choice, Fitted, Instrument, narrowed, told_apart
 from truing.inference.observations import Frames, Observations
+from truing.report.numbers import about, count, rough
 from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import Advice, AdviceKind
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name
+from truing.schemas.needs import Need
 from truing.stages.diagnosis.next_candidates import possible
 from truing.stages.diagnosis.next_loads import next_run, possible_runs
 from truing.stages.diagnosis.rows import claim_of
@@ -45,6 +47,7 @@ class Options(Protocol):
     unit: ClassVar[str]  # what they are counted in
     do: ClassVar[str]
     between: ClassVar[str]  # of several in a sentence
+    pace: ClassVar[str]  # behind how long they take
 
     def seen(self, fitted: Fitted) -> Candidates:
         """Return the candidates as a fitted model sees them."""
@@ -55,6 +58,9 @@ class Options(Protocol):
     def rows(self, k: int) -> list[dict[str, Any]]:
         """Return a candidate as rows of its table, which hold what is asked for."""
 
+    def seconds(self, times: Mapping[int, int]) -> float | None:
+        """Return how long candidates take, each so often, at the campaign's own pace, s; None where nothing tells."""
+
 
 # What could be measured next to judge some fitted models by.
 Reach = Callable[[Sequence[Fitted]], Options]
@@ -62,51 +68,71 @@ Reach = Callable[[Sequence[Fitted]], Options]
 
 @dataclass(frozen=True)
 class Plan:
-    """Candidates chosen for a purpose, what each adds, and what all of them give, in words."""
+    """Candidates chosen for a purpose, what each adds as columns of the table, and what all of them give, in words."""
 
     purpose: str
+    need: Need
     options: Options
     choice: Choice
-    expected: tuple[str, ...]
+    expected: tuple[dict[str, Any], ...]
     given: str
-    least: float = 0.0  # of the choice's value, to be worth measuring
 
     @property
     def leads(self) -> bool:
         """Return whether they lead to anything at all."""
-        return self.choice.times is not None or self.choice.final >= self.least
+        return self.choice.is_enough or (self.need == Need.RIVAL and self.choice.final >= _WORTH)
 
     @property
     def effort(self) -> float:
         """Return the number of poses or runs to measure; infinite where no number gives what is wanted."""
-        return np.inf if self.choice.times is None else float(self.choice.times * len(self.choice.chosen))
+        return float(self.choice.total) if self.choice.is_enough else np.inf
+
+    @property
+    def duration_s(self) -> float | None:
+        """Return how long all of them take at the campaign's own pace, s; None where that is not known."""
+        if not self.choice.is_enough:
+            return None
+        return self.options.seconds(dict(zip(self.choice.chosen, self.choice.times, strict=True)))
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Yield the rows of the plan, each with the number of the pose or run that it belongs to."""
+        enough = self.choice.is_enough
+        whole: dict[str, Any] = {"purpose": self.purpose, "need": self.need.value}
+        whole |= {"measurements": self.choice.total if enough else None, "duration_s": self.duration_s}
+        chosen = zip(self.choice.chosen, self.choice.times, self.expected, strict=True)
+        for n, (k, times, expected) in enumerate(chosen, 1):
+            own = {**whole, self.options.unit: n, "times": times if enough else None}
+            yield from ({**own, **row, **expected} for row in self.options.rows(k))
 
     def advice(self, kind: AdviceKind, aim: str) -> Advice:
         """Return what to measure for an aim ("To ..."), and what it gives; in short without the candidates' names."""
-        count, places = len(self.choice.chosen), dict.fromkeys(self.choice.chosen)
-        again = "" if self.choice.times in (1, None) else f", {self.choice.times} times each"
-        named = self.options.between.join(self.options.named(k) for k in list(places)[:_TOLD])
-        more = f"{self.options.between}.." if len(places) > _TOLD else ""
-        one, several = self.options.what
-        what = f"this {one}" if count == 1 else f"these {count} {several}"
-        said = f"{aim}, {self.options.do} {what}{again}"
-        return Advice(kind, f"{said} ({named}{more}): {self.given}.", f"{said}: {self.given}.")
+        chosen, (one, several) = self.choice.chosen, self.options.what
+        what = f"this {one}" if len(chosen) == 1 else f"these {len(chosen)} {several}"
+        named = self.options.between.join(self.options.named(k) for k in chosen[:_TOLD])
+        more = f"{self.options.between}.." if len(chosen) > _TOLD else ""
+        said, amount = f"{aim}, {self.options.do} {what}", self._amount()
+        words, short = (f"{said}{which}{amount}. {self.given}" for which in (f" ({named}{more})", ""))
+        return Advice(kind, words, short, self.purpose)
+
+    def _amount(self) -> str:
+        """How often each, how many in all, and how long that takes."""
+        if not self.choice.is_enough:
+            return ""
+        few, many, total = min(self.choice.times), max(self.choice.times), self.choice.total
+        again = "" if many == 1 else f", {many} times{' each' if len(self.choice.times) > 1 else ''}"
+        again = again if few == many else f", {few} to {many} times each"
+        seconds, whole = self.duration_s, "" if total == 1 else f"{count(total, self.options.unit)} in all"
+        takes = "" if seconds is None else f"{about(seconds)} {self.options.pace}"
+        amount = ", ".join(filter(None, (whole, takes)))
+        return f"{again}: {amount}" if amount else again
 
 
 def plan_table(artifact: str, plans: Sequence[Plan]) -> pa.Table:
-    """Return the candidates of all plans that lead somewhere, in the order of a round."""
-    rows = [row for plan in plans if plan.leads for row in _rows(plan)]
+    """Return the candidates of all plans that lead somewhere, the most urgent need first, each in its order."""
+    leading = sorted((plan for plan in plans if plan.leads), key=lambda plan: plan.need.rank)
+    rows = [row for plan in leading for row in plan.rows()]
     present = tuple(dict.fromkeys(name for row in rows for name in row))
     return pa.Table.from_pylist(rows, schema=ARTIFACTS[artifact].arrow_schema(present=present))
-
-
-def _rows(plan: Plan) -> list[dict[str, Any]]:
-    """Return the rows of a plan, each with the number of the pose or run that it belongs to."""
-    return [
-        {"purpose": plan.purpose, plan.options.unit: n, "times": plan.choice.times, **row, "expected": expected}
-        for n, (k, expected) in enumerate(zip(plan.choice.chosen, plan.expected, strict=True), 1)
-        for row in plan.options.rows(k)
-    ]
 
 
 @dataclass(frozen=True)
@@ -161,24 +187,29 @@ def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
 
     What was found alone keeps the words of its cause, which ask for more than more loads; these are in the table.
     """
+    legs = diagnosis.plain.model.part_count
     found, rivals = _asked(diagnosis, next_run)
     plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
-    told = {cause.key for pair in rivals for cause in (pair.cause, pair.other)}
-    return Next(plan_table("next_loads", plans), {key: said for key, said in advice.items() if key in told})
+    alone = {cause.key: cause for cause, _ in found}
+    for pair in rivals:
+        alone.pop(pair.cause.key, None)
+    own = {key: replace(_confirming(cause, legs), purpose=advice[key].purpose) for key, cause in alone.items()}
+    return Next(plan_table("next_loads", plans), {**advice, **own})
 
 
 def _asked(
     diagnosis: Diagnosis, fitted: Callable[[FittedModel], Fitted]
 ) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those that cannot be told from their rivals."""
-    found = {verdict.cause.key: verdict for verdict in diagnosis.verdicts if verdict.verdict in ("found", "suspected")}
+    accepted = {v.cause.key: v for v in diagnosis.verdicts if v.verdict in ("found", "suspected")}
     rivals = [
         Rivals(own.cause, fitted(own.own), other.cause, fitted(other.own), own.log_odds - other.log_odds)
         for other in diagnosis.verdicts
-        if other.rival is not None and (own := found.get(other.rival.key)) and own.own and other.own
+        if other.rival is not None and (own := accepted.get(other.rival.key)) and own.own and other.own
     ]
     final = fitted(diagnosis.final)
-    return [(own.cause, final) for own in found.values()], rivals
+    # How large it is does not matter before it is sure that it is there.
+    return [(own.cause, final) for own in accepted.values() if own.verdict == "found"], rivals
 
 
 def _fitted(stand: FittedModel) -> Fitted:
@@ -226,16 +257,14 @@ def _apart(reach: Reach, pair: Rivals) -> Plan:
     options = reach(both)
     rivals = options.seen(both[0]), options.seen(both[1])
     choice = told_apart(rivals, (_own(*both), _own(*both[::-1])), ODDS, _MOST, pair.log_odds)
-    count = len(choice.chosen) * (choice.times or 0)
     given = (
-        f"odds of {_odds(ODDS)} are expected after {count} {options.unit}{'s' * (count > 1)}, whichever of the two is "
-        "right"
-        if choice.times
-        else f"but odds of no more than {_odds(choice.final)} are expected, however often they are repeated"
+        f"Odds of {_odds(choice.final)} are then expected, whichever of the two is right."
+        if choice.is_enough
+        else f"However often they are repeated, odds of no more than {_odds(choice.final)} are expected."
     )
-    expected = tuple(f"odds of {_odds(value)}" for value in choice.values)
+    expected = tuple({"expected": f"odds of {_odds(value)}", "odds_expected": value} for value in choice.values)
     purpose = f"{_name(pair.cause, pair.legs)} against {_name(pair.other, pair.legs)}"
-    return Plan(purpose, options, choice, expected, given, _WORTH)
+    return Plan(purpose, Need.RIVAL, options, choice, expected, given)
 
 
 def _own(fitted: Fitted, other: Fitted) -> NDArray:
@@ -262,13 +291,19 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, Adv
     """Return what narrows down a parameter."""
     options = reach((fitted,))
     choice = narrowed(options.seen(fitted), largest.direction, _HALF, _MOST)
-    name, expected = largest.told.name, tuple(f"{largest.told.name} {largest.sure(value)}" for value in choice.values)
-    given = f"its uncertainty then falls from {largest.sure(1.0)} to {largest.sure(choice.final)}"
-    if not choice.times:
-        given = f"but however often they are repeated, its uncertainty stays {largest.sure(choice.final)} or more"
-    plan = Plan(f"{_name(largest.cause, fitted.model.part_count)}: {name}", options, choice, expected, given)
-    kind = AdviceKind.SHARPEN if choice.times else AdviceKind.IN_VAIN
-    return plan, plan.advice(kind, f"To know {name} twice as well")
+    name, legs = largest.told.name, fitted.model.part_count
+    falls = (
+        f"falls from {largest.sure(1.0)} to {largest.sure(choice.final)}, by a factor of {rough(1.0 / choice.final)}"
+    )
+    expected = tuple(largest.columns(value) for value in choice.values)
+    purpose = f"{_name(largest.cause, legs)}: {name}"
+    plan = Plan(purpose, Need.PRECISION, options, choice, expected, f"Its uncertainty then {falls}.")
+    if plan.leads:
+        return plan, plan.advice(AdviceKind.SHARPEN, f"To know {name} better")
+    what, more = options.what[0], count(choice.total, options.unit)
+    vain = f"No {what} within reach halves the uncertainty of {name}: with {more} it still is "
+    vain += f"{largest.sure(choice.final)} of {largest.sure(1.0)}. {_confirming(largest.cause, legs).words}"
+    return plan, Advice(AdviceKind.IN_VAIN, vain)
 
 
 @dataclass(frozen=True)
@@ -284,6 +319,12 @@ class _Largest:
         from truing.report.diagnosis.effect_units import plain_size
 
         return f"± {plain_size(self.told.name, times * self.told.sigma, self.told.unit)}"
+
+    def columns(self, times: float) -> dict[str, Any]:
+        """Return the columns of a row after which its uncertainty is so many times that of now."""
+        sigma, unit = float(self.told.sigma), self.told.unit
+        told = f"{self.told.name} {self.sure(times)}"
+        return {"expected": told, "sigma_now": sigma, "sigma_expected": times * sigma, "unit": unit}
 
 
 def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:

@@ -129,7 +129,13 @@ def _errors(shown: Shown, verdict: Verdict) -> dict[str, Any]:
 
 def _advised(advice: Advice) -> dict[str, Any]:
     """What to measure next."""
-    return {"next_measurement": advice.words, "advice_kind": advice.kind, "next_in_short": advice.short or None}
+    short, purpose = advice.short or None, advice.purpose or None
+    return {
+        "next_measurement": advice.words,
+        "advice_kind": advice.kind,
+        "next_in_short": short,
+        "next_purpose": purpose,
+    }
 
 
 def _facts(verdict: Verdict, diagnosis: Diagnosis, words: Words, claim: Claim) -> Facts:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.calibration.accuracy import error_of_95_percent
+from truing.calibration.accuracy import Decision, deciding, error_of_95_percent
 
 TRIALS, POSES, MACHINE, NOISE = 2000, 30, 3.0, 1.0
 TRUE = 1.959964 * MACHINE
@@ -47,3 +47,57 @@ def test_the_unit_does_not_matter(factor: float) -> None:
     assert other is not None
     expected = [factor * value for value in (one.value, one.low, one.high)]
     assert [other.value, other.low, other.high] == pytest.approx(expected)
+
+
+def _undecided(spare: int = 0) -> tuple[np.ndarray, float, Decision]:
+    """Return errors of few poses, a limit in their interval, and what decides it."""
+    errors = np.random.default_rng(11).normal(scale=np.hypot(MACHINE, NOISE), size=8)
+    found = error_of_95_percent(errors, np.full(8, NOISE**2))
+    assert found is not None
+    limit = 0.8 * found.high
+    assert found.low < found.value < limit
+    decision = deciding(errors, np.full(8, NOISE**2), limit, spare)
+    assert decision is not None
+    return errors, limit, decision
+
+
+def test_further_poses_that_miss_by_as_much_decide_and_one_less_does_not() -> None:
+    errors, limit, decision = _undecided()
+    assert decision.poses == 8
+    assert decision.further is not None
+    assert decision.then is not None
+    mean = np.sqrt(np.mean(errors**2))
+    for fewer, is_decided in ((0, True), (1, False)):
+        more = np.concatenate([errors, np.full(decision.further - fewer, mean)])
+        found = error_of_95_percent(more, np.full(len(more), NOISE**2))
+        assert found is not None
+        assert (found.high <= limit) == is_decided
+        if is_decided:
+            assert [found.low, found.high] == pytest.approx([decision.then.low, decision.then.high])
+
+
+def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
+    """What is expected is the middle of what comes; one time in two it takes more."""
+    (errors, limit, decision), rng = _undecided(), np.random.default_rng(12)
+    assert decision.further is not None
+    size = np.sqrt(np.mean(errors**2))
+    drawn = rng.normal(scale=size, size=(TRIALS, decision.further))
+    found = [error_of_95_percent(np.append(errors, one), np.full(8 + len(one), NOISE**2)) for one in drawn]
+    share = np.mean([one is not None and one.high <= limit for one in found])
+    assert 0.4 < share < 0.65
+
+
+def test_poses_that_were_fitted_to_count_no_more_beside_further_ones() -> None:
+    (_, _, both), (_, _, alone) = _undecided(), _undecided(spare=8)
+    assert both.further is not None
+    assert alone.further == both.further + 8
+
+
+def test_what_is_decided_or_lies_at_the_limit_asks_for_no_number() -> None:
+    errors, variances = np.array([1.0, -2.0, 0.5]), np.zeros(3)
+    found = error_of_95_percent(errors, variances)
+    assert found is not None
+    assert deciding(errors, variances, 2.0 * found.high) is None
+    assert deciding(errors, variances, 0.5 * found.low) is None
+    assert deciding(np.full(3, np.nan), variances, 1.0) is None
+    assert deciding(errors, variances, found.value) == Decision(3)

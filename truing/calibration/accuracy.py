@@ -43,6 +43,7 @@ _DEFORMATIONS = {
 }
 Figure = tuple[str, float, str]
 _WITHIN = 1.959964  # of a normal error's 95 %, in standard deviations
+MOST_DECIDING = 1000  # further poses that anybody would measure
 _UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
 
 
@@ -255,6 +256,26 @@ class Interval:
     low: float
     high: float
 
+    @classmethod
+    def of_mean(cls, mean: float, noise: float, count: int) -> Interval:
+        """Return what 95 of 100 stay below, from the mean square of so many normal errors, less that of noise."""
+        from scipy.special import chdtri
+
+        scales = (1.0, chdtri(count, 0.025) / count, chdtri(count, 0.975) / count)
+        return cls(*(_WITHIN * float(np.sqrt(max(mean / scale - noise, 0.0))) for scale in scales))
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What decides an open question: the poses it rests on now, how many further ones it takes, and what they give.
+
+    ``further`` and ``then`` are None where `MOST_DECIDING` are not enough.
+    """
+
+    poses: int
+    further: int | None = None
+    then: Interval | None = None
+
 
 def error_of_95_percent(errors: NDArray, variances: NDArray) -> Interval | None:
     """What 95 of 100 poses stay below, along one component: 1.96 rms, less the measurement's share.
@@ -262,17 +283,31 @@ def error_of_95_percent(errors: NDArray, variances: NDArray) -> Interval | None:
     errors (N,), NaN where there is none, variances (N,) of the measurement, both in one unit; None without any error.
     The interval is that of the rms of so many normal errors.
     """
-    from scipy.special import chdtri
-
     told = np.isfinite(errors)
     count = int(told.sum())
     if not count:
         return None
-    square = float(np.sum(errors[told] ** 2))
+    mean = float(np.mean(errors[told] ** 2))
     # A measurement that is said to be noisier than what was seen of it tells less, not more.
-    noise = min(float(np.mean(variances[told])), square / count)
-    scales = (count, chdtri(count, 0.025), chdtri(count, 0.975))
-    return Interval(*(_WITHIN * float(np.sqrt(max(square / scale - noise, 0.0))) for scale in scales))
+    return Interval.of_mean(mean, min(float(np.mean(variances[told])), mean), count)
+
+
+def deciding(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) -> Decision | None:
+    """Return how many poses decide whether 95 of 100 stay below a limit, if all miss by as much as those measured.
+
+    errors, variances: as of `error_of_95_percent`; limit in their unit; spare: how many of the measured poses count
+    no more once there are further ones. None where that is decided, and where no pose was measured.
+    """
+    found = error_of_95_percent(errors, variances)
+    if found is None or not found.low <= limit < found.high:
+        return None
+    told = np.isfinite(errors)
+    mean = float(np.mean(errors[told] ** 2))
+    noise, there = min(float(np.mean(variances[told])), mean), int(told.sum()) - spare
+    totals = (count for count in range(there + 1, there + MOST_DECIDING + 1))
+    each = ((count, Interval.of_mean(mean, noise, count)) for count in totals)
+    fits = next(((count, then) for count, then in each if not then.low <= limit < then.high), None)
+    return Decision(int(told.sum())) if fits is None else Decision(int(told.sum()), fits[0] - there, fits[1])
 
 
 def error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:

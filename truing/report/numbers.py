@@ -136,11 +136,19 @@ def count(n: int, noun: str) -> str:
 
 def duration(seconds: float) -> str:
     """A span of time in the unit that suits it."""
-    for unit, size in (("days", 172800.0), ("h", 5400.0), ("min", 120.0)):
-        if seconds >= size:
-            divisor = {"days": 86400.0, "h": 3600.0, "min": 60.0}[unit]
-            return f"{seconds / divisor:.1f} {unit}"
-    return f"{plain(seconds)} s"
+    size, unit = _span(seconds)
+    return f"{plain(size)} s" if unit == "s" else f"{size:.1f} {unit}"
+
+
+def about(seconds: float) -> str:
+    """``about 20 min``: a span of time that is known roughly."""
+    size, unit = _span(seconds)
+    return f"about {rough(size)} {unit}"
+
+
+def _span(seconds: float) -> tuple[float, str]:
+    known = (("days", 172800.0, 86400.0), ("h", 5400.0, 3600.0), ("min", 120.0, 60.0))
+    return next(((seconds / each, unit) for unit, least, each in known if seconds >= least), (seconds, "s"))
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:

@@ -62,14 +62,28 @@ def page_parts(
 
 def verdict_table(tables: Mapping[str, pa.Table]) -> pa.Table:
     """Return the artifact ``verdict`` of tables by artifact name."""
+    from truing.report.verdict import verdict_frame
+
+    return _as_artifact("verdict", verdict_frame(_frames(tables)))
+
+
+def next_measurements_table(tables: Mapping[str, pa.Table]) -> pa.Table:
+    """Return the artifact ``next_measurements`` of tables by artifact name."""
+    from truing.report.diagnosis.judged import judged
+    from truing.report.diagnosis.next_steps import next_measurements_frame, next_steps
+
+    frames = _frames(tables)
+    return _as_artifact("next_measurements", next_measurements_frame(next_steps(judged(frames), frames)))
+
+
+def _as_artifact(name: str, rows: pd.DataFrame) -> pa.Table:
     import pyarrow as pa
 
-    from truing.report.verdict import verdict_frame
     from truing.schemas.artifacts import ARTIFACTS
 
-    schema = ARTIFACTS["verdict"].arrow_schema(present=("decided_by",))
-    rows = verdict_frame(_frames(tables)).astype(object)
-    return pa.Table.from_pylist(rows.where(rows.notna(), None).to_dict("records"), schema=schema)
+    artifact, cells = ARTIFACTS[name], rows.astype(object)
+    found = cells.where(cells.notna(), None).to_dict("records")
+    return pa.Table.from_pylist(found, schema=artifact.arrow_schema(present=artifact.optional))
 
 
 def _frames(tables: Mapping[str, pa.Table]) -> dict[str, pd.DataFrame]:

@@ -133,17 +133,23 @@ def _apart(case: Case, most: int, odds: float = 0.0) -> Choice:
 
 def test_a_line_and_a_parabola_known_on_one_side_are_told_apart_on_the_other(case: Case) -> None:
     choice = _apart(case, 8)
-    assert choice.times == 1
+    assert choice.is_enough
+    assert len(set(choice.chosen)) == len(choice.chosen)
     assert GRID[choice.chosen[0], 0] == -1.0
     assert all(GRID[k, 0] < 0.5 for k in choice.chosen)
-    assert 1 < len(choice.chosen) <= 8
-    assert choice.values[-1] >= 20.0 > choice.values[-2]
+    assert 1 < choice.total <= 8
+    assert choice.final >= 20.0 > choice.values[-2]
+
+
+def _readings(choice: Choice) -> np.ndarray:
+    """Return the readings of all measurements of a choice."""
+    return GRID[np.repeat(choice.chosen, choice.times)]
 
 
 def test_the_odds_promised_are_those_that_simulated_measurements_give(case: Case) -> None:
     """They are those of the rival that is harder to show right."""
     choice, rng = _apart(case, 8), np.random.default_rng(5)
-    gains = np.array([[case.gain(GRID[list(choice.chosen)], right, rng) for _ in range(120)] for right in (0, 1)])
+    gains = np.array([[case.gain(_readings(choice), right, rng) for _ in range(120)] for right in (0, 1)])
     harder = gains[np.argmin(gains.mean(1))]
     error = 4 * harder.std(ddof=1) / np.sqrt(harder.size)
     assert error < 2.5
@@ -152,29 +158,28 @@ def test_the_odds_promised_are_those_that_simulated_measurements_give(case: Case
 
 def test_what_is_chosen_separates_better_than_as_many_poses_at_random(case: Case) -> None:
     choice, rng = _apart(case, 8), np.random.default_rng(6)
-    count = len(choice.chosen)
-    best = [case.gain(GRID[list(choice.chosen)], 0, rng) for _ in range(80)]
-    other = [case.gain(GRID[rng.integers(len(GRID), size=count)], 0, rng) for _ in range(80)]
+    best = [case.gain(_readings(choice), 0, rng) for _ in range(80)]
+    other = [case.gain(GRID[rng.integers(len(GRID), size=choice.total)], 0, rng) for _ in range(80)]
     assert np.mean(best) > np.mean(other) + 2 * np.hypot(np.std(best), np.std(other)) / np.sqrt(80)
 
 
 def test_odds_so_far_count_for_the_rival_that_is_behind(case: Case) -> None:
     even, apart = _apart(case, 8), [_apart(case, 8, odds) for odds in (3.0, -3.0)]
-    assert max(len(choice.chosen) for choice in apart) > len(even.chosen)
-    assert min(choice.values[0] for choice in apart) < even.values[0]
+    assert max(choice.total for choice in apart) > even.total
 
 
 def test_rivals_that_predict_the_same_everywhere_are_never_told_apart(case: Case) -> None:
     choice = told_apart((case.seen[0], case.seen[0]), (OWN, OWN), 20.0, 8)
-    assert choice.times is None
+    assert not choice.is_enough
     assert_close(choice.final, 1.0, atol=1e-9, what="odds")
 
 
 def test_where_so_many_poses_are_not_enough_they_are_repeated(case: Case) -> None:
     choice = told_apart(case.seen, (OWN, OWN), 10.0, 1)
-    assert choice.times is not None
-    assert choice.times > 1
-    assert choice.final >= 10.0 > choice.values[-1]
+    assert choice.is_enough
+    assert len(choice.chosen) == 1
+    assert choice.total > 1
+    assert choice.final >= 10.0
 
 
 def _sigma(case: Case, readings: np.ndarray) -> float:
@@ -193,13 +198,14 @@ def test_the_uncertainty_promised_is_that_of_a_fit_of_everything(case: Case) -> 
     choice = narrowed(case.seen[0], np.eye(4)[3], 0.5, 8)
     before = _sigma(case, GRID[:0])
     for count, value in enumerate(choice.values, 1):
-        found = _sigma(case, GRID[list(choice.chosen[:count])]) / before
+        found = _sigma(case, GRID[np.repeat(choice.chosen[:count], choice.times[:count])]) / before
         assert_close(found, value, atol=1e-3, what=f"sigma with {count} more, of that before")
 
 
 def test_two_poses_are_as_good_as_the_best_of_all_pairs(case: Case) -> None:
     """Each measured sixteen times, as a search does that two alone do not satisfy."""
     choice = narrowed(case.seen[0], np.eye(4)[3], 1e-3, 2)
+    assert not choice.is_enough
     best = min(_sigma(case, GRID[list(pair) * 16]) for pair in combinations(range(0, len(GRID), 4), 2))
     assert _sigma(case, GRID[list(choice.chosen) * 16]) <= best * 1.01
 
@@ -209,7 +215,7 @@ def test_an_uncertainty_that_nothing_measured_there_lessens_stays(case: Case) ->
     seen = case.seen[0]
     only = Candidates(seen.fitted, seen.predicted[at_zero], seen.rows[at_zero], seen.basis[at_zero])
     choice = narrowed(only, np.eye(4)[2] - np.eye(4)[3], 1e-3, 4)
-    assert choice.times is None
+    assert not choice.is_enough
     assert 0.0 < choice.final <= 1.0
 
 
@@ -218,7 +224,7 @@ def test_the_distance_between_predictions_alone_promises_less_than_comes(case: C
     """Half the squared distance, in its dense form, leaves out what not knowing the effects' sizes adds: a third."""
     choice, rng = _apart(case, 8), np.random.default_rng(7)
     truth, wrong = case.seen[right], case.seen[1 - right]
-    chosen = list(choice.chosen)
+    chosen = list(np.repeat(choice.chosen, choice.times))
     gap, rows = (one[chosen].reshape(-1, one.shape[-1]) for one in _freed(truth, wrong))
     known = np.eye(len(gap)) + rows @ wrong.fitted.covariance @ rows.T
     half = 0.5 * float(gap[:, 0] @ np.linalg.solve(known, gap[:, 0]))

@@ -115,7 +115,7 @@ def test_the_head_says_what_to_measure_and_leaves_the_readings_to_the_table():
     tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, **then)))
     said = (
         "Next: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm. "
-        "They stand under What to measure next."
+        "The table is under What to measure next."
     )
     assert ("next", said) in build_head("c", tables).verdicts
     assert part_of("next", tables).said[0][1].endswith("measure these 2 configurations: it falls to 0.2 µm/mm.")
@@ -126,7 +126,7 @@ def test_without_configurations_the_words_of_the_findings_stand():
     tables["next_poses"] = tables["next_poses"].iloc[:0]
     part = part_of("next", tables)
     assert part.state == "not evaluated"
-    assert part.said == (("next", "platform deformation matrix: Move one actuator at a time."),)
+    assert part.said == (("next", "Platform deformation matrix: Move one actuator at a time."),)
     assert ("next", "Next: move one actuator at a time.") in build_head("c", tables).verdicts
 
 

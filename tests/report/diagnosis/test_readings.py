@@ -268,7 +268,7 @@ def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_a
             **loads,
         }
         | {"fz_n": load, "branch": "loading", "channels": "dx dz", "conditions": "a step every 8 min", "times": 3.0}
-        | {"expected": f"odds of {run * 5}:1"}
+        | {"expected": f"odds of {run * 5}:1", "need": "rival", "measurements": 6}
         for run in (1, 2)
         for step, load in enumerate(levels)
     ]
@@ -276,11 +276,11 @@ def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_a
     found = row("creep", subject="load fz", parameters={"fraction": size(0.02, 0.001)}, next_in_short=short)
     tables = bench_tables(rows(found)) | {"next_loads": pd.DataFrame(steps)}
     part = part_of("next", tables)
-    assert part.lead.startswith("2 runs of loads for 1 purpose.")
+    assert part.lead.startswith("The most urgent first: 1 finding can be known better.")
     (listing,) = part.listings
-    assert listing.caption == "creep load fz against hysteresis load fz: 2 runs, 3 times each"
-    first = ("1", "fz 0, 5000, 10000, 5000, 0 N", "dx dz", "a step every 8 min", "odds of 5:1")
+    assert listing.caption == "creep load fz against hysteresis load fz: 2 runs, 6 runs in all"
+    first = ("1", "3", "fz 0, 5000, 10000, 5000, 0 N", "dx dz", "a step every 8 min", "–", "odds of 5:1")
     assert listing.rows[0] == first
     assert listing.csv.splitlines()[2] == "1,1,480,0,0,5000,0,0,0,dx dz"
-    said = "Next: to tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is. They stand under"
+    said = "Next: to tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is. The table is under"
     assert any(words.startswith(said) for _, words in build_head("c", tables).verdicts)

@@ -19,6 +19,8 @@ from truing.inference.fit import Fit, fit_model
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.inference.observations import Frames, Observations
 from truing.inference.selection import Diagnosis
+from truing.report.numbers import about
+from truing.report.wordings.catalogue import confirming
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign
 from truing.simulation.bench.causes.stiffness import Hysteresis
@@ -29,6 +31,7 @@ from truing.simulation.bench.model import ReadingModel
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
 from truing.stages.diagnosis.next_measurement import Plan, Rivals, next_loads_of, planned
+from truing.stages.diagnosis.rows import claim_of
 from truing.stages.diagnosis.search import decided, gathered_of
 
 LEVELS = (0, 300, 600, 900, 900, 900, 900, 0, 0, 0, 0)
@@ -86,7 +89,10 @@ def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> 
     for key, other in ((creep.key, "hysteresis load fz"), (RIVAL.key, "creep load fz")):
         assert told.advice[key].kind == "separate"
         assert other in told.advice[key].words
-        assert "odds of 20:1 are expected after" in told.advice[key].words
+        assert "are then expected, whichever of the two is right" in told.advice[key].words
+        assert f": {about(rows[0]['duration_s'])} of loading. " in told.advice[key].words
+    assert {(row["need"], row["measurements"]) for row in rows} == {("rival", 1)}
+    assert min(row["odds_expected"] for row in rows if row["run"] == rows[-1]["run"]) >= 20.0
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +119,7 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[FittedModel], P
 def test_the_loads_tell_apart_as_much_as_they_promise(soft: tuple[list[FittedModel], PossibleRuns, Plan]) -> None:
     """Both causes refitted to readings that are drawn with either of them: the odds that can be expected at least."""
     rng, (stands, options, plan) = np.random.default_rng(9), soft
-    further = _conditions(options, plan.choice.chosen, stands[0].model)
+    further = _conditions(options, np.repeat(plan.choice.chosen, plan.choice.times), stands[0].model)
     before = _log_odds(*(_fit(stand.model, stand.model.conditions, stands[0].measured) for stand in stands))
     after = np.array([[_odds_after(stands, options, further, n, rng) for _ in range(DRAWS)] for n in (0, 1)])
     gains = after - before * np.array([[1.0], [-1.0]])
@@ -183,4 +189,17 @@ def test_a_cause_found_alone_keeps_its_own_words_beside_loads_that_narrow_it_dow
     rows = told.table.to_pylist()
     assert {row["purpose"] for row in rows} == {"creep load fz: fraction"}
     assert all(row["expected"].startswith("fraction ± ") for row in rows)
-    assert told.advice == {}
+    (advice,) = told.advice.values()
+    assert (advice.kind, advice.purpose) == ("confirm", "creep load fz: fraction")
+    assert advice.words == confirming(claim_of(case.alone.verdicts[0].cause, 6)).words
+    assert not advice.short
+
+
+def test_loads_are_round_and_those_applied_before_are_said_to_be_repeated(
+    soft: tuple[list[FittedModel], PossibleRuns, Plan],
+) -> None:
+    _, options, _ = soft
+    by_words = {run.loads_in_words: run for run in options.made if not run.words}
+    for run in by_words.values():
+        measured = set(np.abs(run.load[run.load != 0.0])) <= {9000.0} and run.load.any()
+        assert bool(run.repeats) == bool(measured), run.loads_in_words

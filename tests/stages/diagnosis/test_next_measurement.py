@@ -11,7 +11,7 @@ import pytest
 
 from tests.conftest import PROJECT
 from tests.simulation.mechanisms.telescope import readings, sample_model, telescope
-from tests.tolerance import assert_between
+from tests.tolerance import assert_between, assert_close
 from truing.estimation.design.rival_design import Fitted
 from truing.estimation.rotation import exp_so3
 from truing.inference.fit import Fit, fit_model
@@ -21,6 +21,7 @@ from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import AdviceKind
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign, read_campaign
+from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY
 from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
@@ -55,6 +56,16 @@ class Case:
     fitted: tuple[Fitted, Fitted]
     fits: tuple[Fit, Fit]
 
+    def sigma(self, conditions: Conditions | None) -> float:
+        """Return the uncertainty of the first's own parameter, with more poses measured where there are conditions."""
+        first, after = self.fitted[0], self.fits[0]
+        if conditions is not None:
+            more = _measure(first.model.at(conditions), first.shared, np.random.default_rng(21))
+            joined = first.model.at(_joined(first.model.conditions, conditions))
+            after = _fit(joined, *_both(self.measured, more), first.shared)
+        own = first.model.layout[WARM.key].start
+        return float(np.sqrt(after.whitened.covariance()[own, own]) * first.model.effect_sigma(WARM)[0])
+
     def gain(self, conditions: Conditions, rng: np.random.Generator) -> float:
         """Return by how much the log odds of the first grow with more poses, its truth drawn as it is known.
 
@@ -66,14 +77,16 @@ class Case:
         truth = first.shared.copy()
         truth[others] += rng.multivariate_normal(np.zeros(len(others)), first.given(seat))
         more = _measure(first.model.at(conditions), truth, rng)
-        names = ("values", "covariance", "seen")
-        both = Observations(
-            *(np.concatenate([getattr(self.measured.points, n), getattr(more.points, n)]) for n in names)
-        )
-        frames = Frames(*(np.concatenate([getattr(self.measured.frames, n), getattr(more.frames, n)]) for n in "Rt"))
+        both, frames = _both(self.measured, more)
         joined = _joined(first.model.conditions, conditions)
         after = [_fit(one.model.at(joined), both, frames, one.shared) for one in self.fitted]
         return _log_odds(after[0], after[1]) - _log_odds(*self.fits)
+
+
+def _both(first: Measured, second: Measured) -> tuple[Observations, Frames]:
+    names = ("values", "covariance", "seen")
+    points = Observations(*(np.concatenate([getattr(first.points, n), getattr(second.points, n)]) for n in names))
+    return points, Frames(*(np.concatenate([getattr(first.frames, n), getattr(second.frames, n)]) for n in "Rt"))
 
 
 def _joined(first: Conditions, second: Conditions) -> Conditions:
@@ -154,7 +167,7 @@ def possibilities(case: Case, settings: Campaign) -> Possible:
 
 def _chosen(told: Next, case: Case) -> Conditions:
     """Return the proposed poses as the table has them, at the time that its words ask for."""
-    rows = told.table.to_pylist()
+    rows = [row for row in told.table.to_pylist() for _ in range(row["times"])]
     rho = np.array([[row[f"rho{leg}_mm"] for leg in range(1, 7)] for row in rows]) * 1e-3
     late = np.array(["pause" in (row["conditions"] or "") for row in rows])
     time = SPAN_S * np.where(late, 2.0, 1.0) + SPAN_S / (POSES - 1)
@@ -179,7 +192,9 @@ def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(to
     for key, other in ((WARM.key, "leg-drift"), (DRIFT.key, "leg-thermal")):
         assert told.advice[key].kind == AdviceKind.SEPARATE
         assert other in told.advice[key].words
-        assert "odds of 20:1 are expected after" in told.advice[key].words
+        odds = told.table.column("odds_expected")[-1].as_py()
+        assert odds >= 20.0
+        assert f"Odds of {odds:.2g}:1 are then expected" in told.advice[key].words
 
 
 def test_what_is_proposed_separates_as_promised_and_more_of_the_same_does_not(
@@ -193,7 +208,7 @@ def test_what_is_proposed_separates_as_promised_and_more_of_the_same_does_not(
     proposed, random = (np.array([case.gain(at, rng) for _ in range(DRAWS)]) for at in (chosen, same))
     error = 4 * proposed.std(ddof=1) / np.sqrt(len(proposed))
     assert proposed.mean() > random.mean() + 2 * np.hypot(proposed.std(), random.std()) / np.sqrt(DRAWS)
-    promised = float(told.table.column("expected")[-1].as_py().removeprefix("odds of ").removesuffix(":1"))
+    promised = told.table.column("odds_expected")[-1].as_py()
     assert promised >= 20.0
     assert_between(float(proposed.mean()), np.log(promised) - error, np.log(promised) + error, what="log odds gained")
     assert_between(float(random.mean()), -3.0, np.log(20.0), what="log odds of more of the same")
@@ -240,8 +255,25 @@ def test_a_cause_found_alone_is_to_be_known_twice_as_well(case: Case, settings: 
     told = next_measurements(settings, case.measured, [(WARM, case.fitted[0])], [])
     assert told.advice[WARM.key].kind == AdviceKind.SHARPEN
     sentence = told.advice[WARM.key].words
-    sigma = float(np.sqrt(case.fitted[0].covariance[-1, -1]) * case.fitted[0].model.effect_sigma(WARM)[0])
-    assert f"± {plain_size('alpha', sigma, '1/K')}" in sentence
+    now, then = (told.table.column(name)[-1].as_py() for name in ("sigma_now", "sigma_expected"))
+    for size in (now, then):
+        assert f"± {plain_size('alpha', size, '1/K')}" in sentence
+    assert f"by a factor of {now / then:#.2g}." in sentence
+    assert now / then >= 2.0
+    assert {row["need"] for row in told.table.to_pylist()} == {"precision"}
+
+
+def test_the_uncertainty_promised_is_that_of_a_fit_with_the_proposed_poses(case: Case, settings: Campaign) -> None:
+    """To first order: where a fit of what is drawn comes to lie changes its derivatives by some per cent."""
+    told = next_measurements(settings, case.measured, [(WARM, case.fitted[0])], [])
+    now, then = (told.table.column(name)[-1].as_py() for name in ("sigma_now", "sigma_expected"))
+    conditions = _chosen(told, case)
+    (total,) = set(told.table.column("measurements").to_pylist())
+    assert total == len(conditions.readings)
+    before = case.sigma(None)
+    after = case.sigma(conditions)
+    assert_close(before / now, 1.0, atol=1e-6, what="uncertainty now")
+    assert_between(after / before, 0.95 * then / now, 1.05 * then / now, what="uncertainty after over that before")
 
 
 def test_a_cause_without_a_measured_parameter_is_confirmed_as_it_says(case: Case, settings: Campaign) -> None:
@@ -256,3 +288,48 @@ def test_nothing_found_asks_for_nothing(case: Case, settings: Campaign) -> None:
     told = next_measurements(settings, case.measured, [], [])
     assert not told.advice
     assert not ARTIFACTS["next_poses"].faults(told.table)
+
+
+def _with(case: Case, **covariates: np.ndarray) -> Fitted:
+    """Return the first fit with other columns."""
+    model, known = case.fitted[0].model, case.fitted[0].model.conditions
+    return replace(case.fitted[0], model=model.at(replace(known, covariates={**known.covariates, **covariates})))
+
+
+def test_a_movement_to_a_pose_is_as_large_as_movements_were_and_never_nothing(case: Case, settings: Campaign) -> None:
+    """Where one actuator moves at a time, most of them move by nothing."""
+    alone = np.where(np.arange(6) == (np.arange(POSES) % 6)[:, None], 1.2345e-3, 0.0)
+    still = np.zeros((POSES, 6))
+    for steps, size in ((alone, 1.234e-3), (still, 0.0)):
+        fitted = _with(case, **{LAST_STEP: steps, MEMORY: steps, APPROACH: np.ones((POSES, 6))})
+        found = possible(settings, (fitted,), case.measured.instrument()).conditions.covariates
+        for name in (LAST_STEP, MEMORY):
+            assert_close(np.abs(found[name]), np.full(found[name].shape, size), atol=1e-9, what=name)
+            same_way = np.sign(found[name]) == np.sign(found[APPROACH])
+            assert same_way.all() or not size
+
+
+def test_what_was_measured_already_is_said_to_be_repeated(case: Case, settings: Campaign) -> None:
+    """Within a workspace that actuators cannot resolve nothing is left but what was measured; else all is new."""
+    none = settings.model_copy(update={"workspace": settings.workspace.model_copy(update={"rho_mm": 1e-6})})
+    again = possible(none, case.fitted, case.measured.instrument())
+    assert set(again.repeats) <= {*range(POSES)}
+    assert f"pose {again.repeats[0]} again" in again.named(0)
+    assert again.rows(0)[0]["repeat_of"] == str(again.repeats[0])
+    fresh = possible(settings, case.fitted, case.measured.instrument())
+    assert set(fresh.repeats) == {None}
+
+
+def test_readings_are_asked_for_no_finer_than_actuators_repeat(case: Case, settings: Campaign) -> None:
+    coarse = settings.model_copy(update={"noise": settings.noise.model_copy(update={"actuator_mm": 0.03})})
+    found = possible(coarse, case.fitted, case.measured.instrument()).conditions.readings * 1e3
+    assert_close(found, np.round(found, 1), atol=1e-9, what="readings")
+
+
+def test_the_time_that_a_plan_takes_holds_the_pause_before_it(possibilities: Possible) -> None:
+    pace = SPAN_S / (POSES - 1)
+    late = next(k for k, words in enumerate(possibilities.words) if "pause" in words)
+    usual = next(k for k, words in enumerate(possibilities.words) if "pause" not in words)
+    assert_close(possibilities.seconds({usual: 3}), 3 * pace, atol=1e-6)
+    assert_close(possibilities.seconds({usual: 3, late: 2}), 5 * pace + SPAN_S, atol=1e-6)
+    assert replace(possibilities, pace_s=None).seconds({usual: 3}) is None

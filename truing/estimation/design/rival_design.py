@@ -18,8 +18,9 @@ next. So runs are chosen whole, by the same sums as poses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -129,20 +130,30 @@ class Sight:
 
 @dataclass(frozen=True)
 class Choice:
-    """Candidates in the order in which to measure them, as indices, one that is repeated standing again.
+    """Distinct candidates in the order in which to measure them, as indices, and how often each.
 
-    values (n,): what is reached with the first, the first two, ..; times: how often all of them are to be measured for
-    what was asked for, None where no number of times is enough; final: what is reached then, or with very many.
+    times (n,): measurements of each for what was asked for; where ``is_enough`` is False no number of them reaches it,
+    and times are very many. values (n,): what is reached with all of the first, of the first two, ..
     """
 
     chosen: tuple[int, ...]
+    times: tuple[int, ...]
     values: tuple[float, ...]
-    times: int | None
-    final: float
+    is_enough: bool
+
+    @property
+    def final(self) -> float:
+        """Return what is reached with all of them."""
+        return self.values[-1]
+
+    @property
+    def total(self) -> int:
+        """Return the number of measurements of all candidates together."""
+        return sum(self.times)
 
     def told(self, tell: Callable[[float], float]) -> Choice:
         """Return the choice with its values in other terms."""
-        return Choice(self.chosen, tuple(tell(value) for value in self.values), self.times, tell(self.final))
+        return replace(self, values=tuple(tell(value) for value in self.values))
 
 
 def candidates(fitted: Fitted, conditions: Any, instrument: Instrument) -> Candidates:
@@ -266,9 +277,10 @@ def search(sums: Sums, aim: Aim, enough: float, most: int) -> Choice:
     chosen, reached = _chosen(sums, aim, enough, most)
     if reached < enough:
         chosen, _ = _chosen([_AGAIN * part for part in sums], aim, enough, most)
-    ordered, values = _in_order(sums, aim, chosen)
-    times, final = _repeated(_sum(sums, ordered), aim, enough)
-    return Choice(tuple(ordered), values, times, final)
+    rounds = _rounds(_sum(sums, chosen), aim, enough)
+    times = {own: count * (rounds or _MANY) for own, count in Counter(chosen).items()}
+    ordered, values = _in_order(sums, aim, times)
+    return Choice(tuple(ordered), tuple(times[own] for own in ordered), values, rounds is not None)
 
 
 def _sum(sums: Sums, chosen: Sequence[int]) -> Sums:
@@ -296,32 +308,34 @@ def _best_added(sums: Sums, aim: Aim, chosen: Sequence[int]) -> tuple[int, float
     return int(tried[best]), float(found[best])
 
 
-def _in_order(sums: Sums, aim: Aim, chosen: Sequence[int]) -> tuple[list[int], tuple[float, ...]]:
-    """Return a choice in the order in which each adds most to those before it, and the values on the way."""
-    left, ordered, values = list(chosen), list[int](), list[float]()
+def _in_order(sums: Sums, aim: Aim, times: Mapping[int, int]) -> tuple[list[int], tuple[float, ...]]:
+    """Return candidates in the order in which each adds most to those before it, and the values on the way."""
+    left, ordered, values = list(times), list[int](), list[float]()
+    there = [np.zeros_like(part[:1]) for part in sums]
     while left:
-        found = aim.reached([whole + part[left] for whole, part in zip(_sum(sums, ordered), sums, strict=True)])
+        count = np.array([times[own] for own in left])
+        further = [whole + part[left] * count[:, None, None] for whole, part in zip(there, sums, strict=True)]
+        found = aim.reached(further)
         best = int(np.argmax(found))
+        there = [part[best][None] for part in further]
         ordered.append(left.pop(best))
         values.append(float(found[best]))
     return ordered, tuple(values)
 
 
-def _repeated(sums: Sums, aim: Aim, enough: float) -> tuple[int | None, float]:
-    """Return how often a set (its sums, one trial) has to be measured, None where no number is enough; the value."""
+def _rounds(sums: Sums, aim: Aim, enough: float) -> int | None:
+    """Return how often a set (its sums, one trial) has to be measured; None where no number is enough."""
 
     def at(times: int) -> float:
         return float(aim.reached([times * part for part in sums])[0])
 
-    if at(1) >= enough:
-        return 1, at(1)
     if at(_MANY) < enough:
-        return None, at(_MANY)
-    few, many = 1, _MANY
+        return None
+    few, many = 0, _MANY
     while many - few > 1:
         middle = (few + many) // 2
         few, many = (few, middle) if at(middle) >= enough else (middle, many)
-    return many, at(many)
+    return many
 
 
 def _left(along: NDArray, information: NDArray) -> NDArray:

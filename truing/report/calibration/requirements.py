@@ -142,6 +142,13 @@ def _others(others: pd.DataFrame) -> Listing:
     return Listing(heads, rows, _marks(others), "With every other calibration", True, "requirements.parquet")
 
 
+def interval_words(r: Any) -> tuple[str, str, str]:
+    """The interval of a requirement now, that once more poses are measured, and what is asked for, in one unit."""
+    asked, *ends = in_one_unit([r.requirement, r.lower, r.upper, r.lower_expected, r.upper_expected], cell(r.unit))
+    bare = [end.partition(" ")[0] for end in ends[::2]]
+    return f"{bare[0]} to {ends[1]}", f"{bare[1]} to {ends[3]}", asked
+
+
 def _marks(own: pd.DataFrame) -> tuple[str, ...]:
     return tuple(_MARKS.get(verdict, "none") for verdict in own["verdict"])
 

@@ -18,12 +18,12 @@ from truing.report.wordings.followed import columns_words
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
 _TITLE = "Does the model hold as a whole?"
-_CAUSES_LEFT, _UNNAMED = "causes-left", "unnamed-effects"
+CAUSES_LEFT, _UNNAMED = "causes-left", "unnamed-effects"
 _LOOKED_FOR = {
     "observation-noise": "noise of what was measured",
     "input-noise": "noise of the inputs",
     "like-neighbours": "residuals that resemble their neighbours",
-    _CAUSES_LEFT: "further causes",
+    CAUSES_LEFT: "further causes",
 }
 _UNITS = {
     "like-neighbours": "correlation of neighbours",
@@ -37,7 +37,7 @@ def adequacy(tables: Tables) -> Section | None:
     if table is None:
         return None
     rows = list(table.itertuples())
-    tested = [row for row in rows if row.state != "not tested" and row.test != _CAUSES_LEFT]
+    tested = [row for row in rows if row.state != "not tested" and row.test != CAUSES_LEFT]
     failed = shortcoming(tables)
     lead = f"{count(len(tested), 'test')} of what the final model leaves, against plain noise: "
     lead += f"{failed}." if failed else "none finds more than noise."
@@ -116,9 +116,14 @@ def shortcoming(tables: Tables) -> str:
     failed = None if table is None else table[table["state"] == "fails"].sort_values("p_value")
     if failed is None or not len(failed):
         return ""
-    if len(ended := failed[failed["test"] == _CAUSES_LEFT]):
-        return _ended(next(ended.itertuples()))
-    worst = next(failed.itertuples())
+    ended = failed[failed["test"] == CAUSES_LEFT]
+    return shortcoming_words(next((ended if len(ended) else failed).itertuples()))
+
+
+def shortcoming_words(worst: Any) -> str:
+    """By what the final model falls short in one test that fails, without a full stop."""
+    if worst.test == CAUSES_LEFT:
+        return _ended(worst)
     if worst.test == "like-neighbours":
         return f"residuals resemble each other where {_along(worst)} is alike (correlation {rough(worst.value)})"
     return f"{_LOOKED_FOR[worst.test]} is {rough(worst.value)} times what was declared"
@@ -139,6 +144,6 @@ def _along(row: Any) -> str:
 
 
 def _value(row: Any) -> str:
-    if row.test == _CAUSES_LEFT:
+    if row.test == CAUSES_LEFT:
         return f"{count(round(row.value), 'accepted cause')}"
     return "–" if row.state == "not tested" else f"{rough(row.value)} {_UNITS[row.test]}"

@@ -35,6 +35,7 @@ class Judged(Claim):
     explanation: str
     then: str
     in_short: str
+    next_purpose: str  # of its rows in next_poses or next_loads; empty where it has none
     advice_kind: str
     p_value: float | None
     probability: float | None
@@ -91,6 +92,7 @@ def _judged(row: Mapping[Any, Any]) -> Judged:
         explanation=cell(row["explanation"]),
         then=cell(row["next_measurement"]),
         in_short=cell(row.get("next_in_short")),
+        next_purpose=cell(row.get("next_purpose")),
         advice_kind=cell(row.get("advice_kind")),
         p_value=_number(row["p_value"]),
         probability=_number(row["probability"]),

@@ -5,66 +5,101 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 import pandas as pd
 
-from truing.report.diagnosis.judged import NOT_TESTABLE, REJECTED, Judged
+from truing.report.diagnosis.judged import Judged
 from truing.report.diagnosis.misses import POINTS, READINGS, compared
+from truing.report.diagnosis.next_steps import NextStep, next_steps
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, Section
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, filled
+from truing.schemas.needs import Need
 
 _TITLE = "What to measure next"
 _WITHOUT_MECHANISM = "No configurations were computed: without a mechanism nothing says which there are."
-_TOLD = ("purpose", "pose", "times", "expected")
+_TOLD = (
+    *("purpose", "need", "pose", "measurements", "duration_s", "expected"),
+    *("sigma_now", "sigma_expected", "unit", "odds_expected"),
+)
 # Actuators stand on values of a tenth of a micrometre at best.
 _PLACES = 4
+_CALLED = {"repeat_of": "repeats"}
 
-_HEADS = ("run", "loads, step by step", "what is read", "conditions", "what it is expected to give")
+_HEADS = ("run", "times", "loads, step by step", "what is read", "conditions", "repeats", "what it is expected to give")
 _STEPS = ("run", "step", "time_s", *LOADS.values(), "channels")
+_SERVED = {
+    Need.REQUIREMENT: ("requirement is undecided", "requirements are undecided"),
+    Need.RIVAL: ("explanation is doubtful", "explanations are doubtful"),
+    Need.PRECISION: ("finding can be known better", "findings can be known better"),
+    Need.TESTABLE: ("kind of cause could not be tested", "kinds of causes could not be tested"),
+}
+_CAPTION = "Not testable here, and what would show it"
 
 
 def following(rows: list[Judged], tables: Tables) -> Section:
-    """A table of configurations per purpose; where none was computed, what each finding asks for in words."""
-    asked = tuple(
-        ("next", f"{row.name}: {printed(row.in_short or row.then)}")
-        for row in rows
-        if row.then and row.verdict not in (REJECTED, NOT_TESTABLE)
-    )
-    loads = filled(tables, "next_loads")
-    if loads is not None:
-        return Section("next", _TITLE, _lead_of_loads(loads), listings=_listings_of_loads(loads), said=asked)
-    table = filled(tables, "next_poses")
-    if table is None:
-        state = "" if asked and compared(tables) is READINGS else "not evaluated"
-        legless = compared(tables) is POINTS and "pulls" not in tables
-        why = _WITHOUT_MECHANISM if legless else compared(tables).not_planned
-        return Section("next", _TITLE, why, said=asked, state=state)
-    parts = [(str(purpose), own) for purpose, own in table.groupby("purpose", sort=False)]
-    lead = (
-        f"{count(len(table), 'configuration')} for {count(len(parts), 'purpose')}, readings as the machine takes them."
-    )
-    return Section("next", _TITLE, lead, listings=tuple(_listing(*part) for part in parts), said=asked)
+    """What is asked for, by need, and a table of configurations or runs for each purpose that was computed."""
+    steps = next_steps(rows, tables)
+    asked = tuple(("next", f"{_upper(step.purpose)}: {step.said}") for step in steps if step.need != Need.TESTABLE)
+    untested = tuple((step.purpose, step.words) for step in steps if step.need == Need.TESTABLE)
+    listings = _computed(tables)
+    if untested:
+        listings += (Listing(("cause", "what to measure"), untested, (), _CAPTION, True, "next_measurements.parquet"),)
+    lead = _lead(steps, tables)
+    state = "" if listings or (asked and compared(tables) is READINGS) else "not evaluated"
+    return Section("next", _TITLE, lead, listings=listings, said=asked, state=state)
+
+
+def _lead(steps: list[NextStep], tables: Tables) -> str:
+    """How many things are asked for, and what they serve; why no configurations were computed where none were."""
+    counts = Counter(step.need for step in steps)
+    served = [f"{counts[need]} {words[counts[need] > 1]}" for need, words in _SERVED.items() if counts[need]]
+    said = f"The most urgent first: {', '.join(served)}." if served else ""
+    if filled(tables, "next_loads") is not None:
+        begins = (
+            "Every run begins with a zero of its own; the CSV below each table has all steps, with times and loads."
+        )
+        return f"{said} {begins}".strip()
+    if filled(tables, "next_poses") is not None:
+        return f"{said} Readings stand below as the machine takes them.".strip()
+    legless = compared(tables) is POINTS and "pulls" not in tables
+    return f"{said} {_WITHOUT_MECHANISM if legless else compared(tables).not_planned}".strip()
+
+
+def _computed(tables: Tables) -> tuple[Listing, ...]:
+    """A table per purpose."""
+    for name, listing in (("next_loads", _listing_of_loads), ("next_poses", _listing)):
+        if (table := filled(tables, name)) is not None:
+            return tuple(listing(str(purpose), own) for purpose, own in table.groupby("purpose", sort=False))
+    return ()
 
 
 def _listing(purpose: str, own: pd.DataFrame) -> Listing:
+    own = own.astype({"times": "Int64"}) if "times" in own else own
     columns = _columns(own)
     rows = tuple(
         (str(r["pose"]), *(_cell(r[c]) for c in columns), printed(cell(r["expected"]))) for r in own.to_dict("records")
     )
-    heads = ("pose", *columns, "what it is expected to give")
-    caption = f"{purpose}: {count(len(own), 'configuration')}"
+    heads = ("pose", *(_CALLED.get(c, c) for c in columns), "what it is expected to give")
+    caption = f"{purpose}: {count(len(own), 'configuration')}{_in_all(own, 'pose')}"
     bare = ((row[0], *("" if c == "–" else c for c in row[1:-1])) for row in rows[:MOST_ROWS])
     text = _csv(("pose", *columns), bare)
     return Listing(heads, rows, caption=caption, held_by="next_poses.parquet", csv=text)
+
+
+def _in_all(own: pd.DataFrame, unit: str) -> str:
+    """``, 91 poses in all``; nothing where each is measured once, or no number is enough."""
+    total = own["measurements"].fillna(0).iloc[0] if "measurements" in own else 0
+    return f", {count(int(total), unit)} in all" if total > own[unit].nunique() else ""
 
 
 def _columns(own: pd.DataFrame) -> list[str]:
     """Columns of settings, readings first and in the order of the legs, without those that nobody has to set."""
     names = [str(c) for c in own.columns if c not in _TOLD and own[c].notna().any()]
     readings = sorted((c for c in names if re.fullmatch(r"rho\d+_mm", c)), key=lambda c: int(c[3:-3]))
-    return [*readings, *(c for c in names if c not in readings)]
+    return [*(c for c in ("times",) if c in names), *readings, *(c for c in names if c not in (*readings, "times"))]
 
 
 def _cell(value: object) -> str:
@@ -83,38 +118,17 @@ def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return text.getvalue()
 
 
-def _lead_of_loads(table: pd.DataFrame) -> str:
-    """How many runs there are, and for how many purposes."""
-    runs = len(table[["purpose", "run"]].drop_duplicates())
-    return (
-        f"{count(runs, 'run')} of loads for {count(table['purpose'].nunique(), 'purpose')}. Every run begins with a "
-        "zero of its own; the CSV below each table has all steps, with times and loads."
-    )
-
-
-def _listings_of_loads(table: pd.DataFrame) -> tuple[Listing, ...]:
-    """A table of runs per purpose."""
-    return tuple(_listing_of_loads(str(purpose), own) for purpose, own in table.groupby("purpose", sort=False))
-
-
 def _listing_of_loads(purpose: str, own: pd.DataFrame) -> Listing:
     rows = tuple(_row(run) for _, run in own.groupby("run", sort=False))
-    caption = f"{purpose}: {count(len(rows), 'run')}{_again(own)}"
+    caption = f"{purpose}: {count(len(rows), 'run')}{_in_all(own, 'run')}"
     return Listing(_HEADS, rows, caption=caption, held_by="next_loads.parquet", csv=_csv(_STEPS, _steps(own)))
-
-
-def _again(own: pd.DataFrame) -> str:
-    """How often a round of all of them is needed; nothing where once is enough, or no number is."""
-    times = own["times"].iloc[0]
-    return f", {int(times)} times each" if times == times and times > 1 else ""
 
 
 def _row(run: pd.DataFrame) -> tuple[str, ...]:
     first = run.iloc[0]
-    told = [
-        cell(first[name]) if first[name] == first[name] and first[name] else "–" for name in ("channels", "conditions")
-    ]
-    return (str(first["run"]), _loads(run), *told, printed(cell(first["expected"])))
+    times = "–" if pd.isna(first["times"]) else str(int(first["times"]))
+    read, how, again = (cell(first.get(name)) or "–" for name in ("channels", "conditions", "repeat_of"))
+    return (str(first["run"]), times, _loads(run), read, how, again, printed(cell(first["expected"])))
 
 
 def _loads(run: pd.DataFrame) -> str:
@@ -131,3 +145,7 @@ def _steps(own: pd.DataFrame) -> Iterator[list[str]]:
     """Every step as it is applied."""
     for row in own[list(_STEPS)].itertuples(index=False):
         yield [cell(value) if isinstance(value, str) else f"{value:g}" for value in row]
+
+
+def _upper(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}"

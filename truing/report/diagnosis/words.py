@@ -11,6 +11,7 @@ from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.judged import NOT_TESTABLE, REJECTED, RIVAL, SUSPECTED, Judged, accepted_of, judged
+from truing.report.diagnosis.next_steps import next_steps
 from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.numbers import count, printed, rough
 from truing.report.numbers import listed as listed_shortly
@@ -20,7 +21,7 @@ from truing.report.reasons import recorded_readings, why_no_diagnosis
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled, is_bench
 from truing.report.wordings.catalogue import cause_words
-from truing.report.wordings.claim import AdviceKind
+from truing.schemas.needs import Need
 from truing.schemas.verdict import ReasonCode, Relation
 
 # Findings that the first line tells, and causes whose smallest detectable size it tells.
@@ -39,8 +40,6 @@ _ASKED = (
     "stiffness-scale",
     "hysteresis",
 )
-# What tells rivals apart comes first, and what no number of poses brings comes last.
-_USEFULNESS: dict[str, int] = {AdviceKind.SEPARATE: 0, AdviceKind.IN_VAIN: 2}
 
 
 def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
@@ -100,7 +99,7 @@ def diagnosis_details(tables: Tables) -> list[Verdict]:
     found = accepted_of(rows)
     if not rows:
         return []
-    told = [*_rivals(found, rows, tables), ("warn", load_warning(rows, tables)), *_next(found, tables)]
+    told = [*_rivals(found, rows, tables), ("warn", load_warning(rows, tables)), *_next(rows, tables)]
     return [line for line in told if line[1]]
 
 
@@ -213,15 +212,13 @@ def lower(sentence: str) -> str:
     return sentence[:1].lower() + sentence[1:]
 
 
-def _next(found: list[Judged], tables: Tables) -> list[Verdict]:
-    """What to do next, in the words of the first finding: to tell it from its rivals where it has any."""
-    asked = sorted((row for row in found if row.then), key=lambda row: _USEFULNESS.get(row.advice_kind, 1))
-    if not asked:
+def _next(rows: list[Judged], tables: Tables) -> list[Verdict]:
+    """What to do next: what serves the most urgent need, for a table on the page in short."""
+    steps = [step for step in next_steps(rows, tables) if step.need != Need.TESTABLE]
+    if not steps:
         return []
-    computed = any(filled(tables, name) is not None for name in ("next_poses", "next_loads"))
-    if not computed or not asked[0].in_short:
-        return [("next", f"Next: {lower(printed(asked[0].then))}")]
-    return [("next", f"Next: {lower(printed(asked[0].in_short))} They stand under What to measure next.")]
+    first, where = steps[0], " The table is under What to measure next." if steps[0].short else ""
+    return [("next", f"Next: {lower(first.said)}{where}")]
 
 
 def certainty(row: Judged) -> str:

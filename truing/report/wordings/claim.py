@@ -92,11 +92,13 @@ class AdviceKind(StrEnum):
 
 @dataclass(frozen=True)
 class Advice:
-    """What to measure next; ``short``: without the settings that a table holds, empty where none does."""
+    """What to measure next; ``short``: without the settings that a table holds, empty where none does; ``purpose``:
+    that of its rows there."""
 
     kind: AdviceKind
     words: str
     short: str = ""
+    purpose: str = ""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ _COLUMNS = {
     "direction of approach": "the direction of approach",
     "travel since the turn": "how far the axis came since it turned",
 }
-_OF_TIME = {"time_s", "order", "time_in_run_s"}
+OF_TIME = {"time_s", "order", "time_in_run_s"}
 PARTS_OF_AXES = {
     "axis": "the transmission of the axis, or an encoder that no reading here tells from it,",
     "encoder load": "the encoder at the load",
@@ -137,7 +137,7 @@ def _advice(claim: Claim) -> str:
         what, other = "load steps", "load"
     if claim.fact("element"):
         what, other = "commands", "command"
-    if set(claim.fact("columns") or ()) <= _OF_TIME:
+    if set(claim.fact("columns") or ()) <= OF_TIME:
         return f"Repeat some {what} in another order: does it go with the time, or with the {other}?"
     return f"Repeat some {what} with another value of {_followed_words(claim)}, everything else unchanged."
 

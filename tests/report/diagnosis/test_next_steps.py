@@ -1,0 +1,161 @@
+"""What to measure next on the page: the most urgent need first, totals told, nothing invented."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.report.diagnosis.test_suspected import adequacy
+from tests.report.diagnosis_parts import part_of, text_of
+from tests.report.diagnosis_tables import diagnosis_tables, rejected, row, rows
+from truing.report.diagnosis.judged import judged
+from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
+from truing.report.head import build_head
+from truing.schemas.needs import Need
+
+Frames = dict[str, pd.DataFrame]
+PLAN = "platform-deformation-matrix: K22"
+SHARPEN = {
+    "next_measurement": "To know K22 better, do this (rho 1 mm).",
+    "next_in_short": "To know K22 better, do this.",
+}
+SHARPEN |= {"advice_kind": "sharpen", "next_purpose": PLAN}
+HOLDS = adequacy(("observation-noise", "", 1.01, 0.6, "ok"))
+
+
+def _tables(*found: dict, tests: pd.DataFrame = HOLDS) -> Frames:
+    """A run without failed checks whose requirement z is undecided."""
+    tables = diagnosis_tables(rows(*found, *rejected())) | {"adequacy": tests}
+    own = tables["requirements"]
+    open_ = own["verdict"] == "undecided"
+    facts = {"measurements": 14.0, "poses_judged": 6.0, "lower_expected": 0.09, "upper_expected": 0.0999}
+    return tables | {"requirements": own.assign(**{name: np.where(open_, v, np.nan) for name, v in facts.items()})}
+
+
+def _steps(tables: Frames) -> list[NextStep]:
+    return next_steps(judged(tables), tables)
+
+
+def _planned(tables: Frames) -> Frames:
+    own = tables["next_poses"].assign(purpose=PLAN, need="precision", measurements=91, duration_s=3600.0, times=13)
+    falls = np.linspace(0.45, 0.25, len(own))
+    return tables | {"next_poses": own.assign(sigma_now=0.5, sigma_expected=falls, unit="mm")}
+
+
+def test_needs_stand_in_their_order_whatever_the_order_of_findings() -> None:
+    sharp = row("platform-deformation-linear", **SHARPEN)
+    rival = row("leg-drift", next_measurement="To tell it from leg-thermal, wait.", advice_kind="separate")
+    idle = row("body-drift", "not testable", next_measurement="Measure at two temperatures.")
+    steps = _steps(_planned(_tables(sharp, rival, idle)))
+    needs = [step.need for step in steps]
+    assert needs == sorted(needs, key=lambda need: need.rank)
+    assert list(dict.fromkeys(needs)) == list(Need)
+    assert [step.purpose for step in steps if step.need == Need.RIVAL] == ["leg drift"]
+    frame = next_measurements_frame(steps)
+    assert frame["rank"].tolist() == [*range(1, len(steps) + 1)]
+    own = frame[frame["need"] == "precision"].iloc[0]
+    figures = own[["measurements", "duration_s", "sigma_now", "sigma_expected"]].tolist()
+    assert figures == [91.0, 3600.0, 0.5, 0.25]
+    assert own["unit"] == "mm"
+
+
+def test_an_undecided_requirement_leads_with_the_poses_that_decide_it() -> None:
+    tables = _tables(row("platform-deformation-linear", **SHARPEN))
+    first = _steps(tables)[0]
+    assert first.need == Need.REQUIREMENT
+    assert first.figures["measurements"] == 14.0
+    assert "measure 14 further poses all over the workspace, with role verification" in first.words
+    assert "by as much as the 6 so far" in first.words
+    said = next(words for mark, words in build_head("c", tables).verdicts if mark == "next")
+    assert said == f"Next: {first.words[0].lower()}{first.words[1:]}"
+
+
+def test_a_requirement_at_its_limit_asks_for_no_poses() -> None:
+    tables = _tables(row("platform-deformation-linear"))
+    tables["requirements"] = tables["requirements"].assign(measurements=np.nan)
+    first = _steps(tables)[0]
+    assert first.need == Need.REQUIREMENT
+    assert not first.figures
+    assert "too close to what is required" in first.words
+
+
+@pytest.mark.parametrize("verdict", ["meets", "fails", "not evaluated"])
+def test_a_requirement_that_is_decided_asks_for_nothing(verdict: str) -> None:
+    tables = _tables(row("platform-deformation-linear"))
+    tables["requirements"] = tables["requirements"].assign(verdict=verdict)
+    assert all(step.need != Need.REQUIREMENT for step in _steps(tables))
+
+
+def test_without_requirements_and_findings_nothing_is_invented() -> None:
+    tables = _tables()
+    del tables["requirements"]
+    assert not _steps(tables)
+    assert not part_of("next", tables | {"next_poses": tables["next_poses"].iloc[:0]}).said
+    assert len(next_measurements_frame([])) == 0
+
+
+def test_a_suspected_finding_comes_after_what_tells_whether_the_model_holds() -> None:
+    doubted = row("leg-drift", "suspected", reason_code="inadequate", next_measurement="Return to one pose.")
+    steps = _steps(_tables(doubted, tests=adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))))
+    rivals = [step for step in steps if step.need == Need.RIVAL]
+    assert [step.words.startswith("Measure one pose ten times") for step in rivals] == [True, False]
+    assert rivals[1].words == "Return to one pose."
+
+
+TOLD = {
+    ("observation-noise", ""): "Measure one pose ten times without moving anything.",
+    ("input-noise", ""): "Move ten times to one pose, each time from the same side.",
+    ("like-neighbours", "time_s"): "Repeat five of the first poses at the end",
+    ("like-neighbours", "order"): "Repeat five of the first poses at the end",
+    ("like-neighbours", "temperature_c"): "Repeat five poses at two temperatures",
+    ("like-neighbours", "direction of approach"): "twice from each side",
+    ("like-neighbours", "rho3_mm"): "Measure at five values of actuator 3",
+    ("like-neighbours", "rho1_mm rho2_mm"): "Repeat the five poses with the largest errors on another day.",
+}
+
+
+@pytest.mark.parametrize("test", TOLD, ids="-".join)
+def test_each_test_that_fails_asks_for_what_would_tell_why(test: tuple[str, str]) -> None:
+    (told,) = [step for step in _steps(_tables(tests=adequacy((*test, 2.0, 1e-9, "fails")))) if step.need == Need.RIVAL]
+    assert TOLD[test] in told.words
+
+
+def test_a_bench_and_an_axis_are_asked_in_their_own_words() -> None:
+    fails = adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))
+    for relation, words in (("loads-readings", "Hold one load"), ("commands-encoders", "Read every encoder ten times")):
+        steps = _steps(_tables(row("creep", relation=relation), tests=fails))
+        assert any(step.words.startswith(words) for step in steps)
+
+
+def test_a_search_that_was_ended_asks_for_what_shows_the_cause_that_was_next() -> None:
+    ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
+    ended = ended.assign(search_end="most-causes", left_cause="actuator-backlash", left_subject="leg2")
+    (told,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
+    assert "Approach the same poses from below and from above" in told.words
+
+
+def test_a_kind_of_cause_is_untested_only_where_no_subject_of_it_was_tested() -> None:
+    idle = {"next_measurement": "Approach from both sides."}
+    both = [row("actuator-backlash", "not testable", subject="leg1", **idle), row("actuator-backlash", "rejected")]
+    alone = [row("base-deformation", "not testable", subject=f"{k}", **idle) for k in range(3)]
+    tables = diagnosis_tables(rows(*both, *alone))
+    untested = [step for step in _steps(tables) if step.need == Need.TESTABLE]
+    assert [step.purpose for step in untested] == ["base deformation"]
+    assert "Approach from both sides." in text_of(part_of("next", tables))
+    assert all(mark != "next" for mark, _ in build_head("c", tables).verdicts if len(_steps(tables)) == len(untested))
+
+
+def test_totals_stand_above_each_table() -> None:
+    (listing,) = part_of("next", _planned(_tables(row("platform-deformation-linear", **SHARPEN)))).listings
+    assert listing.caption == f"{PLAN}: 5 configurations, 91 poses in all"
+    assert listing.heads[:2] == ("pose", "times")
+    assert listing.rows[0][1] == "13"
+
+
+def test_loads_alone_are_told_beside_another_kind_of_measurement() -> None:
+    words = {"next_measurement": "Shift the load.", "advice_kind": "confirm", "next_purpose": PLAN}
+    steps = _steps(_planned(_tables(row("load-eccentricity", **words))))
+    (told,) = [step for step in steps if step.need == Need.PRECISION]
+    assert told.words.startswith("Shift the load. Without that, 91 runs of loads, about 60 min of loading,")
+    assert told.words.endswith("from 0.5 mm to 0.25 mm, by a factor of 2.0.") or "500 µm to 250 µm" in told.words

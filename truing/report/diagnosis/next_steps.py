@@ -1,0 +1,158 @@
+"""What to measure next, the most urgent need first: from all tables of a run, whatever the campaign measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from truing.report.calibration.requirements import chosen_requirements, interval_words
+from truing.report.diagnosis.judged import NOT_TESTABLE, RIVAL, SUSPECTED, Judged, accepted_of
+from truing.report.diagnosis.shortcomings import measurements_to_tell
+from truing.report.numbers import about, count, printed, quantity, rough
+from truing.report.section_verdict import verdict_rows
+from truing.report.tables import Tables, cell, filled
+from truing.report.verdict import with_verdict
+from truing.report.wordings.catalogue import cause_words
+from truing.report.wordings.claim import AdviceKind
+from truing.schemas.needs import Need
+from truing.schemas.verdict import ReasonCode
+
+_OF_ADVICE: dict[str, Need] = {AdviceKind.SEPARATE: Need.RIVAL, AdviceKind.ANOTHER: Need.RIVAL}
+_PLANS = ("next_poses", "next_loads")
+_FIGURES = ("measurements", "duration_s", "sigma_now", "sigma_expected", "odds_expected")
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """One thing to measure next: what it serves, what it is for, and in words; its figures where they were computed.
+
+    ``short``: the words without what a table on the page holds, empty where none does; ``figures`` by column of
+    next_measurements.parquet, ``unit`` that of those with one of their own.
+    """
+
+    need: Need
+    purpose: str
+    words: str
+    short: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    unit: str = ""
+
+    @property
+    def said(self) -> str:
+        """The shortest words."""
+        return self.short or self.words
+
+
+def next_steps(rows: list[Judged], tables: Tables) -> list[NextStep]:
+    """Return all that could be measured next, the most urgent need first."""
+    told = [NextStep(Need.RIVAL, *both) for both in measurements_to_tell(rows, tables)]
+    steps = [*_requirements(tables), *told, *_findings(rows, tables), *_untested(rows)]
+    return sorted(steps, key=lambda step: step.need.rank)
+
+
+def next_measurements_frame(steps: list[NextStep]) -> pd.DataFrame:
+    """Return the rows of next_measurements.parquet."""
+    rows: list[dict[str, Any]] = [
+        {"rank": rank, "need": step.need.value, "purpose": step.purpose, "next_measurement": step.words}
+        | {"unit": step.unit or None, **step.figures}
+        for rank, step in enumerate(steps, 1)
+    ]
+    return pd.DataFrame(rows, columns=["rank", "need", "purpose", "next_measurement", *_FIGURES, "unit"])
+
+
+def _requirements(tables: Tables) -> Iterator[NextStep]:
+    """The poses that decide requirements whose interval holds the limit; nothing where no model fits."""
+    own = chosen_requirements(tables)
+    verdict = verdict_rows(with_verdict(tables)).get("requirements")
+    if own is None or "measurements" not in own or verdict is None:
+        return
+    if verdict.reason_code == ReasonCode.MODEL_DOES_NOT_FIT:
+        return
+    undecided = own[own["verdict"] == "undecided"].sort_values("measurements", ascending=False, na_position="last")
+    pace_s, several = _pace(tables), int(undecided["measurements"].notna().sum())
+    for row in undecided.itertuples():
+        if pd.isna(row.measurements):
+            now, _, asked = interval_words(row)
+            words = (
+                f"No number of poses that can be measured decides it: the error of {row.component} lies too close to "
+            )
+            words += f"what is required. Its 95 % interval is {now}, required are {asked}."
+            yield NextStep(Need.REQUIREMENT, f"requirement {row.component}", words)
+        else:
+            yield _deciding(row, pace_s, several)
+
+
+def _deciding(row: Any, pace_s: float | None, several: int) -> NextStep:
+    """The poses that decide one requirement; of ``several`` that are undecided they serve all."""
+    total = int(row.measurements)
+    takes = "" if pace_s is None else f" ({about(total * pace_s)} at the pace of this campaign)"
+    said = f"To decide whether {row.component} meets what is required, measure {count(total, 'further pose')} all over "
+    said += f"the workspace, with role verification{takes}."
+    said += " The same poses serve the other requirements." if several > 1 else ""
+    now, then, asked = interval_words(row)
+    given = f"The 95 % interval is {now} now, required are {asked}. "
+    given += f"It will be {then} if these poses miss by as much as the {int(row.poses_judged)} so far."
+    figures = {"measurements": float(total)} | ({} if pace_s is None else {"duration_s": total * pace_s})
+    return NextStep(Need.REQUIREMENT, f"requirement {row.component}", f"{said} {given}", figures=figures)
+
+
+def _pace(tables: Tables) -> float | None:
+    """Median time from one pose to the next, s; None where nothing tells it."""
+    table = filled(tables, "configurations")
+    if table is None or "time_s" not in table:
+        return None
+    steps = np.diff(np.sort(table["time_s"].dropna().to_numpy(float)))
+    return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else None
+
+
+def _findings(rows: list[Judged], tables: Tables) -> Iterator[NextStep]:
+    """What each finding asks for: to tell it from its rival first, and last what no number of repeats brings."""
+    found = accepted_of(rows)
+    beside = [row for row in rows if row.verdict == RIVAL and not (found and row.advice_kind in _OF_ADVICE)]
+    for row in sorted([*found, *beside], key=lambda row: row.advice_kind == AdviceKind.IN_VAIN):
+        if row.then:
+            yield _of_finding(row, tables)
+
+
+def _of_finding(row: Judged, tables: Tables) -> NextStep:
+    """What a finding asks for; what is not sure to be there is held against its rivals, named or not."""
+    doubted = row.verdict in (SUSPECTED, RIVAL)
+    need = _OF_ADVICE.get(row.advice_kind, Need.RIVAL if doubted else Need.PRECISION)
+    plan = _plan(row.next_purpose, tables)
+    if plan is None:
+        return NextStep(need, row.name, printed(row.then), printed(row.in_short))
+    figures = {name: float(plan[name]) for name in _FIGURES if name in plan and pd.notna(plan[name])}
+    unit = cell(plan.get("unit"))
+    also = "" if row.in_short else _repeating(figures, unit)
+    return NextStep(need, row.name, printed(f"{row.then}{also}"), printed(row.in_short), figures, unit)
+
+
+def _plan(purpose: str, tables: Tables) -> pd.Series | None:
+    """The last row of a purpose's table, which holds what all of it gives; None where it has none."""
+    known = [table for name in _PLANS if (table := filled(tables, name)) is not None and "need" in table]
+    own = [table[table["purpose"] == purpose] for table in known if purpose]
+    return next((table.iloc[-1] for table in own if len(table)), None)
+
+
+def _repeating(figures: Mapping[str, float], unit: str) -> str:
+    """What loads alone give beside another kind of measurement."""
+    if not {"measurements", "sigma_now", "sigma_expected"} <= figures.keys():
+        return ""
+    now, then = figures["sigma_now"], figures["sigma_expected"]
+    takes = f", {about(figures['duration_s'])} of loading," if "duration_s" in figures else ""
+    falls = f"from {quantity(now, unit)} to {quantity(then, unit)}, by a factor of {rough(now / then)}"
+    return (
+        f" Without that, {count(round(figures['measurements']), 'run')} of loads{takes} lower its uncertainty {falls}."
+    )
+
+
+def _untested(rows: list[Judged]) -> Iterator[NextStep]:
+    """What would show causes that this campaign cannot show of any subject."""
+    shown = {row.cause for row in rows if row.verdict != NOT_TESTABLE}
+    first = {row.cause: row for row in reversed(rows) if row.cause not in shown and row.then}
+    for cause, row in reversed(first.items()):
+        yield NextStep(Need.TESTABLE, cause_words(cause), printed(row.then))

@@ -1,0 +1,94 @@
+"""What to measure where the final model does not hold as a whole: what tells noise, drift and form apart."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from truing.report.diagnosis.adequacy import CAUSES_LEFT, shortcoming_words
+from truing.report.diagnosis.judged import Judged
+from truing.report.tables import Tables, cell, filled
+from truing.report.wordings.catalogue import cause_words, confirming
+from truing.report.wordings.claim import Claim
+from truing.report.wordings.followed import OF_TIME, columns_words
+from truing.schemas.covariates import named
+from truing.schemas.verdict import Relation
+
+_MOST = 2
+# One epoch, several, how one is measured again with nothing touched, and how with what it depends on set anew.
+_POSE = (
+    "pose",
+    "poses",
+    "Measure one pose ten times without moving anything.",
+    "Move ten times to one pose, each time from the same side.",
+)
+_LOAD = (
+    "load",
+    "loads",
+    "Hold one load and read every channel ten times.",
+    "Apply one load ten times, each time from zero.",
+)
+_COMMAND = (
+    "command",
+    "commands",
+    "Read every encoder ten times at one command, without moving.",
+    "Send the axis ten times to one command, from the same side.",
+)
+_EPOCHS = {
+    Relation.LOADS_READINGS: _LOAD,
+    Relation.LOADS_SIGNALS: _LOAD,
+    Relation.COMMANDS_ENCODERS: _COMMAND,
+}
+_IF_NOISE = (
+    "If the scatter is larger than [noise] says, correct [noise]. If it is not, an effect is missing in the model."
+)
+_LOOKS_BACK = re.compile(
+    r"approach.*|last step|memory|direction of .*|travel since the turn|unloading .*|largest so far .*"
+)
+
+
+def measurements_to_tell(rows: list[Judged], tables: Tables) -> Iterator[tuple[str, str]]:
+    """Yield by what the final model falls short, and what would tell why, the worst first; nothing where it holds."""
+    table = filled(tables, "adequacy")
+    if table is None or not rows:
+        return
+    epochs = _EPOCHS.get(Relation(rows[0].relation), _POSE) if rows[0].relation else _POSE
+    told: dict[str, str] = {}
+    for row in table[table["state"] == "fails"].sort_values("p_value", kind="stable").itertuples():
+        told.setdefault(_telling(row, epochs), shortcoming_words(row))
+    for words, why in list(told.items())[:_MOST]:
+        yield why, words
+
+
+def _telling(row: Any, epochs: tuple[str, str, str, str]) -> str:
+    """What tells why one test of the final model fails."""
+    _, several, again, anew = epochs
+    if row.test == CAUSES_LEFT:
+        claim = Claim(cause=cell(row.left_cause), subject=cell(row.left_subject))
+        return f"Next would be {cause_words(claim.cause)}. {confirming(claim).words}".strip()
+    if row.test == "observation-noise":
+        return f"{again} {_IF_NOISE}"
+    if row.test == "input-noise":
+        return f"{anew} {_IF_NOISE}"
+    along = cell(row.along)
+    return _along((along,) if _LOOKS_BACK.fullmatch(along) else named(along), several)
+
+
+def _along(columns: tuple[str, ...], several: str) -> str:
+    """What tells why residuals are alike where columns are alike."""
+    what = columns_words(columns)
+    if set(columns) <= OF_TIME:
+        said = f"Repeat five of the first {several} at the end, and measure the others in random order."
+        return f"{said} If the repeats differ, something drifts with time. If not, the error belongs to the {several}."
+    if all(_LOOKS_BACK.fullmatch(name) for name in columns):
+        return (
+            f"Measure five {several} twice from each side. What depends on how they were reached then shows by itself."
+        )
+    if any("temperature" in name for name in columns):
+        return f"Repeat five {several} at two temperatures, each held until it is steady. All else stays as it was."
+    if len(columns) > 1:
+        said = f"Repeat the five {several} with the largest errors on another day."
+        return f"{said} If they miss by the same again, measure more {several} near them: the error has a form there."
+    said = f"Measure at five values of {what}, up and down again, with all else held."
+    return f"{said} What follows {what} then shows by itself."
