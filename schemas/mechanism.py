@@ -127,6 +127,11 @@ class LeggedMechanism(MechanismSection):
     leg_tube: Rod | None = Field(None, description="stiffness model: the legs")
     tolerance: Tolerance = Field(Tolerance(), description="how well the geometry is known beforehand")
     actuator_pitch_mm: Positive | None = Field(None, description="pitch of the actuators' leadscrew")
+    payload_kg: Positive | None = Field(
+        None,
+        description="what the legs carry, platform included; a column of configurations.csv with this name comes first",
+    )
+    payload_com_mm: Vector = Field((0.0, 0.0, 0.0), description="its centre of gravity, platform frame")
     model: Path | None = Field(None, description="model.toml of an earlier campaign of this machine, to start from")
 
     @model_validator(mode="after")

@@ -51,9 +51,10 @@ EXAMPLES: dict[str, Cause] = {
     "gravity-sag": GravitySag("B", _MARKS, _CORNERS),
 }
 _FORMS = {"thermal-expansion": {"form": APART}, "measurement-scale": {"form": "both"}}
-# What is compared: single targets and exchanged labels are like nothing else, bodies have no legs, and a scatter has no
-# mean.
+# What is compared: single targets and exchanged labels are like nothing else, bodies have no legs, a scatter has no
+# mean, and nothing tells what the sample campaign's legs carry.
 _ALONE = (
+    "leg-compliance",
     "target-moved",
     "targets-swapped",
     "body-deformation",

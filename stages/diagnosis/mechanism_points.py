@@ -19,6 +19,7 @@ from truing.simulation.mechanisms.extended_model import extended, some_of, write
 from truing.simulation.mechanisms.legs.kinematics import reaches
 from truing.simulation.mechanisms.measured_mechanism import MeasuredTargets, SeatedLegs, seated_legs
 from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.weight import Weight
 from truing.simulation.targets import BASE, FREE_DIRECTION, FREE_LENGTH_M, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import (
@@ -106,7 +107,17 @@ def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets
         section.reference_temperature_c,
         None if section.actuator_pitch_mm is None else section.actuator_pitch_mm * 1e-3,
         float(np.mean(flexures)) * 1e-3 if len(flexures) == len(section.legs) else None,
+        _weight(section, settings),
     )
+
+
+def _weight(section: LeggedMechanism, settings: Campaign) -> Weight | None:
+    """Which way is up, and what the legs carry; None where campaign.toml does not say which way is up."""
+    if settings.measurement.up is None:
+        return None
+    x, y, z = np.asarray(settings.measurement.up) / np.linalg.norm(settings.measurement.up)
+    across, along, above = (1e-3 * length for length in section.payload_com_mm)
+    return Weight((float(x), float(y), float(z)), section.payload_kg, (across, along, above))
 
 
 def _targets(

@@ -13,7 +13,7 @@ from truing.estimation.design.rival_design import Candidates, Fitted, Instrument
 from truing.report.numbers import duration
 from truing.schemas.covariates import own_name
 from truing.simulation.bodies.causes.terms import CAME_FROM
-from truing.simulation.inputs import APPROACH, LAST_STEP, LOOKING_BACK, ORDER, TEMPERATURE, TIME
+from truing.simulation.inputs import APPROACH, GRAVITY_IN, LAST_STEP, LOOKING_BACK, ORDER, TEMPERATURE, TIME
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -27,6 +27,8 @@ _SAME = 5.0  # readings within so many of these steps are the same
 _TOLD_DIGITS = 4  # of a value that surroundings are set to
 # Temperatures this far from those measured are no trouble to set up, K.
 _WARMER_K = 5.0
+# So many attitudes of a body are proposed beside the usual one.
+_ATTITUDES = 4
 # A change of surroundings that moves no measurement by this many sigma does not matter to a model.
 _MATTERS = 0.1
 
@@ -203,6 +205,8 @@ def _levels(name: str, value: NDArray, step: float) -> list[Level]:
     """Return what a covariate (B,) or (B, L) can be set to, the usual one first; nothing where it is not known."""
     if not np.isfinite(value).all():
         return []
+    if name.startswith(GRAVITY_IN):
+        return _attitudes(name.removeprefix(GRAVITY_IN), value)
     if value.ndim == 2:
         return _movements(name, value.shape[1], step)
     if name.startswith(CAME_FROM):
@@ -230,6 +234,17 @@ def _times(value: NDArray) -> list[Level]:
 def _approaches(drive: str) -> list[Level]:
     """Return from where a drive may come."""
     return [Level(1.0, f"approached with growing {drive}"), Level(-1.0, f"approached with falling {drive}")]
+
+
+def _attitudes(body: str, down: NDArray) -> list[Level]:
+    """Return directions of gravity in a body's frame (3,), of those that were measured (B, 3): the usual one, then
+    those that lie farthest from it and from each other."""
+    chosen = [int(np.argmin(np.sum((down - np.median(down, axis=0)) ** 2, axis=1)))]
+    for _ in range(min(_ATTITUDES, len(down) - 1)):
+        apart = np.min(np.sum((down[:, None] - down[chosen]) ** 2, axis=-1), axis=1)
+        chosen.append(int(np.argmax(apart)))
+    words = [f"with gravity along ({', '.join(f'{x:.2f}' for x in down[row])}) of {body}" for row in chosen]
+    return [Level(down[row], said) for row, said in zip(chosen, ["", *words[1:]], strict=True)]
 
 
 def _movement(steps: NDArray | None, finest: float) -> float:

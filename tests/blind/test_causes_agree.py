@@ -17,6 +17,7 @@ from tests.blind.exact_machines import (
     TENTH_OF_NOISE_M,
     as_drawn,
     assert_alike,
+    hexapod,
     model_of,
     other,
     points_of,
@@ -25,14 +26,17 @@ from tests.blind.generator import effects as hidden
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.telescope import PUBLISHED_K
 from tests.tolerance import assert_between
+from truing.simulation.bodies.causes.gravity import GravitySag
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
     FlexureShift,
+    InPlanePlatformDeformation,
     LinearPlatformDeformation,
     MatrixPlatformDeformation,
     NonlinearPlatformDeformation,
 )
+from truing.simulation.mechanisms.causes.leg_compliance import LegCompliance
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.warmth import APART, LegThermal, ThermalExpansion
 
@@ -44,6 +48,16 @@ CASES: dict[str, tuple[hidden.Effect, Callable[[float, float], Cause], Any]] = {
         hidden.LinearDeformation(0.01 * SOME),
         lambda *_: LinearPlatformDeformation((2, 5)),
         [0.01, -0.01],
+    ),
+    "in plane": (
+        hidden.InPlaneDeformation(0.01 * ONE, -0.02 * ONE),
+        lambda *_: InPlanePlatformDeformation(),
+        np.concatenate([0.01 * ONE, -0.02 * ONE]),
+    ),
+    "in plane, some": (
+        hidden.InPlaneDeformation(0.01 * SOME, 0.03 * SOME),
+        lambda *_: InPlanePlatformDeformation((2, 5)),
+        [0.01, -0.01, 0.03, -0.03],
     ),
     "matrix": (hidden.MatrixDeformation(PUBLISHED_K), lambda *_: MatrixPlatformDeformation(), PUBLISHED_K.ravel()),
     "nonlinear": (
@@ -87,6 +101,30 @@ CASES: dict[str, tuple[hidden.Effect, Callable[[float, float], Cause], Any]] = {
 def test_an_effect_moves_all_targets_alike(name: str, machine: Callable[[list[hidden.Effect]], Campaign]) -> None:
     effect, make, values = CASES[name]
     assert_alike(machine([effect]), make, np.asarray(values))
+
+
+UP, CENTRE = np.array([0.28, 0.0, 0.96]), np.array([12.0, -7.0, 60.0])
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=lambda machine: machine.__name__)
+def test_legs_give_way_alike_under_what_they_carry(machine: Callable[[list[hidden.Effect]], Campaign]) -> None:
+    """The generator hangs masses on the legs; the model is told the mass, and which way is up."""
+    count = len(machine([]).readings)
+    effect = hidden.LegCompliance(2e-4 * np.abs(SOME), np.full(count, 35.0), CENTRE, UP)
+    assert_alike(
+        machine([effect]), lambda *_: LegCompliance((2, 5), tuple(UP), 35.0, tuple(CENTRE / 1e3)), np.full(2, 2e-7)
+    )
+
+
+def test_targets_of_a_platform_sag_alike() -> None:
+    """The generator counts them from the level platform."""
+    plain = hexapod([])
+    own = plain.marks.of("platform")
+    names, places = tuple(plain.marks.name[k] for k in own), plain.surveyed[own] / 1e3
+    sags = np.linspace(-0.2, 0.3, len(own))
+    campaign = hexapod([hidden.GravitySag(tuple(zip(names, sags.tolist(), strict=True)), UP)])
+    cause = GravitySag("platform", names, tuple(places.ravel()), middle=tuple(-UP), up=tuple(UP))
+    assert_alike(campaign, lambda *_: cause, sags / 1e3)
 
 
 def test_flexures_shift_their_joints_alike() -> None:

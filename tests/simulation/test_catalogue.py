@@ -23,6 +23,7 @@ from truing.simulation.mechanisms.state import State
 COVARIATES = {
     "time_s": np.array([0.0, 60.0, 120.0]),
     "temperature_c": np.array([20.0, 21.0, 22.5]),
+    "payload_kg": np.array([10.0, 20.0, 10.0]),
     "approach": np.array([[1.0] * 6, [-1.0] * 6, [1.0] * 6]),
 }
 

@@ -34,11 +34,13 @@ from truing.simulation.installed import with_installed
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
     FlexureShift,
+    InPlanePlatformDeformation,
     LinearPlatformDeformation,
     MatrixPlatformDeformation,
     NonlinearPlatformDeformation,
 )
 from truing.simulation.mechanisms.causes.drive import ActuatorBacklash, ActuatorGain, PeriodicError
+from truing.simulation.mechanisms.causes.leg_compliance import LegCompliance
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
@@ -56,10 +58,12 @@ OWN_CAUSES: tuple[PointCause, ...] = (
     LinearPlatformDeformation(),
     MatrixPlatformDeformation(),
     NonlinearPlatformDeformation(),
+    InPlanePlatformDeformation(),
     ThermalExpansion(),
     BaseDeformation(),
     LegDrift(),
     LegThermal(),
+    LegCompliance(),
     FlexureShift(),
     ActuatorGain(),
     ActuatorBacklash(),

@@ -27,6 +27,16 @@ class Missing(StrEnum):
     STILL = "no-still"
     POSES = "few-poses"
     TURNS = "no-turns"
+    PAYLOAD = "no-payload"
+    TILT = "no-tilt"
+
+
+GRAVITY_IN = "gravity "  # before a body's name
+
+
+def gravity_column(body: str) -> str:
+    """Return the covariate (B, 3) that holds the direction of gravity in a body's frame."""
+    return f"{GRAVITY_IN}{body}"
 
 
 def drive_of(column: str) -> int | None:

@@ -15,7 +15,15 @@ from tests.blind.generator.effects import Effect, Setting
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.hidden import BENDING, KINDS, OfSize
 from tests.blind.generator.hidden_case import HiddenCase, PlannedMeasure
-from tests.blind.generator.strength import Fit, change, fit_of, strength, strength_of_noise
+from tests.blind.generator.strength import (
+    Fit,
+    change,
+    fit_of,
+    squares_of_scatter,
+    strength,
+    strength_of_noise,
+    strength_of_scatter,
+)
 
 FIRST = 1e-5  # mm, 1/K or no unit: small enough for any effect to be in proportion
 
@@ -53,7 +61,12 @@ class Measure(PlannedMeasure):
 
     def of_strength(self, of_size: OfSize, wanted: float) -> tuple[Effect, float]:
         """The effect of the size at which it is as strong as wanted, and its strength."""
-        return self.sized(of_size, wanted, FIRST)[:2]
+        held = np.array(self.plain.schedule.role) == "verification"
+        count = of_size(FIRST).drawn(~held)
+        if not count:
+            return self.sized(of_size, wanted, FIRST)[:2]
+        effect, found, _ = self.sized(of_size, float(np.sqrt(squares_of_scatter(wanted, count))), FIRST)
+        return effect, strength_of_scatter(found**2, count)
 
 
 def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> Case:
@@ -72,7 +85,8 @@ def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> Case:
 def layouts_for(names: Sequence[str]) -> list[str]:
     """The layouts in which effects of these names can be hidden, and told from each other."""
     mechanisms = set.intersection({"6-pus", "ups"}, *(set(KINDS[name].mechanisms) for name in names))
-    without = {"hexapod"} - ({"hexapod"} if "ups" in mechanisms else set())
+    of_legs = {kind: "ups" if kind == "hexapod" else "6-pus" for kind in LAYOUTS}
+    without = {kind for kind, mechanism in of_legs.items() if mechanism not in mechanisms}
     if "actuator-gain" in names and BENDING & set(names):
         without.add("bare")  # where nothing on the attachments tells a bending platform from a wrong gain
     return [kind for kind in LAYOUTS if kind not in without]

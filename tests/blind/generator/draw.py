@@ -16,12 +16,14 @@ from tests.blind.generator.layout import (
     Noise,
     Surroundings,
     Targets,
+    Weight,
     noiseless,
     telescope_geometry,
 )
 from tests.blind.generator.schedule import STROKE_MM, at_rest, even_moves, published_moves, random_moves
 
 WRONG = 0.1  # by so much declared noise is off, in the layouts where it is
+TOLD_OF_WEIGHT = 0.3  # of campaigns that need no weight
 WIDE_MM = 4.0  # stroke where flexures are to bend visibly
 
 
@@ -132,11 +134,13 @@ LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
 
 def draw_plan(kind: str, needs: frozenset[str], seed: int) -> Plan:
     """A campaign's plan by the name of its layout. ``needs`` are names of further columns, and ``even`` where actuators
-    must stand anywhere, ``wide`` where they must go far in little noise.
+    must stand anywhere, ``wide`` where they must go far in little noise, ``upright`` where it must be told which way
+    is up, ``weighed`` where also what the legs carry.
     """
     rng = np.random.default_rng([seed, 1])
     layout = LAYOUTS[kind](rng)
-    columns = tuple(sorted(needs & {"humidity_pct", "pressure_hpa", "load_n"}))
+    weight, mass_column = _weight(layout, needs, np.random.default_rng([seed, 4]))
+    columns = (*sorted(needs & {"humidity_pct", "pressure_hpa", "load_n"}), *mass_column)
     surroundings = replace(
         layout.surroundings,
         temperature_step_c=float(rng.uniform(0.15, 0.5)),
@@ -144,10 +148,26 @@ def draw_plan(kind: str, needs: frozenset[str], seed: int) -> Plan:
         columns=columns or (("humidity_pct",) if rng.random() < 0.3 else ()),
     )
     pitch = round(float(rng.uniform(0.3, 1.2)), 2) if "even" in needs and rng.random() < 0.5 else None
-    layout = replace(layout, surroundings=surroundings, actuator_pitch_mm=pitch)
+    layout = replace(layout, surroundings=surroundings, actuator_pitch_mm=pitch, weight=weight)
     if "wide" in needs:
         layout = replace(layout, noise=replace(layout.noise, point_mm=layout.noise.point_mm / 3))
     return Plan(kind, layout, _asked(layout, needs, rng), seed)
+
+
+def _weight(layout: Layout, needs: frozenset[str], rng: np.random.Generator) -> tuple[Weight | None, tuple[str, ...]]:
+    """What is told of the weight, and the column that tells it pose by pose: where it is needed, and elsewhere now and
+    then. A machine that hardly tilts shows a weight by its changes alone."""
+    if not needs & {"weighed", "upright"} and rng.random() > TOLD_OF_WEIGHT:
+        return None, ()
+    x, y = rng.uniform(-0.2, 0.2, 2)
+    up = np.array([x, y, 1.0]) / np.linalg.norm([x, y, 1.0])
+    x, y = rng.uniform(-20.0, 20.0, 2)
+    tilts = layout.geometry.mechanism == "ups"
+    by_pose = "weighed" in needs and (not tilts or rng.random() < 0.5)
+    mass = None if by_pose else round(float(rng.uniform(10.0, 40.0)), 1)
+    vector = tuple(float(value) for value in up.round(9))
+    weight = Weight(vector, mass, (round(float(x), 1), round(float(y), 1), round(float(rng.uniform(0.0, 60.0)), 1)))
+    return weight, ("payload_kg",) if by_pose else ()
 
 
 def _asked(layout: Layout, needs: frozenset[str], rng: np.random.Generator) -> Sequence[Move] | Sequence[Place]:

@@ -10,9 +10,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from tests.blind.generator.machine import BODIES, Machine, Marks, Standing, shift_attachments
+from tests.blind.generator.machine import (
+    BODIES,
+    Machine,
+    Marks,
+    Standing,
+    lower_joints,
+    move_attachments,
+    platform_of,
+    shift_attachments,
+)
 from tests.blind.generator.named_effect import NamedEffect, Parameter
-from tests.blind.generator.quaternions import Array, rotate
+from tests.blind.generator.quaternions import Array, inverse, rotate, unit
 from tests.blind.generator.schedule import Schedule
 
 
@@ -43,6 +52,10 @@ class Effect(NamedEffect):
     def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
         """Points (N, M, 3) as they are recorded, from those that are there; base frame."""
         return points
+
+    def drawn(self, poses: Array) -> int:
+        """How many numbers in some poses (mask N) it draws anew each time: none, unless it moves nothing on average."""
+        return 0
 
 
 def _per_leg(name: str, legs: tuple[int, ...], values: Array, unit: str) -> dict[str, Parameter]:
@@ -112,6 +125,29 @@ class NonlinearDeformation(PerLeg):
 
 
 @dataclass(frozen=True)
+class InPlaneDeformation(Effect):
+    """Attachment i shifts along the platform's x and y by ``along_x`` and ``along_y`` (L,) times the displacement of
+    its actuator; zero where a leg is spared."""
+
+    along_x: Array
+    along_y: Array
+    id = "in-plane-deformation"
+
+    @property
+    def subject(self) -> str:
+        own = np.flatnonzero((self.along_x != 0) | (self.along_y != 0)) + 1
+        return "" if len(own) == len(self.along_x) else " ".join(f"leg{leg}" for leg in own)
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        legs = tuple((np.flatnonzero((self.along_x != 0) | (self.along_y != 0)) + 1).tolist())
+        return _per_leg("kappa_x", legs, self.along_x, "1") | _per_leg("kappa_y", legs, self.along_y, "1")
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        across = np.stack([self.along_x, self.along_y, np.zeros(len(self.along_x))], -1)
+        move_attachments(machine, setting.marks, machine.drho[..., None] * across)
+
+
+@dataclass(frozen=True)
 class ThermalExpansion(Effect):
     """Base and platform grow about their origins and the legs in length; targets are carried along."""
 
@@ -156,6 +192,66 @@ class LegThermal(PerLeg):
         for leg in self.legs:
             own = setting.marks.of(f"leg{leg}")
             machine.marks[:, own] *= grown[:, leg - 1, None, None]
+
+
+@dataclass(frozen=True)
+class LegCompliance(PerLeg):
+    """Legs give way by ``amount`` (mm/N, L) times the force that pulls at them, of masses (N,) in kg that hang on them
+    with their centre (3,) in the platform frame, mm; ``up`` in the base frame."""
+
+    masses: Array
+    centre: Array
+    up: Array
+
+    id = "leg-compliance"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        if np.all(self.amount == self.amount[0]):
+            return {"compliance": (1e3 * float(self.amount[0]), "um/N")}
+        return _per_leg("compliance", self.legs, 1e3 * self.amount, "um/N")
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        free = machine.length.copy()
+        for _ in range(3):  # what legs give way turns the platform by next to nothing
+            machine.length = free + self.amount * self._pull(machine)
+        if not np.all(np.isfinite(machine.length)):
+            raise ValueError("the legs do not hold the platform")
+
+    def _pull(self, machine: Machine) -> Array:
+        """Force (N, L), N, that pulls at each leg: all of them together hold the masses against gravity."""
+        position, turn = platform_of(machine)
+        arms = rotate(turn[:, None], machine.b)
+        lower = lower_joints(machine) if machine.u.shape[1] else machine.a
+        along = unit(position[:, None] + arms - lower)
+        by_legs = np.concatenate([-along, np.cross(arms, -along)], -1)  # a leg under tension pulls the platform down
+        gravity = -9.80665 * self.masses[:, None] * self.up
+        centre = rotate(turn, np.broadcast_to(self.centre, position.shape))
+        by_masses = np.concatenate([gravity, np.cross(centre, gravity)], -1)
+        return np.linalg.solve(np.swapaxes(by_legs, 1, 2), -by_masses[..., None])[..., 0]
+
+
+@dataclass(frozen=True)
+class GravitySag(Effect):
+    """Targets on the platform hang by ``sags`` (mm, by name) along gravity in its frame, from where they sit where the
+    platform is level; ``up`` in the base frame."""
+
+    sags: tuple[tuple[str, float], ...]
+    up: Array
+
+    id = "gravity-sag"
+
+    @property
+    def subject(self) -> str:
+        return "platform" if len(self.sags) > 1 else f"target {self.sags[0][0]}"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {f"{name}_sag": (sag, "mm") for name, sag in self.sags}
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        _, turn = platform_of(machine)
+        down = -rotate(inverse(turn), np.broadcast_to(self.up, (len(turn), 3)))
+        for name, sag in self.sags:
+            machine.marks[:, setting.marks.index("platform", name)] += sag * (down + self.up)
 
 
 @dataclass(frozen=True)
@@ -263,6 +359,9 @@ class ApproachScatter(Effect):
 
     def drive(self, drho: Array, setting: Setting) -> Array:
         return drho + self.scatter_mm * self.draws
+
+    def drawn(self, poses: Array) -> int:
+        return int(np.count_nonzero(self.draws[poses]))
 
 
 @dataclass(frozen=True)

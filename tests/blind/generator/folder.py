@@ -81,6 +81,10 @@ def campaign_toml(campaign: Campaign) -> Iterable[str]:
     yield f"reference_temperature_c = {layout.surroundings.reference_temperature_c}"
     if layout.actuator_pitch_mm is not None:
         yield f"actuator_pitch_mm = {layout.actuator_pitch_mm}"
+    if layout.weight is not None and layout.weight.mass_kg is not None:
+        yield f"payload_kg = {layout.weight.mass_kg}"
+    if layout.weight is not None:
+        yield f"payload_com_mm = {_vector(np.array(layout.weight.centre_mm))}"
     yield "legs = ["
     yield from (f"  {_leg(campaign, i)}," for i in range(len(layout.geometry.a)))
     yield "]"
@@ -92,6 +96,8 @@ def campaign_toml(campaign: Campaign) -> Iterable[str]:
     yield from ("", "[noise]", f"point_mm = {declared_sigma(layout.noise)[0]:.7g}")
     declared = layout.noise.declared_actuator_mm
     yield f"actuator_mm = {layout.noise.actuator_mm if declared is None else declared}"
+    if layout.weight is not None:
+        yield from ("", "[measurement]", f"up = {_vector(np.array(layout.weight.up), 9)}")
     yield from layout.further_sections
 
 

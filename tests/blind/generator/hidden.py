@@ -16,6 +16,9 @@ from tests.blind.generator.effects import (
     BaseDeformation,
     Effect,
     FlexureShift,
+    GravitySag,
+    InPlaneDeformation,
+    LegCompliance,
     LegDrift,
     LegThermal,
     LinearDeformation,
@@ -83,6 +86,36 @@ def _nonlinear(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     curved, cubic = ((1.0, 0.0), (0.0, 1.0))[rng.integers(2)]
     shapes = slope * amount / stroke, curved * amount / stroke**2, cubic * amount / stroke**3
     return lambda size: NonlinearDeformation(*(size * shape for shape in shapes))
+
+
+def _in_plane(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """Each leg concerned towards somewhere else in the platform's plane."""
+    amount = _legs(campaign, rng) / _stroke(campaign)
+    towards = rng.uniform(-np.pi, np.pi, len(amount))
+    return lambda size: InPlaneDeformation(size * amount * np.cos(towards), size * amount * np.sin(towards))
+
+
+def _compliance(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """All legs alike, one of them, or two."""
+    weight, count = campaign.layout.weight, campaign.readings.shape[1]
+    assert weight is not None
+    concerned = int(rng.choice([count, count, 1, 1, 2]))
+    chosen = np.isin(np.arange(count), rng.choice(count, concerned, replace=False))
+    own = np.where(chosen, 1.0 if concerned == count else rng.uniform(0.7, 1.3, count), 0.0)
+    told = campaign.schedule.further.get("payload_kg")
+    masses = np.full(len(campaign.readings), weight.mass_kg) if told is None else told
+    return lambda size: LegCompliance(size * own, masses, np.array(weight.centre_mm), np.array(weight.up))
+
+
+def _sagging(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    """Every target of the platform by its own, or one of them."""
+    weight, marks = campaign.layout.weight, campaign.marks
+    assert weight is not None
+    names = [marks.name[k] for k in marks.of("platform")]
+    chosen = names if rng.random() < 0.5 else [str(rng.choice(names))]
+    sags = rng.normal(size=len(chosen)) if len(chosen) > 1 else np.ones(1)
+    up = np.array(weight.up)
+    return lambda size: GravitySag(tuple(zip(chosen, (size * sags).tolist(), strict=True)), up)
 
 
 def _thermal(campaign: Campaign, rng: np.random.Generator) -> OfSize:
@@ -201,6 +234,7 @@ CATALOGUE: Mapping[str, Kind] = {
     "platform-deformation-linear": Kind(_linear),
     "platform-deformation-matrix": Kind(_matrix),
     "platform-deformation-nonlinear": Kind(_nonlinear, frozenset({"even"})),
+    "in-plane-deformation": Kind(_in_plane),
     "thermal-expansion": Kind(_thermal),
     "base-deformation": Kind(_base),
     "actuator-gain": Kind(_gain),
@@ -210,6 +244,8 @@ CATALOGUE: Mapping[str, Kind] = {
     "noise-burst": Kind(_burst),
     "leg-drift": Kind(_drift),
     "leg-thermal": Kind(_leg_thermal),
+    "leg-compliance": Kind(_compliance, frozenset({"weighed"})),
+    "gravity-sag": Kind(_sagging, frozenset({"upright"}), ("ups",)),
     "flexure-shift": Kind(_flexure, frozenset({"even", "wide"}), ("6-pus",)),
     "measurement-scale": Kind(_scale),
     "target-moved": Kind(_moved),
@@ -231,11 +267,6 @@ def _product(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     amount = _legs(campaign, rng)
     first, second = sorted(rng.choice(len(amount), 2, replace=False).tolist())
     return lambda size: strange.DriveProduct(size * amount, (first + 1, second + 1))
-
-
-def _sideways(campaign: Campaign, rng: np.random.Generator) -> OfSize:
-    amount, towards = _legs(campaign, rng), float(rng.uniform(-np.pi, np.pi))
-    return lambda size: strange.SidewaysAttachments(size * amount, towards)
 
 
 def _attachments_follow(column: str) -> Callable[[Campaign, np.random.Generator], OfSize]:
@@ -297,7 +328,6 @@ STRANGE: Mapping[str, Kind] = {
     "readings follow humidity": Kind(_follows_humidity, frozenset({"humidity_pct"})),
     "neighbouring actuators coupled": Kind(_coupled, frozenset({"even"})),
     "product of two drives": Kind(_product, frozenset({"even"})),
-    "attachments shift sideways": Kind(_sideways),
     "platform bends under a load": Kind(_attachments_follow("load_n"), frozenset({"load_n"})),
     "platform creeps": Kind(_attachments_follow("time_s")),
     "legs breathe with the time of day": Kind(_time_of_day),
@@ -312,14 +342,22 @@ STRANGE: Mapping[str, Kind] = {
 FOREIGN: Mapping[str, Kind] = {name: Kind(draw, frozenset({"even"})) for name, draw in foreign.FOREIGN.items()}
 KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE, **FOREIGN}
 
-BENDING = frozenset({"platform-deformation-linear", "platform-deformation-matrix", "platform-deformation-nonlinear"})
+BENDING = frozenset(
+    {
+        "platform-deformation-linear",
+        "platform-deformation-matrix",
+        "platform-deformation-nonlinear",
+        "in-plane-deformation",
+    }
+)
 # Of two effects of a family one holds the other, or what is left of it when the other is there: two of them are one.
 FAMILIES = (BENDING, frozenset({"thermal-expansion", "leg-thermal", "measurement-scale"}))
 
 
 def draw_two(rng: np.random.Generator) -> tuple[str, str]:
-    """Two effects of the catalogue that are no more than each other."""
+    """Two effects of the catalogue that are no more than each other, and happen to one kind of machine."""
     while True:
         first, second = rng.choice(sorted(CATALOGUE), 2, replace=False).tolist()
-        if not any({first, second} <= family for family in FAMILIES):
+        alike = set(CATALOGUE[first].mechanisms) & set(CATALOGUE[second].mechanisms)
+        if alike and not any({first, second} <= family for family in FAMILIES):
             return first, second

@@ -139,6 +139,16 @@ class Surroundings:
 
 
 @dataclass(frozen=True)
+class Weight:
+    """Which way is up in the base frame; what the legs carry, kg (None: the column payload_kg, or nothing is told of
+    it), and its centre of gravity in the platform frame, mm."""
+
+    up: tuple[float, float, float]
+    mass_kg: float | None = None
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Layout:
     """Everything about a campaign except the effects hidden in it and the seed."""
 
@@ -151,6 +161,7 @@ class Layout:
     surroundings: Surroundings = Surroundings()
     decimals: int = 5
     actuator_pitch_mm: float | None = None
+    weight: Weight | None = None
     further_sections: tuple[str, ...] = ()  # lines of campaign.toml that the generator itself has no use for
 
 

@@ -172,6 +172,22 @@ def shift_attachments(machine: Machine, marks: Marks, shift: Array, follow: floa
         machine.marks[:, framing] = rotate(turn[:, None], moved) + position[:, None]
 
 
+def move_attachments(machine: Machine, marks: Marks, shift: Array) -> None:
+    """Move attachment i by ``shift`` (N, L, 3) in the platform's frame, and the targets on it; no other."""
+    machine.b += shift
+    for k, leg in enumerate(marks.on_leg):
+        if leg:
+            machine.marks[:, k] += shift[:, leg - 1]
+
+
+def platform_of(machine: Machine) -> tuple[Array, Array]:
+    """Position (N, 3) and quaternion (N, 4) of the platform, whose legs move on fixed lines or change in length."""
+    if machine.u.shape[1]:
+        return assemble(machine)[:2]
+    reach = machine.length + machine.rho0 + machine.drho
+    return platform_pose(machine.a, machine.b, reach, machine.home_height)
+
+
 def assemble(machine: Machine, straight: Array | None = None) -> tuple[Array, Array, Array]:
     """Position (N, 3) and quaternion (N, 4) of the platform, and the leg directions z (N, 6, 3); closes all
     loops.

@@ -19,6 +19,7 @@ COLUMNS: Mapping[str, Callable[[int, np.random.Generator], Array]] = {
     "humidity_pct": lambda n, rng: 45 + np.cumsum(rng.normal(0.0, 1.5, n)),
     "pressure_hpa": lambda n, rng: 1013 + np.cumsum(rng.normal(0.0, 0.6, n)),
     "load_n": lambda n, rng: 50.0 * rng.integers(0, 4, n) + rng.normal(0.0, 0.5, n),
+    "payload_kg": lambda n, rng: 8.0 + 10.0 * rng.integers(0, 4, n),
 }
 
 

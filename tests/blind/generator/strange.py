@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.blind.generator.effects import Effect, PerLeg, Setting
-from tests.blind.generator.machine import BODIES, Machine, Standing
+from tests.blind.generator.machine import BODIES, Machine, Standing, move_attachments
 from tests.blind.generator.named_effect import Parameter
 from tests.blind.generator.quaternions import Array, rotate
 
@@ -94,21 +94,6 @@ class DriveProduct(StrangePerLeg):
 
 
 @dataclass(frozen=True)
-class SidewaysAttachments(StrangePerLeg):
-    """Attachments shift along the platform's x and y, in the direction ``towards`` (rad), with their own drives."""
-
-    towards: float
-
-    @property
-    def drivers(self) -> tuple[str, ...]:
-        return self.own_drives
-
-    def structure(self, machine: Machine, setting: Setting) -> None:
-        along = np.array([np.cos(self.towards), np.sin(self.towards), 0.0])
-        _shift(machine, setting, (self.amount * _over_stroke(machine.drho))[..., None] * along)
-
-
-@dataclass(frozen=True)
 class AttachmentsFollow(StrangePerLeg):
     """The platform bends: attachments shift along its z with a column, a load for one."""
 
@@ -120,14 +105,7 @@ class AttachmentsFollow(StrangePerLeg):
 
     def structure(self, machine: Machine, setting: Setting) -> None:
         shift = column_of(setting, self.column)[:, None] * self.amount
-        _shift(machine, setting, shift[..., None] * [0.0, 0.0, 1.0])
-
-
-def _shift(machine: Machine, setting: Setting, shift: Array) -> None:
-    machine.b += shift
-    for k, leg in enumerate(setting.marks.on_leg):
-        if leg:
-            machine.marks[:, k] += shift[:, leg - 1]
+        move_attachments(machine, setting.marks, shift[..., None] * [0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)

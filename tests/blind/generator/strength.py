@@ -62,6 +62,23 @@ def strength_of_noise(campaign: Campaign, scatter: Array) -> float:
     return float(np.sqrt(2 * np.sum(logs**2) - level**2 / (2 * len(logs) + LEVEL**-2)))
 
 
+def strength_of_scatter(squares: float, count: int) -> float:
+    """The same of ``count`` numbers that scatter by more than their noise, from the non-centrality of what they were
+    drawn as: as a deviation from zero they are known one by one, as a scatter by their mean square alone.
+    """
+    ratio = 1.0 + squares / count
+    return float(np.sqrt(count * (ratio - 1.0 - np.log(ratio))))
+
+
+def squares_of_scatter(wanted: float, count: int) -> float:
+    """The non-centrality that ``count`` numbers need for a strength, by Newton's method from beyond it."""
+    goal = wanted**2 / count
+    more = np.sqrt(2 * goal) + goal
+    for _ in range(50):
+        more -= (more - np.log1p(more) - goal) * (1 + more) / more
+    return float(count * more)
+
+
 def change(plain: Campaign, changed: Campaign) -> Array:
     """What an effect does to everything that is measured (N, R), from two campaigns without noise."""
     points = changed.record.points - plain.record.points

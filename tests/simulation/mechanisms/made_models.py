@@ -15,6 +15,7 @@ from truing.simulation.mechanisms.extended_model import ExtendedModel, extended
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.recording import Conditions
+from truing.simulation.mechanisms.weight import Weight
 from truing.simulation.targets import LEG
 
 POSES = 12
@@ -37,7 +38,8 @@ def named_model(rng: np.random.Generator, causes: tuple[PointCause, ...]) -> Poi
     model = sample_model(rng, POSES, causes)
     kinds = [("base", "platform")[body] if body < LEG else f"leg{leg + 1}" for body, leg in _places(model)]
     named = replace(model.targets, names=tuple(f"P{k:02d}" for k in range(len(kinds))), bodies=tuple(kinds))
-    return replace(model, targets=named).at(some_conditions(rng))
+    weighed = replace(model.known, weight=Weight((0.0, 0.0, 1.0), 12.0, (0.0, 0.01, 0.05)))
+    return replace(model, targets=named, known=weighed).at(some_conditions(rng))
 
 
 def _places(model: PointModel) -> list[tuple[int, int]]:

@@ -15,10 +15,12 @@ from truing.simulation.change import Change
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
     FlexureShift,
+    InPlanePlatformDeformation,
     LinearPlatformDeformation,
     NonlinearPlatformDeformation,
 )
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
+from truing.simulation.mechanisms.causes.leg_compliance import LegCompliance
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.warmth import APART, LegThermal, ThermalExpansion
@@ -31,6 +33,7 @@ STEP = 1e-30
 ROUNDING, OF_COSINES = 1e-12, 1e-9
 DRIFT = LegDrift(start_s=0.0, duration_s=3600.0)
 SETTLING = LegDrift(legs=(2, 5), start_s=0.0, duration_s=3600.0, tau_s=900.0)
+LEANING = (0.28, -0.0, 0.96), 100.0, (0.02, -0.01, 0.1)  # up, kg, m
 CAUSES: tuple[PointCause, ...] = (
     LinearPlatformDeformation((3,)),
     NonlinearPlatformDeformation((1, 4), (2,)),
@@ -39,6 +42,10 @@ CAUSES: tuple[PointCause, ...] = (
     ThermalExpansion(APART),
     LegThermal(),
     LegThermal((2, 5)),
+    InPlanePlatformDeformation(),
+    InPlanePlatformDeformation((1, 4)),
+    LegCompliance((), *LEANING),
+    LegCompliance((2, 5), LEANING[0], 0.0, LEANING[2]),
     BaseDeformation(),
     BaseDeformation("rho2"),
     DRIFT,
@@ -52,6 +59,8 @@ STACKED = (
     ThermalExpansion(APART),
     BaseDeformation("rho2"),
     FlexureShift(),
+    InPlanePlatformDeformation((3,)),
+    LegCompliance((1,), *LEANING),
     NonlinearPlatformDeformation((1, 2), (3,)),
     MeasurementScale("both"),
 )
@@ -75,6 +84,7 @@ class LowerJointsFollowHeight(PointCause):
 def _model(causes: Sequence[PointCause], kind: str = "6-pus", poses: int = 3) -> PointModel:
     model = sample_model(np.random.default_rng(3), poses, tuple(causes), kind)
     warm = {"temperature_c": np.linspace(20.0, 26.0, poses), "time_s": np.linspace(0.0, 3600.0, poses)}
+    warm["payload_kg"] = np.linspace(50.0, 100.0, poses)
     return model.at(replace(model.conditions, covariates=warm))
 
 

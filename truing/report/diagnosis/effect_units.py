@@ -10,7 +10,7 @@ from truing.report.numbers import rough, with_uncertainty
 # What a bare number is called by, where one unit of it is far from what anything does.
 _PER_CENT = (100.0, "%")
 _BARE = {
-    "kappa": (1e3, "um/mm"),
+    **dict.fromkeys(("kappa", "kappa_x", "kappa_y"), (1e3, "um/mm")),
     "K": (1e3, "um/mm"),
     "gain": _PER_CENT,
     "scale": (1e6, "ppm"),

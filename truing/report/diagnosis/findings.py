@@ -29,6 +29,8 @@ NEEDS = {
     "no-still": "a body that should stand still ([bodies] still)",
     "few-poses": "12 poses or more, in a known order",
     "no-turns": "loads that are raised and lowered again, step by step",
+    "no-payload": "six legs, what they carry (payload_kg), and which way is up ([measurement] up)",
+    "no-tilt": "which way is up ([measurement] up), and a platform that tilts by a tenth of a radian",
 }
 # What an empty subject stands for, beside one of this kind.
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}

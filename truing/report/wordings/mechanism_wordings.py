@@ -64,6 +64,17 @@ def _deforms_with_all(claim: Claim) -> str:
     return f"the platform deforms with the actuators{most}{_up_to(claim)}"
 
 
+def _in_plane(claim: Claim) -> str:
+    """Attachments shift across the platform's z with their own actuators."""
+    where, own = subject_words(claim.subject), _verb(claim, "its own actuator", "their own actuators")
+    said = f"the platform deforms in its plane at {where or 'each leg'} with {own if where else 'its own actuator'}"
+    size = largest((*claim.sizes_of("kappa_x"), *claim.sizes_of("kappa_y")))
+    if size is None:
+        return said
+    _, axis, leg = size.name.split("_")
+    return f"{said}, most at leg {leg} along the platform's {axis} ({told(size)})"
+
+
 def _driver(claim: Claim) -> str:
     driver = str(claim.fact("driver") or "a drive")
     return columns_words((f"{driver}_mm",)) if driver.startswith("rho") else f"the {driver}"
@@ -110,6 +121,13 @@ def _drift(claim: Claim) -> str:
 def _warm_legs(claim: Claim) -> str:
     grow = _verb(claim, "grows", "grow")
     return f"{_legs(claim)} {grow} with temperature and the bodies do not{by_most(claim, 'alpha')}"
+
+
+def _gives_way(claim: Claim) -> str:
+    if not claim.subject:
+        return f"the legs give way under what they carry, all alike{by_most(claim, 'compliance')}"
+    give = _verb(claim, "gives", "give")
+    return f"{_legs(claim)} {give} way under what the legs carry, and the others do not{by_most(claim, 'compliance')}"
 
 
 def _flexures(claim: Claim) -> str:
@@ -166,6 +184,7 @@ MECHANISM = {
         _deforms,
         "Move one actuator at a time, in at least five steps, and measure the targets at all attachments.",
     ),
+    "in-plane-deformation": Wording("in-plane deformation of the platform", _in_plane, _ATTACHMENTS),
     "base-deformation": Wording("base deformation", _base, _base_alone),
     "actuator-gain": Wording(
         "actuator gain",
@@ -189,6 +208,11 @@ MECHANISM = {
     ),
     "leg-thermal": Wording(
         "leg thermal", _warm_legs, "Repeat some poses at two temperatures and measure targets along the legs."
+    ),
+    "leg-compliance": Wording(
+        "compliance of legs",
+        _gives_way,
+        "Measure a few poses with the platform as it is and with a known mass on it.",
     ),
     "flexure-shift": Wording(
         "flexure shift", _flexures, "Measure poses that tilt the platform as far as it goes, to either side."

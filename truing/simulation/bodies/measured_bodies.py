@@ -19,8 +19,9 @@ from truing.estimation.target_positions import (
     stray_places,
 )
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.simulation.bodies.causes.terms import gravity_column, place_columns
+from truing.simulation.bodies.causes.terms import place_columns
 from truing.simulation.bodies.model import FIRST_BODY, BodyConditions
+from truing.simulation.inputs import gravity_column
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped, markers_of, swapped_targets
 from truing.simulation.targets import FREE_LENGTH_M, Targets
 

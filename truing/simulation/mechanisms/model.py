@@ -14,7 +14,7 @@ from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.cause import Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import Prediction
-from truing.simulation.inputs import ranks
+from truing.simulation.inputs import gravity_column, ranks
 from truing.simulation.mechanisms.forward_pass import (
     REFERENCE,
     Passage,
@@ -42,6 +42,7 @@ from truing.simulation.mechanisms.recording import (
     turns,
 )
 from truing.simulation.mechanisms.state import State
+from truing.simulation.mechanisms.weight import Weight, platform_gravity
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M, LEG, ShapeUnknowns
 
 
@@ -52,7 +53,7 @@ class Known:
     ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies'
     frames and ``survey`` what it leaves unknown. ``ridden`` are the legs that carry targets; ``seat_rotation``
     (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the leg in its nominal direction, as a start.
-    ``pitch_m`` of the leadscrews and ``flexure_length_m`` are None where they are not known.
+    ``pitch_m`` of the leadscrews, ``flexure_length_m`` and ``weight`` are None where they are not known.
     """
 
     geometry: dict[str, float]
@@ -66,6 +67,7 @@ class Known:
     reference_temperature_c: float = 20.0
     pitch_m: float | None = None
     flexure_length_m: float | None = None
+    weight: Weight | None = None
 
 
 @dataclass(frozen=True)
@@ -271,18 +273,23 @@ class PointModel(RecordedModel):
     def scene(self) -> PointScene:
         """Return what the campaign offers to causes when they propose candidates."""
         known, conditions = self.known, self.conditions
+        covariates = dict(conditions.covariates)
+        if known.weight is not None:
+            down = platform_gravity(self.nominal, conditions.readings, known.weight.up)
+            covariates[gravity_column("platform")] = down
         return PointScene(
             self.targets,
             known.shape,
             conditions.readings,
             self.nominal.rho0,
             conditions.poses,
-            conditions.covariates,
+            covariates,
             conditions.span_s,
             known.reference_temperature_c,
             known.pitch_m,
             known.flexure_length_m,
             lengths_apart="u" in self.nominal.closure.geometry,
+            weight=known.weight,
             photographed=self.photographed,
         )
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Cause, Effect, Scene
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.state import LEG_FIELDS, State
+from truing.simulation.mechanisms.weight import Weight
 from truing.simulation.targets import Targets
 
 
@@ -53,6 +54,7 @@ class PointScene(Scene["PointCause"]):
     drives: tuple[str, ...] = ()
     still: tuple[str, ...] = ()
     placed: tuple[str, ...] = ()
+    weight: Weight | None = None  # None where nothing tells which way is up
     photographed: Photographed | None = None  # None where points were not computed from photographs
 
     @property

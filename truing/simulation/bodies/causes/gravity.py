@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_large
-from truing.simulation.bodies.causes.terms import gravity_column
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.change import Change
-from truing.simulation.inputs import Missing
+from truing.simulation.inputs import Missing, gravity_column
 from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 
@@ -31,15 +30,23 @@ class GravitySag(OfBody):
     """A body's targets shift with the direction of gravity in its frame, counted from its mean over the campaign.
 
     Each along gravity by its own ``sag``, beyond what all do, or, ``free``, in any direction by each component of it;
-    or the target ``one`` alone. ``middle`` is the mean direction.
+    or the target ``one`` alone. ``middle`` is the mean direction. Of a mechanism's platform, whose pose follows from
+    the readings, all may do so alike, and there is no ``free`` form; ``up`` is a unit vector of the base frame. Without
+    ``up`` a column holds the direction of gravity.
     """
 
     form: str = ALONG
     one: str = ""
     middle: tuple[float, ...] = (0.0, 0.0, 0.0)
+    up: tuple[float, ...] = ()
 
     id = "gravity-sag"
     lacking = Missing.UP
+    reads = frozenset({"pose"})
+
+    def lacks(self, scene: PointScene) -> Missing | None:
+        """What was not recorded: the direction of gravity, of a mechanism also tilts of its platform."""
+        return Missing.TILT if scene.legs else self.lacking
 
     @property
     def key(self) -> str:
@@ -63,13 +70,14 @@ class GravitySag(OfBody):
             down = scene.covariates.get(gravity_column(body))
             if down is None or np.ptp(down, axis=0).max() < _LEAST_TURN:
                 continue
-            own = GravitySag(body, targets, places, middle=tuple(float(x) for x in np.mean(down, axis=0)))
-            found += [own._as(form) for form in (ALONG, *(() if is_large(targets) else (FREE,)))]
+            middle, up = np.mean(down, axis=0).tolist(), () if scene.weight is None else scene.weight.up
+            own = GravitySag(body, targets, places, middle=tuple(middle), up=up)
+            found += [own._as(form) for form in (ALONG, *(() if is_large(targets) or up else (FREE,)))]
             found += [own._as(ALONG, target) for target in targets]
         return found
 
     def _as(self, form: str, one: str = "") -> GravitySag:
-        return GravitySag(self.body, self.targets, self.places, form=form, one=one, middle=self.middle)
+        return replace(self, form=form, one=one)
 
     def prior(self, scene: PointScene) -> float:
         """Return the share of this form: a single soft holder is as likely as all of them, each by its own."""
@@ -86,10 +94,10 @@ class GravitySag(OfBody):
     def change(self, state: State, values: NDArray) -> Change:
         """Return d moved / d sag: the direction of gravity in the body's frame; nothing where that is not known."""
         size = len(self.parameters(0))
-        down = state.covariates.get(gravity_column(self.body))
+        down = self._down(state)
         if down is None or state.targets is None:
             return Change({}, size)
-        away = np.asarray(down) - np.array(self.middle)
+        away = down - np.array(self.middle)
         if self.form == FREE:
             return Change({"moved": self._moved(state, away)}, size)
         known = tuple(zip(state.targets.bodies, state.targets.names, strict=True))
@@ -99,13 +107,20 @@ class GravitySag(OfBody):
                 shares[known.index((self.body, target))] = self._shares[row]
         return Change({"moved": away[:, None, :, None] * shares[:, None]}, size)
 
+    def _down(self, state: State) -> NDArray | None:
+        """Return the direction of gravity (B, 3) in the body's frame; None where that is not known."""
+        if self.up:
+            return np.asarray(-np.array(self.up) @ state.R) if len(state.R) else None
+        found = state.covariates.get(gravity_column(self.body))
+        return None if found is None else np.asarray(found)
+
     @property
     def _shares(self) -> NDArray:
-        """Return how far each target (k, P) sags: what all have in common is the body's pose."""
+        """Return how far each target (k, P) sags: what all of a free body have in common is its pose."""
         count = len(self.targets)
         if self.one:
             return (np.array(self.targets) == self.one).astype(float)[:, None]
-        return np.eye(count) - 1.0 / count
+        return np.eye(count) if self.up else np.eye(count) - 1.0 / count
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the sags, without what is a motion of the body as a whole."""

@@ -39,11 +39,6 @@ def place_columns(body: str) -> tuple[str, ...]:
     return tuple(f"{body} {axis}" for axis in "xyz")
 
 
-def gravity_column(body: str) -> str:
-    """Return the covariate (B, 3) that holds the direction of gravity in a body's frame."""
-    return f"gravity {body}"
-
-
 def _known(scene: PointScene, column: str) -> bool:
     return scene.varies(column) and bool(np.isfinite(scene.covariates[column]).all())
 

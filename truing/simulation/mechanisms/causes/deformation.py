@@ -66,6 +66,30 @@ class MatrixPlatformDeformation(PointCause):
 
 
 @dataclass(frozen=True)
+class InPlanePlatformDeformation(PerLeg):
+    """Attachment i shifts along x_E and y_E by kappa_x_i delta_rho_i and kappa_y_i delta_rho_i."""
+
+    id = "in-plane-deformation"
+    step = Step.STRUCTURE
+    share = 0.5  # a plate is far stiffer in its plane than across it
+    reads = frozenset({"rho"})
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return kappa_x of each leg concerned, then kappa_y."""
+        return tuple(Parameter(n, "1", _PLAUSIBLE) for axis in "xy" for n in self.numbered(f"kappa_{axis}", legs))
+
+    def alike(self, legs: int) -> tuple[int, ...]:
+        """Return the parameters of all legs concerned, along both axes."""
+        return tuple(range(len(self.parameters(legs))))
+
+    def change(self, state: State, values: NDArray) -> Change:
+        """Return d b_i / d kappa_i = delta_rho_i along x and along y of the platform."""
+        own = self.spread(state.delta_rho)[..., None, :]
+        rows = np.concatenate([own * np.eye(3)[axis][:, None] for axis in (0, 1)], -1)
+        return Change({"b": rows}, rows.shape[-1])
+
+
+@dataclass(frozen=True)
 class NonlinearPlatformDeformation(PerLeg):
     """Attachment i shifts along z_E by kappa_i d_i + quadratic_i d_i^2 + cubic_i d_i^3, d_i = delta_rho_i.
 

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.simulation.cause import Parameter
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 
 # Probability beforehand that a cause concerns all legs; one, two or three of them; any other number.
@@ -84,6 +85,48 @@ class PerLeg(PointCause):
     def prior(self, scene: PointScene) -> float:
         """Return the share of this choice of legs: all of them, a single one or a pair are likelier than others."""
         return choice_share(len(self.legs), scene.legs)
+
+
+# All legs alike, as they were made alike; one of them, two.
+_SHARE_OF_LEGS = (0.6, 0.25, 0.15)
+
+
+@dataclass(frozen=True)
+class AlikeOrOwn(PerLeg):
+    """A cause with one ``parameter`` that all legs have in common, or with one of its own for each of ``legs``."""
+
+    parameter: ClassVar[Parameter]
+
+    def candidates(self, scene: PointScene) -> Sequence[AlikeOrOwn]:
+        """Return all legs alike, every single one, every pair."""
+        return [replace(self, legs=chosen) for chosen in self._chosen(scene)]
+
+    def prior(self, scene: PointScene) -> float:
+        """Return the share of this choice of legs: all alike are likelier than a single one, and that than a pair."""
+        sizes = [len(chosen) for chosen in self._chosen(scene)]
+        offered = sum(_SHARE_OF_LEGS[size] for size in set(sizes))
+        return _SHARE_OF_LEGS[len(self.legs)] / offered / sizes.count(len(self.legs))
+
+    def alike(self, legs: int) -> tuple[int, ...]:
+        """Return the parameters where several legs have their own."""
+        return super().alike(legs) if self.legs else ()
+
+    def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
+        """Return the cause without the legs that clearly do nothing; all legs alike as they are."""
+        return super().narrowed(values, covariance, legs) if self.legs else self
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the parameter, or that of each leg concerned."""
+        names = self.numbered(self.parameter.name, legs) if self.legs else (self.parameter.name,)
+        return tuple(replace(self.parameter, name=name) for name in names)
+
+    def of_legs(self, values: NDArray) -> NDArray:
+        """Return values (..., L), each leg's own, as derivatives (..., L, P) by the parameters."""
+        return self.spread(values) if self.legs else values[..., None]
+
+    def _chosen(self, scene: PointScene) -> list[tuple[int, ...]]:
+        """Return the choices of legs: all of them (empty), single ones, pairs."""
+        return choices(scene.legs, len(_SHARE_OF_LEGS) - 1)
 
 
 def _log_odds_of_none(values: NDArray, covariance: NDArray, size: float) -> float:

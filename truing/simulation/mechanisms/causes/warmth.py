@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.causes.per_leg import PerLeg, choices
+from truing.simulation.mechanisms.causes.per_leg import AlikeOrOwn
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
@@ -27,8 +27,6 @@ _PARTS = ("base", "platform", "legs")
 _SHARE = {COMMON: 0.6, APART: 0.4}
 # Of bodies without a mechanism: all of them, or any one alone.
 _SHARE_OF_ALL, _SHARE_OF_ONE = 0.5, 0.5
-# Of the legs: all alike, as they are made of one material; one of them (nearer to a motor), two.
-_SHARE_OF_LEGS = (0.6, 0.25, 0.15)
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ class ThermalExpansion(PointCause):
 
 
 @dataclass(frozen=True)
-class LegThermal(PerLeg):
+class LegThermal(AlikeOrOwn):
     """Legs and what sits on them grow by alpha times the temperature above the reference; the bodies do not.
 
     All legs by one alpha, or each of ``legs`` by its own.
@@ -97,47 +95,23 @@ class LegThermal(PerLeg):
     lacking = Missing.TEMPERATURE
     step = Step.STRUCTURE
     reads = frozenset({"l", "shape"})
+    parameter = Parameter("alpha", "1/K", _PLAUSIBLE)
 
-    def candidates(self, scene: PointScene) -> Sequence[LegThermal]:
+    def candidates(self, scene: PointScene) -> Sequence[AlikeOrOwn]:
         """Return all legs alike, every single one, every pair; none where it was always as warm as at the reference."""
-        warm = scene.legs and warms(scene)
-        return [replace(self, legs=chosen) for chosen in _chosen(scene)] if warm else ()
-
-    def prior(self, scene: PointScene) -> float:
-        """Return the share of this choice of legs: all alike are likelier than a single one, and that than a pair."""
-        sizes = [len(chosen) for chosen in _chosen(scene)]
-        offered = sum(_SHARE_OF_LEGS[size] for size in set(sizes))
-        return _SHARE_OF_LEGS[len(self.legs)] / offered / sizes.count(len(self.legs))
-
-    def alike(self, legs: int) -> tuple[int, ...]:
-        """Return the alphas where several legs have their own."""
-        return super().alike(legs) if self.legs else ()
-
-    def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
-        """Return the cause without the legs that clearly do not grow; all legs alike as they are."""
-        return super().narrowed(values, covariance, legs) if self.legs else self
+        return super().candidates(scene) if scene.legs and warms(scene) else ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the temperature."""
         return (TEMPERATURE,)
-
-    def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return alpha, or that of each leg concerned."""
-        names = self.numbered("alpha", legs) if self.legs else ("alpha",)
-        return tuple(Parameter(name, "1/K", _PLAUSIBLE) for name in names)
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return how far legs and their targets grow per alpha."""
         fields = grown(state, ("legs",))
         if self.legs:
             own = np.array(self.legs) - 1
-            fields = {"l": fields["l"] * np.eye(state.legs.count)[:, own], **_carried_by(state, fields, own)}
+            fields = {"l": self.of_legs(fields["l"][..., 0]), **_carried_by(state, fields, own)}
         return Change(fields, len(values))
-
-
-def _chosen(scene: PointScene) -> list[tuple[int, ...]]:
-    """Return the choices of legs: all of them (empty), single ones, pairs."""
-    return choices(scene.legs, len(_SHARE_OF_LEGS) - 1)
 
 
 def _carried_by(state: State, fields: dict[str, NDArray], own: NDArray) -> dict[str, NDArray]:

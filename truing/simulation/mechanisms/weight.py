@@ -1,0 +1,42 @@
+"""What hangs on the legs: which way is up, what the platform weighs, and how legs share it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.mechanisms.legs.closures import Legs
+from truing.simulation.mechanisms.legs.kinematics import closure_rows, forward, leg_vectors, unit
+from truing.simulation.mechanisms.state import State
+
+GRAVITY = 9.80665  # m/s^2
+
+
+@dataclass(frozen=True)
+class Weight:
+    """Which way is up: a unit vector (3,) of the base frame; what the legs carry, kg, None where a column or nothing
+    tells it, and its centre of gravity (3,), m, platform frame."""
+
+    up: tuple[float, float, float]
+    mass_kg: float | None = None
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def platform_gravity(legs: Legs, rho: NDArray, up: tuple[float, float, float]) -> NDArray:
+    """Return the direction of gravity (B, 3) in the platform's frame, where rigid legs bring it at readings (B, L)."""
+    return np.asarray(-np.asarray(up) @ forward(legs, rho).R)
+
+
+def tensions(state: State, up: tuple[float, float, float], centre: tuple[float, float, float]) -> NDArray:
+    """Return the tension (B, 6), N per kg, of six legs that carry a mass with its centre in the platform's frame, m.
+
+    Joints at their ends pass forces along the legs alone.
+    """
+    z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
+    rows = closure_rows(state.legs, state.R, z, state.delta_bz)
+    force = -GRAVITY * np.asarray(up)
+    arm = state.R @ np.asarray(centre)
+    wrench = np.concatenate([np.broadcast_to(force, arm.shape), np.cross(arm, force)], -1)
+    return np.asarray(np.linalg.solve(np.swapaxes(rows, -1, -2), wrench[..., None])[..., 0])
