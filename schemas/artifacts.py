@@ -161,7 +161,8 @@ _CALIBRATION = (
         "deformation",
         "shift of each attachment along z of the platform",
         "pose* leg* delta_rho_mm delta_bz_um sigma_um",
-        optional="own_sigma_um scatter_sigma_um p_value significant rejected reason",
+        optional="own_sigma_um scatter_sigma_um delta_bx_um delta_by_um sigma_bx_um sigma_by_um p_value significant "
+        "rejected reason",
     ),
     parquet(
         "target_deformation",

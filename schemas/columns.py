@@ -124,6 +124,8 @@ _MEASURED = (
     # Of deformation.
     real("delta_rho_mm", "mm", "actuator displacement from its reference reading"),
     real("delta_bz_um", "um", "shift of the attachment along z of the platform, from its place in the survey"),
+    *(real(f"delta_b{a}_um", "um", f"shift of the attachment along {a} of the platform") for a in "xy"),
+    *(size(f"sigma_b{a}_um", "um", f"one standard deviation of the shift along {a}") for a in "xy"),
     size("sigma_um", "um", "one standard deviation, all known noise propagated"),
     size("own_sigma_um", "um", "the part of it that the attachment's own targets bring along z"),
     size("scatter_sigma_um", "um", "the part of it that differs from pose to pose, where points have errors in common"),

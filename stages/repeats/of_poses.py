@@ -51,6 +51,7 @@ _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 _UNITS = ("um",) * 3 + ("arcsec",) * 3
 _ARCSEC = np.pi / 180 / 3600
 _SI = np.array([1e-6] * 3 + [_ARCSEC] * 3)
+_ALONG_Z = ("linear", "matrix")  # models of the attachments' shifts along z
 _READING = re.compile(r"rho(\d+)_mm")
 _PARTS = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
 
@@ -252,7 +253,7 @@ def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> It
     names = text_column(models, "model")
     leg, column = (np.nan_to_num(number_column(models, name)).astype(int) - 1 for name in ("leg", "column"))
     coefficient = number_column(models, "coefficient")
-    for model in dict.fromkeys(names):
+    for model in [name for name in dict.fromkeys(names) if name in _ALONG_Z]:
         own = (names == model) & (leg >= 0) & (column >= 0)
         gain = np.zeros((shift.shape[1], drive.shape[1]))
         gain[leg[own], column[own]] = coefficient[own]

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
 
+IN_PLANE = "in-plane"  # the model of shifts along x and y
 LEAVES = ("deformation", "deformation_models", "deformation_errors")
 NETWORK = ("point_correlations", "point_sensitivities", "object_points")
 
@@ -175,7 +176,7 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
         "deformation": _deformation_rows(poses, drive, shifts, found.rejected).table(identifier),
-        "deformation_models": _leg_model_rows(found.fits, found.determined).table(),
+        "deformation_models": _leg_model_rows(found).table(),
         "deformation_errors": _leg_error_rows(found, shifts).table(),
     }
     if shifts.together is not None:
@@ -204,6 +205,10 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts
     p = 2.0 * ndtr(-np.abs(shifts.shift) / sigma)
     significant = holm_significant(np.where(rejected, np.nan, p), FALSE_ALARM)
     b, leg = np.nonzero(np.isfinite(shifts.shift))
+    total = np.einsum("bnn->bn", shifts.noise_across) + np.diag(shifts.survey_across)
+    sigma_across = np.sqrt(total).reshape(shifts.across.shape)
+    across = {f"delta_b{axis}_um": shifts.across[b, leg, n] * 1e6 for n, axis in enumerate("xy")}
+    across |= {f"sigma_b{axis}_um": sigma_across[b, leg, n] * 1e6 for n, axis in enumerate("xy")}
     rows = Rows("deformation")
     rows.add(
         pose=[poses[i] for i in b],
@@ -212,6 +217,7 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts
         delta_bz_um=shifts.shift[b, leg] * 1e6,
         sigma_um=sigma[b, leg] * 1e6,
         own_sigma_um=np.sqrt(shifts.own[b, leg]) * 1e6,
+        **across,
         **({"scatter_sigma_um": np.sqrt(scatter[b, leg]) * 1e6} if shifts.together else {}),
         p_value=p[b, leg],
         significant=significant[b, leg],
@@ -221,22 +227,31 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts
     return rows
 
 
-def _leg_model_rows(fits: Mapping[str, ResponseFit], told: Mapping[str, Mask]) -> Rows:
+def _leg_model_rows(found: AttachmentModels) -> Rows:
     rows = Rows("deformation_models")
-    for name in [name for name in ("linear", "matrix") if name in fits]:
-        sigma, p, significant = entry_tests(fits[name])
-        leg, column = np.nonzero(fits[name].free & told[name][:, None])
-        rows.add(
-            model=name,
-            leg=leg + 1,
-            column=column + 1,
-            coefficient=fits[name].coefficients[leg, column],
-            sigma=sigma[leg, column],
-            unit="1",
-            p_value=p[leg, column],
-            significant=significant[leg, column],
-        )
+    for name in [name for name in ("linear", "matrix") if name in found.fits]:
+        _coefficient_rows(rows, name, found.fits[name], found.determined[name], "z")
+    if found.in_plane:
+        every = np.ones(2 * len(found.determined["matrix"]), bool)
+        _coefficient_rows(rows, IN_PLANE, found.in_plane["matrix"], every, "xy")
     return rows
+
+
+def _coefficient_rows(rows: Rows, name: str, fit: ResponseFit, told: Mask, axes: str) -> None:
+    """The coefficients of a model of shifts along some axes, one after the other of each leg."""
+    sigma, p, significant = entry_tests(fit)
+    shift, column = np.nonzero(fit.free & told[:, None])
+    rows.add(
+        model=name,
+        leg=shift // len(axes) + 1,
+        axis=[axes[n % len(axes)] for n in shift],
+        column=column + 1,
+        coefficient=fit.coefficients[shift, column],
+        sigma=sigma[shift, column],
+        unit="1",
+        p_value=p[shift, column],
+        significant=significant[shift, column],
+    )
 
 
 def _leg_error_rows(found: AttachmentModels, shifts: Shifts) -> Rows:
@@ -250,7 +265,18 @@ def _leg_error_rows(found: AttachmentModels, shifts: Shifts) -> Rows:
         if not shifts.modulo_plane:  # else what is left of K has no structure of its own
             _structure_rows(rows, found.fits["matrix"])
     _shape_rows(rows, found.kept[found.fitted], shifts.attachments)
+    if found.in_plane:
+        _in_plane_rows(rows, **found.in_plane)
     return rows
+
+
+def _in_plane_rows(rows: Rows, none: ResponseFit, matrix: ResponseFit) -> None:
+    """How far attachments shift along x and y, and whether that follows the actuators."""
+    for name, fit in (("shift", none), ("left", matrix)):
+        size = 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2)))
+        rows.add(model=IN_PLANE, figure=f"rms_{name}", value=size, unit="um")
+    ratio = float(np.sqrt(matrix.chi_square / max(matrix.dof, 1)))
+    add_figures(rows, IN_PLANE, {"noise_ratio": ratio, "p_value_over_none": gain_p_value(none, matrix)})
 
 
 def _structure_rows(rows: Rows, matrix: ResponseFit) -> None:

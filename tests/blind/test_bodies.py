@@ -131,7 +131,7 @@ def test_targets_that_sag_with_gravity_are_named_and_sized(kind: str, tmp_path: 
     told = _told(tmp_path / "c", UPRIGHT, (Hidden(kind, "tool", 0.02),), 18)
     sag = np.array(told.drawn.truth["effects"][0]["sag_mm"])  # type: ignore[index]
     one = f"T{int(np.argmax(np.abs(sag))) + 1:02}"
-    assert told.named == [("gravity-sag", "tool" if kind == "sag" else f"target {one}")]
+    assert told.found == [("gravity-sag", "tool" if kind == "sag" else f"target {one}")]
     found, relative = told.parameters("gravity-sag"), sag - (sag.mean() if kind == "sag" else 0.0)
     for name, value in zip((f"T{k + 1:02}_sag" for k in range(6)), relative, strict=True):
         if name in found:

@@ -6,16 +6,27 @@ Strong enough that a miss is a defect and not bad luck; seeds are fixed.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.blind.generator.campaign import draw_campaign
-from tests.blind.generator.effects import ApproachScatter, Effect, LegThermal, NoiseBurst
+from tests.blind.generator.campaign import Campaign, draw_campaign
+from tests.blind.generator.effects import (
+    ApproachScatter,
+    Effect,
+    GravitySag,
+    InPlaneDeformation,
+    LegCompliance,
+    LegThermal,
+    NoiseBurst,
+)
 from tests.blind.generator.folder import write_campaign
-from tests.blind.generator.layout import DataFaults, Layout, Surroundings, Targets
+from tests.blind.generator.hexapod import draw_hexapod, hexapod_geometry, random_places
+from tests.blind.generator.layout import DataFaults, Layout, Surroundings, Targets, Weight
 from tests.blind.generator.schedule import at_rest, even_moves
 from tests.stages.line import run_line
 
@@ -91,3 +102,52 @@ def test_noise_that_grows_for_a_while_is_named_and_follows_no_column(tmp_path: P
 def test_nothing_is_found_where_actuators_land_as_they_should(tmp_path: Path) -> None:
     for seed in (73, 74):
         assert found_in(tmp_path / str(seed), [], seed) == []
+
+
+def _weighed(home: Path, effects: Callable[[Campaign], Effect], seed: int, layout: Layout) -> list[Row]:
+    """The rows of what is found on a hexapod of which is told what it carries, in which something of it is hidden."""
+    places = random_places(30, 6, np.random.default_rng(seed))
+    plain = draw_hexapod(layout, places, [], np.random.default_rng(seed))
+    campaign = draw_hexapod(layout, places, [effects(plain)], np.random.default_rng(seed))
+    tables, _ = run_line(write_campaign(campaign, home / "campaign", seed), "ingest", "pose", "diagnose")
+    rows = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "found"]
+    return [{**row, "parameters": json.loads(row["parameters"])} for row in rows]
+
+
+WEIGHT = Weight((0.6, 0.0, 0.8), 30.0, (10.0, -5.0, 40.0))
+HEXAPOD = Layout(
+    name="weighed", geometry=hexapod_geometry(), targets=Targets(base=8, platform=6, per_leg=0), weight=WEIGHT
+)
+
+
+@pytest.mark.parametrize("by_pose", [False, True], ids=["the same mass", "another mass each time"])
+def test_a_leg_that_gives_way_under_what_it_carries_is_named(by_pose: bool, tmp_path: Path) -> None:
+    layout, masses = HEXAPOD, np.full(37, 30.0)
+    if by_pose:
+        changing = Surroundings(columns=("payload_kg",))
+        layout = replace(layout, weight=replace(WEIGHT, mass_kg=None), surroundings=changing)
+
+    def soft(plain: Campaign) -> Effect:
+        own = plain.schedule.further.get("payload_kg", masses)
+        amount = (2e-4 if by_pose else 2e-3) * (np.arange(6) == 1)  # mm/N
+        return LegCompliance(amount, own, np.array(WEIGHT.centre_mm), np.array(WEIGHT.up))
+
+    rows = _weighed(tmp_path, soft, 81, layout)
+    assert [(row["cause"], row["subject"]) for row in rows] == [("leg-compliance", "leg2")]
+    assert_true(rows[0], {"compliance_2": 0.2 if by_pose else 2.0})
+
+
+def test_targets_that_sag_on_a_platform_are_named_all_or_one(tmp_path: Path) -> None:
+    sags = {"all": [("A1", 0.05), ("A2", -0.2), ("A3", 0.1), ("P03", 0.3), ("P05", 0.25)], "one": [("P02", 0.25)]}
+    for which, own in sags.items():
+        rows = _weighed(tmp_path / which, lambda _, own=tuple(own): GravitySag(own, np.array(WEIGHT.up)), 82, HEXAPOD)
+        subject = "platform" if which == "all" else "target P02"
+        assert [(row["cause"], row["subject"]) for row in rows] == [("gravity-sag", subject)]
+        assert_true(rows[0], {f"{name}_sag": sag for name, sag in own if abs(sag) > 0.1})
+
+
+def test_attachments_that_shift_in_the_plane_are_named(tmp_path: Path) -> None:
+    one = np.arange(6) == 3
+    rows = found_in(tmp_path, [InPlaneDeformation(0.02 * one, -0.01 * one)], 83)
+    assert [(row["cause"], row["subject"]) for row in rows] == [("in-plane-deformation", "leg4")]
+    assert_true(rows[0], {"kappa_x_4": 0.02, "kappa_y_4": -0.01})

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import chi2
 
 from tests.blind.generator.campaign import draw_campaign
-from tests.blind.generator.effects import LinearDeformation, MatrixDeformation
+from tests.blind.generator.effects import InPlaneDeformation, LinearDeformation, MatrixDeformation
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Targets
 from tests.blind.generator.schedule import published_moves
@@ -95,7 +95,7 @@ def test_matrix_earns_its_parameters_and_verification_shows_it(sample):
 
 
 def test_shifts_are_the_true_ones_within_their_sigma(tmp_path):
-    squares = []
+    squares, across = [], []
     for seed in range(6):
         folder = _campaign(
             tmp_path / str(seed), Layout(name="bodies", targets=Targets(per_leg=0)), MatrixDeformation(K), seed
@@ -104,8 +104,10 @@ def test_shifts_are_the_true_ones_within_their_sigma(tmp_path):
         kept = shifts[~shifts["rejected"]]
         expected = np.concatenate([_expected(pose) for _, pose in kept.groupby("pose", sort=False)])
         squares.append(np.mean(((kept["delta_bz_um"] - expected) / kept["sigma_um"]) ** 2))
+        across += [np.mean((kept[f"delta_b{axis}_um"] / kept[f"sigma_b{axis}_um"]) ** 2) for axis in "xy"]
     # About half the variance is the survey's, drawn once per leg and campaign: 36 draws, so the mean scatters by 0.12.
     assert abs(np.mean(squares) - 1.0) < 4 * 0.12
+    assert abs(np.mean(across) - 1.0) < 4 * 0.12 / np.sqrt(2)  # along x and y: nothing moves there
 
 
 def _expected(pose):
@@ -179,7 +181,7 @@ def _few_poses(folder: Path, count: int, role: str | None = None) -> dict[str, A
 
 
 @pytest.mark.parametrize(
-    ("count", "models"), [(1, set()), (2, {"linear"}), (5, {"linear"}), (12, {"linear", "matrix"})]
+    ("count", "models"), [(1, set()), (2, {"linear"}), (5, {"linear"}), (12, {"linear", "matrix", "in-plane"})]
 )
 def test_coefficients_that_so_few_poses_leave_open_are_not_told(tmp_path, count, models):
     tables = _few_poses(tmp_path / "few", count)
@@ -210,3 +212,28 @@ def test_a_platform_loaded_along_one_axis_tells_the_compliance_of_that_axis_alon
     assert set(rows["load"]) == {"fz"}
     assert abs(rows.loc["dz", "coefficient"] - 1e-8) < 4.0 * rows.loc["dz", "sigma"]
     assert list(rows.index[rows["significant"]]) == ["dz"]
+
+
+def _in_plane(tables) -> pd.DataFrame:
+    return _coefficients(tables, "in-plane")
+
+
+def test_shifts_in_the_plane_are_tested_and_not_assumed_away(sample, tmp_path):
+    """The sample's platform bends along z alone; another one shifts in its plane as well, by what is told of it."""
+    tables, _ = sample
+    assert _figures(tables, "in-plane")["p_value_over_none"] > 1e-3
+    low, high = _band(72)
+    none = _in_plane(tables)
+    assert low < ((none["coefficient"] / none["sigma"]) ** 2).sum() < high
+
+    along = {"x": np.array([0.01, 0.0, 0.0, -0.02, 0.0, 0.0]), "y": np.array([0.0, 0.015, 0.0, 0.0, 0.0, 0.0])}
+    found, _ = run_line(_campaign(tmp_path, Layout(name="plane"), InPlaneDeformation(along["x"], along["y"])), *LINE)
+    found = {name: table.to_pandas() for name, table in found.items()}
+    figures = _figures(found, "in-plane")
+    assert figures["p_value_over_none"] < 1e-20
+    assert figures["rms_left"] < 0.7 * figures["rms_shift"]
+    rows = _in_plane(found)
+    own = rows["leg"] == rows["column"]
+    truth = np.array([along[axis][leg - 1] for axis, leg in zip(rows["axis"], rows["leg"], strict=True)]) * own
+    assert low < (((rows["coefficient"] - truth) / rows["sigma"]) ** 2).sum() < high
+    assert _figures(found, "linear")["p_value_over_none"] > 1e-3  # along z nothing moves

@@ -23,6 +23,7 @@ from truing.estimation.rigid_poses.joint_frames import (
 from truing.estimation.rigid_poses.points import FittedPoints, SurveyPoints
 
 _PLATFORM = "platform"
+_Z, _IN_PLANE = (2,), (0, 1)
 _NOTHING = 1e-8  # share of the largest variance of a combination
 
 
@@ -47,8 +48,9 @@ class CorrelatedShifts:
     of_frames: Array
 
 
-def correlated_shifts(framed: FramedPoints, per_leg: Array) -> CorrelatedShifts | None:
-    """Return the covariances of the shifts along z that per_leg (B, L, T) averages; None where no platform was fitted.
+def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] = _Z) -> CorrelatedShifts | None:
+    """Return the covariances of the shifts that per_leg (B, L, T) averages, of each attachment along some axes of the
+    platform, one after the other; None where no platform was fitted.
 
     A shift is linear in the errors of all points of its pose: its own, and through the frame those of every point that
     the joint fit of the bodies weighed, each with all others of the pose.
@@ -58,6 +60,7 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array) -> CorrelatedShifts 
     if platform is None:
         return None
     names = [body.name for body in bodies if body.name not in {other.parent for other in bodies}]
+    per_leg, towards = np.repeat(per_leg, len(axes), axis=1), np.tile(axes, per_leg.shape[1])
     legs, first = per_leg.shape[1], np.cumsum([0, *(len(body.targets) for body in bodies)])
     whole, there = np.zeros((len(poses), legs, legs)), np.zeros(len(poses), bool)
     with_poses = np.full((len(poses), legs, len(names), 6), np.nan)
@@ -70,7 +73,7 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array) -> CorrelatedShifts 
         if frame is None or platform not in frame.bodies:
             continue
         turns = np.array([body.R[p] for body in bodies])
-        along = per_leg[p][:, :, None] * turns[platform][:, 2]
+        along = per_leg[p][:, :, None] * turns[platform][:, towards].T[:, None]
         found = residual_gain(p, bodies, frame, platform, along)
         rows = found.rows(p, bodies)
         by_points = found.gain @ errors.covariance(rows)
@@ -172,15 +175,18 @@ def _sandwich(J: Array, C: Array) -> Array:
 class Shifts:
     """Shift of each leg's attachment along z of the platform.
 
-    shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y, which gross errors show;
-    noise (B, L, L) of the measurement, own (B, L) variance of what the attachment's own targets bring to it, survey
-    (L, L) of the survey, and of cameras and bars, which all poses share; attachments (L, 3);
-    modulo_plane: the frame was fitted to the attachments themselves; together: where points have errors in common.
+    shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y; noise (B, L, L) of the measurement,
+    own (B, L) variance of what the attachment's own targets bring to it, survey (L, L) of the survey, and of cameras
+    and bars, which all poses share; noise_across (B, 2L, 2L) and survey_across (2L, 2L) of x and y, leg by leg;
+    attachments (L, 3); modulo_plane: the frame was fitted to the attachments themselves; together: where points have
+    errors in common.
     """
 
     shift: Array
     across: Array
     noise: Array
+    noise_across: Array
+    survey_across: Array
     own: Array
     survey: Array
     attachments: Array
@@ -190,7 +196,8 @@ class Shifts:
 
 @dataclass(frozen=True)
 class AttachmentModels:
-    """Fits of the shifts by model: none, linear, matrix, as far as anything of them is determined.
+    """Fits of the shifts by model: none, linear, matrix, as far as anything of them is determined; in_plane: none and
+    matrix of the shifts along x and y, leg by leg, where that is determined of all legs.
 
     determined (L,) by model: legs whose coefficients are told; gains: p-value of each larger model over the next
     smaller one; held (V, L) by model: what is left at poses that are held out; rejected, kept (B, L): gross errors, and
@@ -204,6 +211,7 @@ class AttachmentModels:
     rejected: Mask
     kept: Array
     fitted: Mask
+    in_plane: Mapping[str, ResponseFit]
 
 
 def attachment_models(drive: Array, shifts: Shifts, heldout: Mask) -> AttachmentModels:
@@ -222,7 +230,16 @@ def attachment_models(drive: Array, shifts: Shifts, heldout: Mask) -> Attachment
     told = _determined(drive[fitted], kept[fitted])
     fits = {name: fit for name, fit in fits.items() if told[name].any()}
     held = {name: kept[heldout] - fit.offset.mean(0) - fit.predict(drive[heldout]) for name, fit in fits.items()}
-    return AttachmentModels(fits, told, gains, held, np.isfinite(shifts.shift) & ~good, kept, fitted)
+    rejected = np.isfinite(shifts.shift) & ~good
+    in_plane = _in_plane_models(drive[fitted], shifts, good, fitted) if told["matrix"].all() else {}
+    return AttachmentModels(fits, told, gains, held, rejected, kept, fitted, in_plane)
+
+
+def _in_plane_models(drive: Array, shifts: Shifts, good: Mask, fitted: Mask) -> dict[str, ResponseFit]:
+    """The models of the shifts along x and y by drives (B, L), m, over the poses fitted."""
+    across = np.where(good[..., None], shifts.across, np.nan)[fitted]
+    y = across.reshape(len(across), -1)
+    return fit_models(drive, y, shifts.noise_across[fitted], ("none", "matrix"), offset_cov=shifts.survey_across)
 
 
 def _determined(drive: Array, shift: Array) -> dict[str, Mask]:
@@ -254,25 +271,49 @@ def attachment_shifts(survey: SurveyPoints, platform: FittedPoints, framed: Fram
     residual, used, noise = platform.residual, platform.used, platform.noise
     seen = np.isfinite(residual[:, :, 2])
     per_leg = _leg_average(survey, seen, noise, n_legs)
-    measured = _along_z(residual_covariance(survey.points, noise, used, seen))
-    surveyed = _along_z(_survey_covariance(survey, used))
+    measured, surveyed = residual_covariance(survey.points, noise, used, seen), _survey_covariance(survey, used)
     shift = np.einsum("blt,bta->bla", per_leg, np.nan_to_num(residual))
     shift[~per_leg.any(axis=2)] = np.nan
     typical = _typical_average(survey, n_legs)
-    of_points, shared = np.einsum("blt,bts,bms->blm", per_leg, measured, per_leg), typical @ surveyed @ typical.T
-    together = None if framed is None else correlated_shifts(framed, per_leg)
-    if together is not None:  # a pose without a joint fit keeps what its points say one by one
-        of_points, shared = np.where(together.there[:, None, None], together.noise, of_points), together.shared
+    together = {axes: None if framed is None else correlated_shifts(framed, per_leg, axes) for axes in (_Z, _IN_PLANE)}
+    of_points, shared = _averaged(per_leg, measured, typical, surveyed, _Z, together[_Z])
+    of_plane, shared_plane = _averaged(per_leg, measured, typical, surveyed, _IN_PLANE, together[_IN_PLANE])
     return Shifts(
         shift[:, :, 2],
         shift[:, :, :2],
         of_points,
+        of_plane,
+        shared_plane,
         np.einsum("blt,bt->bl", per_leg**2, noise[:, :, 2, 2]),
         shared,
         typical @ survey.points,
         bool((used & (survey.leg > 0)).any()),
-        together,
+        together[_Z],
     )
+
+
+def _averaged(
+    per_leg: Array,
+    measured: Array,
+    typical: Array,
+    surveyed: Array,
+    axes: Sequence[int],
+    together: CorrelatedShifts | None,
+) -> tuple[Array, Array]:
+    """Covariances of the attachments' shifts along some axes, of the measurement (B, n, n) and of the survey (n, n)."""
+    of_points = _of_legs(per_leg, measured, axes)
+    if together is None:
+        return of_points, _of_legs(typical[None], surveyed[None], axes)[0]
+    # A pose without a joint fit keeps what its points say one by one.
+    return np.where(together.there[:, None, None], together.noise, of_points), together.shared
+
+
+def _of_legs(per_leg: Array, covariance: Array, axes: Sequence[int]) -> Array:
+    """Covariances (B, n, n) of averages (B, L, T) of the targets along some axes, from those (B, 3T, 3T) of these."""
+    count, (batch, legs, targets) = len(axes), per_leg.shape
+    own = covariance.reshape(-1, targets, 3, targets, 3)[:, :, axes][..., axes]
+    found = np.einsum("blt,btasc,bms->blamc", per_leg, own, per_leg, optimize=True)
+    return np.asarray(found.reshape(batch, legs * count, legs * count))
 
 
 def _consistent_attachments(drive: Array, shifts: Shifts, fitted: Mask) -> Mask:
@@ -283,10 +324,6 @@ def _consistent_attachments(drive: Array, shifts: Shifts, fitted: Mask) -> Mask:
     directions = (shifts.shift, shifts.across[:, :, 0], shifts.across[:, :, 1])
     kept = [keep_consistent(drive, y, shifts.noise, offset_cov=shifts.survey, fitted=fitted) for y in directions]
     return np.logical_and.reduce(kept)
-
-
-def _along_z(covariance: Array) -> Array:
-    return covariance[..., 2::3, 2::3]
 
 
 def _survey_covariance(survey: SurveyPoints, used: Mask) -> Array:

@@ -29,6 +29,7 @@ _UNLIKELY = 0.01  # that chance does what a model explains
 # An arrow of three targets says nothing that a rigid fit to them has not taken away.
 _TARGETS_OF_A_PICTURE = 3
 
+_IN_PLANE = "in-plane"  # the model of shifts along x and y
 _LINES = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
 
@@ -84,7 +85,16 @@ def _tests(tables: Tables) -> list[ModelTest]:
         for model, words in asked.items()
         for p in [found[model]]
     ]
-    return [rigid, *(replace(test, p=p) for test, p in zip(earning, found.values(), strict=True))]
+    told_earning = [replace(test, p=p) for test, p in zip(earning, found.values(), strict=True)]
+    return [rigid, *told_earning, *_in_plane_test(facts)]
+
+
+def _in_plane_test(facts: pd.DataFrame) -> list[ModelTest]:
+    """Whether attachments shift along z alone, where that was tested."""
+    p = facts.loc[(facts["model"] == _IN_PLANE) & (facts["figure"] == "p_value_over_none"), "value"].dropna()
+    says = ("Nothing in the plane follows the actuators beyond chance.", "Shifts in the plane follow the actuators.")
+    asked = "attachments shift along z alone, not in the platform's plane"
+    return [by_p(asked, float(p.iloc[0]), _UNLIKELY, says, "")] if len(p) else []
 
 
 def _legwise(tables: Tables) -> tuple[Listing, ...]:
@@ -183,6 +193,12 @@ def _sentence(tables: Tables) -> str:
         lift, tilt, buckle = (100 * float(facts[("none", f"share_{s}")]) for s in ("lift", "tilt", "buckle"))
         words.append(
             f"Of the mean square shift {lift:.0f} % is lift, {tilt:.0f} % tilt and {buckle:.0f} % buckling of the ring."
+        )
+    if (p := facts.get((_IN_PLANE, "p_value_over_none"), 1.0)) < _UNLIKELY:
+        shift, left = (quantity(float(facts[(_IN_PLANE, name)]), "um") for name in ("rms_shift", "rms_left"))
+        words.append(
+            f"In the platform's plane attachments follow the actuators too (p {p_equals(float(p))}): {shift} rms "
+            f"along x and y, {left} with a matrix model."
         )
     if ("matrix", "modulo_plane") in facts and float(facts[("matrix", "modulo_plane")]):
         words.append("Known modulo a plane only: the platform has fewer than three targets away from its attachments.")
