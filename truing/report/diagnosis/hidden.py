@@ -17,11 +17,6 @@ from truing.report.wordings.catalogue import cause_words
 _TITLE = "What could have stayed hidden"
 _COMPONENT = r"(moment|force|offset|arm)_[xyz](?:_\w+)?"
 _NEVER, _HELD = "not at any plausible size", "part of what was found"
-# Causes that are tested where campaign.toml or the poses tell more than most do, and what that is.
-_NEEDS_MORE = {
-    "leg-compliance": "the stiffness of the legs (needs six legs, what they carry, and which way is up)",
-    "gravity-sag": "the sag of the platform's targets (needs which way is up, and tilts by a tenth of a radian)",
-}
 _BEYOND = "only beyond plausible sizes"
 
 
@@ -37,17 +32,7 @@ def hidden(rows: list[Judged], tables: Tables) -> Section:
     table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
     found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
     table.loc[table["cause"].isin(found) & table["size"].isna(), "told"] = _BEYOND
-    lead = f"{_lead(table)}{_untested(rows, tables)}"
-    return Section("hidden", _TITLE, lead, listings=(_by_cause(table, rows), _all(table)))
-
-
-def _untested(rows: list[Judged], tables: Tables) -> str:
-    """What a legged machine may do that this campaign does not tell how to look for."""
-    readings, tested = filled(tables, "configurations"), {row.cause for row in rows}
-    if readings is None or "rho1_mm" not in readings:
-        return ""
-    said = [words for cause, words in _NEEDS_MORE.items() if cause not in tested]
-    return f" Not tested: {'; '.join(said)}." if said else ""
+    return Section("hidden", _TITLE, _lead(table), listings=(_by_cause(table, rows), _all(table)))
 
 
 def size_words(table: pd.DataFrame) -> list[str]:
