@@ -3,6 +3,8 @@
     python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed 2] [--results F] [--write]
     python -m benchmarks.blind --instrument sensor --unforeseen [...]: effects thought of when the diagnosis stood
     python -m benchmarks.blind [--instrument sensor] --foreign [...]: worlds that nobody described
+    python -m benchmarks.blind [--instrument sensor] --added [...]: causes that joined the catalogue since the page was
+        drawn, one by one
 
 Campaigns come from the generator of the blind tests, which shares no code with truing, and go through the command line.
 Each is drawn from the seed and its own number, so that a run that was cut short goes on where it stopped; results are
@@ -28,7 +30,7 @@ from tests.blind.rates import clear_from, told
 RUNS = Path("runs")
 # Of twenty campaigns: nothing, one effect, two, one of no catalogue.
 CYCLE = ("nothing",) * 5 + ("one",) * 9 + ("two",) * 3 + ("unknown",) * 3
-UNFORESEEN, FOREIGN = "unforeseen", "foreign"
+UNFORESEEN, FOREIGN, ADDED = "unforeseen", "foreign", "added"
 FOREIGN_SNR = 10.0, 40.0  # of each effect of a foreign world
 BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
 OBVIOUS = (3.0, 30.0)  # times clear, where an instrument's share of them is drawn
@@ -55,15 +57,17 @@ def drawn(number: int, seed: int, instrument: str = "photogrammetry", group: str
     rng = np.random.default_rng([seed, 6, number])
     place = number * 7 % len(CYCLE)  # 7 and 20 have no divisor in common: groups are mixed
     group = group or CYCLE[place]
-    names = _names(group, own, rng)
+    names = _names(group, own, rng, number)
     kinds = own.layouts_for(names)
     strength = _strength(group, names, own.obvious, rng)
     return Drawn(number, group, names, str(rng.choice(kinds)), strength, int(rng.integers(2**31)), instrument)
 
 
-def _names(group: str, own: Instrument, rng: np.random.Generator) -> tuple[str, ...]:
+def _names(group: str, own: Instrument, rng: np.random.Generator, number: int) -> tuple[str, ...]:
     if group == "one":
-        return (str(rng.choice(sorted(own.catalogue))),)
+        return (str(rng.choice(sorted(set(own.catalogue) - set(own.added)))),)
+    if group == ADDED:
+        return (sorted(own.added)[number % len(own.added)],)
     if group == "two":
         return own.draw_two(rng)
     if group == "unknown":
@@ -82,7 +86,7 @@ def _strength(group: str, names: Sequence[str], obvious: float, rng: np.random.G
     if group == FOREIGN:
         return float(np.exp(rng.uniform(*np.log(FOREIGN_SNR))))
     clear = max(clear_from(name, two=group == "two") for name in names)
-    if group == "one" and rng.random() < BELOW_CLEAR:
+    if group in ("one", ADDED) and rng.random() < BELOW_CLEAR:
         return float(clear * rng.uniform(0.4, 1.0))
     if obvious and len(names) == 1 and rng.random() < obvious:
         return float(clear * np.exp(rng.uniform(*np.log(OBVIOUS))))
@@ -140,6 +144,7 @@ def main() -> None:
     for option, group, what in (
         ("--unforeseen", UNFORESEEN, "effects thought of later"),
         ("--foreign", FOREIGN, "worlds that nobody described"),
+        ("--added", ADDED, "causes that joined the catalogue since"),
     ):
         groups.add_argument(option, dest="group", action="store_const", const=group, help=what)
     parser.add_argument("--write", action="store_true", help="make the page anew")
@@ -153,12 +158,18 @@ def main() -> None:
     from benchmarks import blind_page
 
     campaigns = [Judged(record) for record in kept(results)]
-    tables = {None: lambda: blind_page.goals(campaigns, own), UNFORESEEN: lambda: blind_page.unknown(campaigns)}
+    tables = {
+        None: lambda: blind_page.goals(campaigns, own),
+        UNFORESEEN: lambda: blind_page.unknown(campaigns),
+        ADDED: lambda: blind_page.causes(campaigns, own),
+    }
     print(tables.get(options.group, lambda: blind_page.foreign(campaigns))())
     if options.write:
-        write = {None: blind_page.write_page, UNFORESEEN: blind_page.write_unforeseen}.get(
-            options.group, blind_page.write_foreign
-        )
+        write = {
+            None: blind_page.write_page,
+            UNFORESEEN: blind_page.write_unforeseen,
+            ADDED: blind_page.write_added,
+        }.get(options.group, blind_page.write_foreign)
         write(kept(results), own)
 
 

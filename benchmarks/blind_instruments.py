@@ -48,6 +48,7 @@ class Instrument:
     obvious: float = 0.0
     unforeseen: Sequence[str] = ()
     foreign: Sequence[str] = ()
+    added: Sequence[str] = ()
 
     @property
     def page(self) -> Path:
@@ -63,6 +64,11 @@ class Instrument:
     def kept_unforeseen(self) -> Path:
         """Return the results on effects that were thought of when the diagnosis stood."""
         return DOCS / "experiments" / f"{self.short.replace('-', '_')}_unforeseen.jsonl.gz"
+
+    @property
+    def kept_added(self) -> Path:
+        """The results on causes that joined the catalogue after the campaigns of the page were drawn."""
+        return DOCS / "experiments" / f"{self.short.replace('-', '_')}_added.jsonl.gz"
 
     @property
     def kept_foreign(self) -> Path:
@@ -86,6 +92,7 @@ INSTRUMENTS = {
         "blind",
         "legs or targets",
         foreign=tuple(hidden.FOREIGN),
+        added=tuple(hidden.ADDED),
     ),
     "sensor": Instrument(
         tuple(sensor_hidden.CATALOGUE),
@@ -100,6 +107,7 @@ INSTRUMENTS = {
         obvious=0.2,
         unforeseen=tuple(sensor_hidden.UNFORESEEN),
         foreign=tuple(sensor_hidden.FOREIGN),
+        added=tuple(sensor_hidden.ADDED),
     ),
     "photographs": Instrument(
         tuple(photographed.CATALOGUE),

@@ -39,6 +39,12 @@ def write_unforeseen(records: Sequence[Record], own: Instrument) -> None:
     renew(own.page, {"unforeseen": lambda: unforeseen(kept_campaigns(own.kept_unforeseen))})
 
 
+def write_added(records: Sequence[Record], own: Instrument) -> None:
+    """Make the table of causes anew that joined the catalogue since the page was drawn, and keep its results."""
+    _keep(records, own.kept_added)
+    renew(own.page, {"added": lambda: causes(kept_campaigns(own.kept_added), own)})
+
+
 def write_foreign(records: Sequence[Record], own: Instrument) -> None:
     """Make the table of worlds that nobody described anew, and keep its results."""
     _keep(records, own.kept_foreign)

@@ -56,6 +56,8 @@ def test_every_kept_campaign_is_there_once_and_drawn_as_told(instrument: str) ->
         told = drawn(one.record["number"], SEED, instrument)
         assert one.name == f"{told.group}-{told.number}"
         assert one.record["truth"]["layout"] == told.layout
+        if told.group in ("one", "two"):
+            assert {effect.cause for effect in one.hidden} == set(told.names)
 
 
 @pytest.mark.parametrize("instrument", INSTRUMENTS)

@@ -347,6 +347,9 @@ UNFORESEEN: Mapping[str, Kind] = {
     "restless hours": Kind(_restless),
 }
 FOREIGN: Mapping[str, Kind] = {name: Kind(draw) for name, draw in foreign.FOREIGN.items()}
+# Those that joined the catalogue after the campaigns of the page were drawn: they are drawn by themselves, so that a
+# seed and a number stay the campaign that the page tells of.
+ADDED = frozenset({"leg-stiffness", "play-hysteresis", "signal-nonlinear", "zero-step"})
 KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE, **UNFORESEEN, **FOREIGN}
 
 # Of two effects of a family one holds the other, or what is left of it when the other is there: two of them are one.
@@ -360,6 +363,6 @@ FAMILIES = (
 def draw_two(rng: np.random.Generator) -> tuple[str, str]:
     """Two effects of the catalogue that are no more than each other."""
     while True:
-        first, second = rng.choice(sorted(CATALOGUE), 2, replace=False).tolist()
+        first, second = rng.choice(sorted(set(CATALOGUE) - ADDED), 2, replace=False).tolist()
         if not any({first, second} <= family for family in FAMILIES):
             return first, second

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class LegCompliance(AlikeOrOwn):
     reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz"})
     parameter = Parameter("compliance", "um/N", _PLAUSIBLE, 1e-6)
 
-    def candidates(self, scene: PointScene) -> Sequence[AlikeOrOwn]:
+    def candidates(self, scene: PointScene) -> Sequence[Self]:
         """Return all legs alike, every single one, every pair; none where nothing tells what legs carry, or where up
         is, and none for other than six legs, which share a load as their stiffness has it."""
         weight, column = scene.weight, scene.covariates.get(PAYLOAD)

@@ -97,7 +97,7 @@ class AlikeOrOwn(PerLeg):
 
     parameter: ClassVar[Parameter]
 
-    def candidates(self, scene: PointScene) -> Sequence[AlikeOrOwn]:
+    def candidates(self, scene: PointScene) -> Sequence[Self]:
         """Return all legs alike, every single one, every pair."""
         return [replace(self, legs=chosen) for chosen in self._chosen(scene)]
 

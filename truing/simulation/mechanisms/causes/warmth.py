@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +97,7 @@ class LegThermal(AlikeOrOwn):
     reads = frozenset({"l", "shape"})
     parameter = Parameter("alpha", "1/K", _PLAUSIBLE)
 
-    def candidates(self, scene: PointScene) -> Sequence[AlikeOrOwn]:
+    def candidates(self, scene: PointScene) -> Sequence[Self]:
         """Return all legs alike, every single one, every pair; none where it was always as warm as at the reference."""
         return super().candidates(scene) if scene.legs and warms(scene) else ()
 
