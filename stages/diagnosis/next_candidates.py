@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _CORNERS, _BETWEEN = 36, 48
 _OF_BODIES = 40  # candidates where no configuration is to be chosen, but surroundings alone
 _FINEST_M = 1e-6  # readings are asked for to a micrometre, or to what actuators repeat
+_TINY = 1e-6  # of a step: limits that lie on one
 _SAME = 5.0  # readings within so many of these steps are the same
 _TOLD_DIGITS = 4  # of a value that surroundings are set to
 # Temperatures this far from those measured are no trouble to set up, K.
@@ -169,9 +170,8 @@ def _configurations(
     half = None if reach is None else reach * 1e-3
     low, high = (measured.min(0), measured.max(0)) if half is None else (legs.rho0 - half, legs.rho0 + half)
     found = _of_six(low, high, rng) if legs.count == 6 else _of_more(settings, low - legs.rho0, high - legs.rho0, rng)
-    found = np.round(found / finest) * finest
-    within = np.all((found > low - finest) & (found < high + finest), 1)
-    found = found[within & reaches(legs, found)]
+    found = finest * np.clip(np.round(found / finest), np.ceil(low / finest - _TINY), np.floor(high / finest + _TINY))
+    found = found[reaches(legs, found)]
     return found if len(found) and np.ptp(found, 0).any() else measured
 
 

@@ -208,8 +208,9 @@ def _asked(
         if other.rival is not None and (own := accepted.get(other.rival.key)) and own.own and other.own
     ]
     final = fitted(diagnosis.final)
-    # How large it is does not matter before it is sure that it is there.
-    return [(own.cause, final) for own in accepted.values() if own.verdict == "found"], rivals
+    # How large something is does not matter before it has a name and is sure to be there.
+    sure = [own.cause for own in accepted.values() if own.verdict == "found" and own.cause.catalogued]
+    return [(cause, final) for cause in sure], rivals
 
 
 def _fitted(stand: FittedModel) -> Fitted:
@@ -301,8 +302,8 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, Adv
     if plan.leads:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To know {name} better")
     what, more = options.what[0], count(choice.total, options.unit)
-    vain = f"No {what} within reach halves the uncertainty of {name}: with {more} it still is "
-    vain += f"{largest.sure(choice.final)} of {largest.sure(1.0)}. {_confirming(largest.cause, legs).words}"
+    vain = f"No {what} within reach halves the uncertainty of {name}, {largest.sure(1.0)}: with {more} it still is "
+    vain += f"{largest.sure(choice.final)}. {_confirming(largest.cause, legs).words}"
     return plan, Advice(AdviceKind.IN_VAIN, vain)
 
 

@@ -20,6 +20,7 @@ from truing.pipeline.in_memory import StageLine, stage_line
 from truing.pipeline.problems import ExitCode
 from truing.runs.exports.summary import summary
 from truing.runs.recorded_run import load
+from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.sections import Requirement
 from truing.schemas.verdict import SECTIONS, Relation
 from truing.stages.calibration.model_rows import requirement_rows
@@ -111,3 +112,23 @@ def test_requirements_are_met_by_a_model_that_fits_alone(why_not: str) -> None:
     assert verdicts["y"]["verdict"] == "fails"
     assert verdicts["x"]["verdict"] == ("not evaluated" if why_not else "meets")
     assert ("5.15 times the declared noise" in verdicts["x"]["message"]) is bool(why_not)
+
+
+def test_an_undecided_requirement_holds_the_poses_that_decide_it_and_no_other_does() -> None:
+    noise = np.tile(1e-12 * np.eye(6), (20, 1, 1))
+    error = np.random.default_rng(1).normal(0.0, 1e-5, (20, 6))
+    asked = Requirement(x_mm=0.025, y_mm=1.0, z_mm=1e-6)
+    further = []
+    for held in (True, False):
+        held_out = np.full(20, held)
+        table = requirement_rows(asked, ("6-pus", "linear"), PoseErrors(error, noise), noise, held_out).table()
+        assert not ARTIFACTS["requirements"].faults(table)
+        x, y, z = table.to_pylist()
+        assert (x["verdict"], y["verdict"], z["verdict"]) == ("undecided", "meets", "fails")
+        facts = ("poses_judged", "measurements", "lower_expected", "upper_expected")
+        assert {row[name] for row in (y, z) for name in facts} == {None}
+        assert x["poses_judged"] == 20
+        assert x["lower"] < x["lower_expected"] < x["error"] < x["upper_expected"] <= x["requirement"] < x["upper"]
+        further.append(x["measurements"])
+    # Beside further ones, poses that were fitted to count no more.
+    assert further[1] == further[0] + 20

@@ -8,7 +8,7 @@ import pytest
 
 from tests.report.diagnosis.test_suspected import adequacy
 from tests.report.diagnosis_parts import part_of, text_of
-from tests.report.diagnosis_tables import diagnosis_tables, rejected, row, rows
+from tests.report.diagnosis_tables import NOISE, diagnosis_tables, rejected, row, rows
 from truing.report.diagnosis.judged import judged
 from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
 from truing.report.head import build_head
@@ -135,6 +135,38 @@ def test_a_search_that_was_ended_asks_for_what_shows_the_cause_that_was_next() -
     assert "Approach the same poses from below and from above" in told.words
 
 
+@pytest.mark.parametrize("cause", ["target-moved", "unexplained", "of-a-lab"])
+def test_where_words_hang_on_more_than_the_name_of_the_cause_one_thing_changes_at_a_time(cause: str) -> None:
+    ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
+    ended = ended.assign(search_end="most-causes", left_cause=cause, left_subject="target B1")
+    (told,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
+    assert "one thing changes at a time" in told.words
+    assert "None" not in told.words
+
+
+def test_errors_beyond_noise_that_no_test_explains_ask_for_repeats() -> None:
+    tables = _tables(row("platform-deformation-linear", rms_after=30.0, heldout_rms_after=30.0))
+    told = [step for step in _steps(tables) if step.purpose.startswith("predictions miss by more")]
+    assert [step.words[:27] for step in told] == ["Measure one pose ten times "]
+
+
+def test_noise_that_was_found_asks_for_repeats_once() -> None:
+    noise = row("unexplained", reason_code="noise", next_measurement="Measure one pose ten times over.", **NOISE)
+    steps = _steps(_tables(noise, tests=adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))))
+    assert [step.words for step in steps if step.need == Need.RIVAL] == ["Measure one pose ten times over."]
+
+
+def test_one_measurement_for_several_findings_stands_once() -> None:
+    same = [row("body-deformation", subject=f"body{k}", next_measurement="Move a drive.") for k in range(2)]
+    assert [step.words for step in _steps(_tables(*same)) if step.need == Need.PRECISION] == ["Move a drive."]
+
+
+def test_what_has_no_name_is_an_open_explanation() -> None:
+    unnamed = row("unexplained", follows="time_s", next_measurement="Repeat some poses in another order.")
+    (told,) = [step for step in _steps(_tables(unnamed)) if step.need == Need.RIVAL]
+    assert told.words == "Repeat some poses in another order."
+
+
 def test_a_kind_of_cause_is_untested_only_where_no_subject_of_it_was_tested() -> None:
     idle = {"next_measurement": "Approach from both sides."}
     both = [row("actuator-backlash", "not testable", subject="leg1", **idle), row("actuator-backlash", "rejected")]
@@ -157,5 +189,5 @@ def test_loads_alone_are_told_beside_another_kind_of_measurement() -> None:
     words = {"next_measurement": "Shift the load.", "advice_kind": "confirm", "next_purpose": PLAN}
     steps = _steps(_planned(_tables(row("load-eccentricity", **words))))
     (told,) = [step for step in steps if step.need == Need.PRECISION]
-    assert told.words.startswith("Shift the load. Without that, 91 runs of loads, about 60 min of loading,")
-    assert told.words.endswith("from 0.5 mm to 0.25 mm, by a factor of 2.0.") or "500 µm to 250 µm" in told.words
+    said = "With 91 runs of loads alone (about 60 min of loading) its uncertainty falls from 500 µm to 250 µm"
+    assert told.words == f"Shift the load. {said}, by a factor of 2.0."

@@ -32,8 +32,8 @@ _HEADS = ("run", "times", "loads, step by step", "what is read", "conditions", "
 _STEPS = ("run", "step", "time_s", *LOADS.values(), "channels")
 _SERVED = {
     Need.REQUIREMENT: ("requirement is undecided", "requirements are undecided"),
-    Need.RIVAL: ("explanation is doubtful", "explanations are doubtful"),
-    Need.PRECISION: ("finding can be known better", "findings can be known better"),
+    Need.RIVAL: ("explanation is open", "explanations are open"),
+    Need.PRECISION: ("finding can be confirmed or known better", "findings can be confirmed or known better"),
     Need.TESTABLE: ("kind of cause could not be tested", "kinds of causes could not be tested"),
 }
 _CAPTION = "Not testable here, and what would show it"

@@ -22,6 +22,7 @@ from truing.schemas.needs import Need
 from truing.schemas.verdict import ReasonCode
 
 _OF_ADVICE: dict[str, Need] = {AdviceKind.SEPARATE: Need.RIVAL, AdviceKind.ANOTHER: Need.RIVAL}
+_UNNAMED = "unexplained"
 _PLANS = ("next_poses", "next_loads")
 _FIGURES = ("measurements", "duration_s", "sigma_now", "sigma_expected", "odds_expected")
 
@@ -51,7 +52,8 @@ def next_steps(rows: list[Judged], tables: Tables) -> list[NextStep]:
     """Return all that could be measured next, the most urgent need first."""
     told = [NextStep(Need.RIVAL, *both) for both in measurements_to_tell(rows, tables)]
     steps = [*_requirements(tables), *told, *_findings(rows, tables), *_untested(rows)]
-    return sorted(steps, key=lambda step: step.need.rank)
+    once = {(step.need, step.words): step for step in steps}
+    return sorted(once.values(), key=lambda step: step.need.rank)
 
 
 def next_measurements_frame(steps: list[NextStep]) -> pd.DataFrame:
@@ -119,8 +121,8 @@ def _findings(rows: list[Judged], tables: Tables) -> Iterator[NextStep]:
 
 
 def _of_finding(row: Judged, tables: Tables) -> NextStep:
-    """What a finding asks for; what is not sure to be there is held against its rivals, named or not."""
-    doubted = row.verdict in (SUSPECTED, RIVAL)
+    """What a finding asks for; what has no name, or may not be there, is held against its rivals, named or not."""
+    doubted = row.verdict in (SUSPECTED, RIVAL) or row.cause == _UNNAMED
     need = _OF_ADVICE.get(row.advice_kind, Need.RIVAL if doubted else Need.PRECISION)
     plan = _plan(row.next_purpose, tables)
     if plan is None:
@@ -143,11 +145,9 @@ def _repeating(figures: Mapping[str, float], unit: str) -> str:
     if not {"measurements", "sigma_now", "sigma_expected"} <= figures.keys():
         return ""
     now, then = figures["sigma_now"], figures["sigma_expected"]
-    takes = f", {about(figures['duration_s'])} of loading," if "duration_s" in figures else ""
+    takes = f" ({about(figures['duration_s'])} of loading)" if "duration_s" in figures else ""
     falls = f"from {quantity(now, unit)} to {quantity(then, unit)}, by a factor of {rough(now / then)}"
-    return (
-        f" Without that, {count(round(figures['measurements']), 'run')} of loads{takes} lower its uncertainty {falls}."
-    )
+    return f" With {count(round(figures['measurements']), 'run')} of loads alone{takes} its uncertainty falls {falls}."
 
 
 def _untested(rows: list[Judged]) -> Iterator[NextStep]:

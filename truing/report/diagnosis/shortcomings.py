@@ -7,15 +7,16 @@ from collections.abc import Iterator
 from typing import Any
 
 from truing.report.diagnosis.adequacy import CAUSES_LEFT, shortcoming_words
-from truing.report.diagnosis.judged import Judged
+from truing.report.diagnosis.judged import FOUND, SUSPECTED, Judged
+from truing.report.section_verdict import verdict_rows
 from truing.report.tables import Tables, cell, filled
-from truing.report.wordings.catalogue import cause_words, confirming
-from truing.report.wordings.claim import Claim
+from truing.report.verdict import with_verdict
+from truing.report.wordings.catalogue import WORDINGS, cause_words
 from truing.report.wordings.followed import OF_TIME, columns_words
 from truing.schemas.covariates import named
-from truing.schemas.verdict import Relation
+from truing.schemas.verdict import ReasonCode, Relation
 
-_MOST = 2
+_MOST, _NOISE = 2, "observation-noise"
 # One epoch, several, how one is measured again with nothing touched, and how with what it depends on set anew.
 _POSE = (
     "pose",
@@ -40,9 +41,15 @@ _EPOCHS = {
     Relation.LOADS_SIGNALS: _LOAD,
     Relation.COMMANDS_ENCODERS: _COMMAND,
 }
-_IF_NOISE = (
-    "If the scatter is larger than [noise] says, correct [noise]. If it is not, an effect is missing in the model."
-)
+_IF_NOISE = "If the scatter is not what [noise] says, correct [noise]. If it is, an effect is missing in the model."
+# Of a model that no test finds wrong.
+_OF_VERDICT = {
+    ReasonCode.BEYOND_NOISE: ("predictions miss by more than the declared noise", _IF_NOISE),
+    ReasonCode.BELOW_NOISE: (
+        "predictions miss by less than the declared noise",
+        "The scatter is the noise to declare.",
+    ),
+}
 _LOOKS_BACK = re.compile(
     r"approach.*|last step|memory|direction of .*|travel since the turn|unloading .*|largest so far .*"
 )
@@ -50,13 +57,19 @@ _LOOKS_BACK = re.compile(
 
 def measurements_to_tell(rows: list[Judged], tables: Tables) -> Iterator[tuple[str, str]]:
     """Yield by what the final model falls short, and what would tell why, the worst first; nothing where it holds."""
-    table = filled(tables, "adequacy")
-    if table is None or not rows:
+    table, verdict = filled(tables, "adequacy"), verdict_rows(with_verdict(tables)).get("adequacy")
+    if table is None or verdict is None or not rows:
         return
     epochs = _EPOCHS.get(Relation(rows[0].relation), _POSE) if rows[0].relation else _POSE
     told: dict[str, str] = {}
-    for row in table[table["state"] == "fails"].sort_values("p_value", kind="stable").itertuples():
+    failed = table[table["state"] == "fails"].sort_values("p_value", kind="stable")
+    if any(row.is_noise and row.verdict in (FOUND, SUSPECTED) for row in rows):  # which asks for repeats itself
+        failed = failed[failed["test"] != _NOISE]
+    for row in failed.itertuples():
         told.setdefault(_telling(row, epochs), shortcoming_words(row))
+    if not (table["state"] == "fails").any() and verdict.reason_code in _OF_VERDICT:
+        why, then = _OF_VERDICT[verdict.reason_code]
+        told[f"{epochs[2]} {then}"] = why
     for words, why in list(told.items())[:_MOST]:
         yield why, words
 
@@ -65,14 +78,22 @@ def _telling(row: Any, epochs: tuple[str, str, str, str]) -> str:
     """What tells why one test of the final model fails."""
     _, several, again, anew = epochs
     if row.test == CAUSES_LEFT:
-        claim = Claim(cause=cell(row.left_cause), subject=cell(row.left_subject))
-        return f"Next would be {cause_words(claim.cause)}. {confirming(claim).words}".strip()
-    if row.test == "observation-noise":
+        return _of_cause_left(cell(row.left_cause))
+    if row.test == _NOISE:
         return f"{again} {_IF_NOISE}"
     if row.test == "input-noise":
         return f"{anew} {_IF_NOISE}"
     along = cell(row.along)
     return _along((along,) if _LOOKS_BACK.fullmatch(along) else named(along), several)
+
+
+def _of_cause_left(cause: str) -> str:
+    """What shows the cause that an ended search would have accepted next, where that is the same for every subject."""
+    known = WORDINGS.get(cause)
+    if known is not None and isinstance(known.advice, str):
+        return f"Next would be {cause_words(cause)}. {known.advice}"
+    said = "Measure a small campaign in which one thing changes at a time, and everything else is held."
+    return f"{said} Each effect then shows by itself."
 
 
 def _along(columns: tuple[str, ...], several: str) -> str:
