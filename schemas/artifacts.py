@@ -323,14 +323,14 @@ _DIAGNOSIS = (
         "rank* cause verdict subject p_value probability parameters follows rms_before rms_after heldout_rms_before "
         "heldout_rms_after noise_floor unit explanation next_measurement",
         optional="signal_to_noise share_explained log_evidence scale_holds reason_code rival settings clause "
-        "largest_motion advice_kind next_in_short next_purpose relation",
+        "largest_motion advice_kind next_in_short next_purpose relation left_out_by left_out_blocks left_out_gain",
     ),
     parquet(
         "adequacy",
         "whether the final model holds as a whole: what it leaves, tested against plain noise; p-values are corrected "
         "for the number of tests; whether the search for causes came to its end, after how many accepted causes",
         "subject* test* along* value p_value limit state",
-        optional="search_end left_cause left_subject",
+        optional="search_end left_cause left_subject why_untested",
     ),
     Artifact("model", "model.toml", "the extended model: nominal, identified parameters, accepted effects"),
     parquet(

@@ -208,8 +208,16 @@ _MEASURED = (
     text(
         "test",
         "what is looked for in what a model leaves: more noise of observations or of inputs than declared, or "
-        "residuals that are alike where the values of a column are; or a further cause that is real (causes-left)",
-        choices=("observation-noise", "input-noise", "like-neighbours", "causes-left"),
+        "residuals that are alike where the values of a column are (like-neighbours), that have a mean where epochs "
+        "repeat one another, beyond the scatter of repeats (pure-error: the F test of lack of fit), or in a region of "
+        "the inputs, beyond the scatter there (by-region); or a further cause that is real (causes-left)",
+        choices=("observation-noise", "input-noise", "like-neighbours", "pure-error", "by-region", "causes-left"),
+    ),
+    text(
+        "why_untested",
+        "why nothing was tested: nothing was measured twice at the same command, or too few epochs tell",
+        nullable=True,
+        choices=("no-repeats", "too-few"),
     ),
     text(
         "search_end",
@@ -220,7 +228,10 @@ _MEASURED = (
     ),
     text("left_cause", "the cause that would be accepted next; empty where none is left", nullable=True),
     text("left_subject", "what that cause concerns; empty for the whole, and where none is left", nullable=True),
-    text("along", "the column along which neighbours are compared; several, separated by blanks; empty for noise"),
+    text(
+        "along",
+        "the column along which neighbours are compared; several, separated by blanks; empty for noise and repeats",
+    ),
     text(
         "state",
         "result of the test of a relation or of a model, or of all tests of a section",
@@ -231,9 +242,10 @@ _MEASURED = (
         "code of the reason for the state or the verdict; of a cause: found, noise, rival, chance, held-out (predicts "
         "it worse), dropped (not needed next to others), contained (in what was found), unseen (the campaign cannot "
         "show it), or, of one that is suspected, inadequate (the model does not hold as a whole) or unnamed (something "
-        "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it); ended "
-        "(the search was ended before it was accepted or rejected); no-time, no-up, ... (not recorded, so that it "
-        "could not be tested); of a section: the list in docs/verdict.md",
+        "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it) or "
+        "elsewhere (blocks left out as a whole are less probable with it); ended (the search was ended before it was "
+        "accepted or rejected); no-time, no-up, ... (not recorded, so that it could not be tested); of a section: the "
+        "list in docs/verdict.md",
     ),
     real("misfit", "", "rms of what the relation leaves as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "the same with the slips undone; empty where no slip explains it", nullable=True),
@@ -392,6 +404,22 @@ _CONCLUDED = (
         "share_explained",
         "the share of a named cause in what it and effects without a name explain together, in squares; empty where no "
         "effect without a name competed",
+        nullable=True,
+    ),
+    text(
+        "left_out_by",
+        "what was left out as a whole, block by block, of what was found: the first kind of which two blocks tell of "
+        "the cause; one-block: its effect shows in one alone, or too little in each; none: the campaign has no three "
+        "blocks of any kind",
+        nullable=True,
+        choices=("series", "run", "day", "direction", "region", "one-block", "none"),
+    ),
+    integer("left_out_blocks", "number of blocks that tell of the cause", minimum=0, nullable=True),
+    real(
+        "left_out_gain",
+        "",
+        "logarithm of how much more probable these blocks are with the cause than without it, each predicted from the "
+        "others",
         nullable=True,
     ),
     size("signal_to_noise", "", "the effect over its noise, all nuisances taken out of it", nullable=True),

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.inference.blocks import alike
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
@@ -17,6 +18,7 @@ from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import AxisRows
 from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
+from truing.stages.common.blocks import chosen, groupings_of, labels_of
 from truing.stages.diagnosis.gathered import Channels, Gathered, Left
 from truing.stages.diagnosis.left_tables import errors_by_role, identified_table
 
@@ -60,9 +62,11 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[AxisM
         keep = np.broadcast_to(kept[own][:, None], seen[own].shape)
         return Epochs(measured, rows.chosen(own), Frames.of_numbers(int(own.sum())), keep)
 
+    own, known = rows.chosen(fitted), chosen(labels_of(table, rows.poses), fitted)
+    groupings = groupings_of(own.readings, own.time_s, own.direction[:, None], known)
     return Gathered(
         model,
-        poses(fitted),
+        replace(poses(fitted), repeats=alike(np.round(own.readings, 12)), groupings=groupings),
         poses(held) if held.any() else None,
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
         _left,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from truing.simulation.bodies.measured_bodies import (
 from truing.simulation.bodies.model import BodyModel, KnownBodies
 from truing.simulation.inputs import approach, order_in_time
 from truing.simulation.targets import shape_unknowns
+from truing.stages.common.blocks import chosen, groupings_of, labels_of, readings_of, repeats_of
 from truing.stages.common.point_arrays import (
     default_motions,
     number_column,
@@ -79,9 +81,16 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
         raise ValueError(why)
     fitted, thinned = _thinned(fitted, model)
     words += [f"{counted(int((~usable).sum()), 'pose')} without a body that is determined"] if not usable.all() else []
+    table = tables.get("configurations")
+    repeats = repeats_of(table, poses, settings.campaign.drives, settings.noise.actuator_mm)
+    came = [covariates[name][fitted] for name in covariates if name.startswith(CAME_FROM)]
+    asked = readings_of(table, poses, settings.campaign.drives)[fitted]
+    time, known = covariates.get("time_s"), chosen(labels_of(table, poses), fitted)
+    approach = np.column_stack(came) if came else None
+    groupings = groupings_of(asked, None if time is None else time[fitted], approach, known)
     return Gathered(
         model.at(model.conditions.chosen(fitted)),
-        bodies.epochs(model.conditions, fitted),
+        replace(bodies.epochs(model.conditions, fitted), repeats=repeats[fitted], groupings=groupings),
         bodies.epochs(model.conditions, held) if held.any() else None,
         "; ".join([*words, *thinned]),
         _left,

@@ -116,7 +116,16 @@ def adequacy_table(diagnosis: Diagnosis, rule: Settings, subject: str) -> pa.Tab
             state="ok" if p_value > level else "fails",
         )
     for lack in adequacy.untested:
-        rows.add(subject=subject, test=str(lack), along="", value=None, p_value=None, limit=level, state="not tested")
+        rows.add(
+            subject=subject,
+            test=str(lack),
+            along="",
+            value=None,
+            p_value=None,
+            limit=level,
+            state="not tested",
+            why_untested=str(adequacy.why_untested(lack)),
+        )
     return rows.table()
 
 

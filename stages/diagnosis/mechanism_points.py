@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -13,7 +14,7 @@ from truing.estimation.labels.judged_points import judged_points
 from truing.estimation.rigid_poses.points import with_declared_noise
 from truing.inference.observations import Frames
 from truing.report.numbers import count as counted
-from truing.simulation.inputs import ORDER
+from truing.simulation.inputs import APPROACH, ORDER, TIME
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped, swapped_targets
 from truing.simulation.mechanisms.extended_model import extended, some_of, write_model
 from truing.simulation.mechanisms.legs.kinematics import reaches
@@ -21,6 +22,7 @@ from truing.simulation.mechanisms.measured_mechanism import MeasuredTargets, Sea
 from truing.simulation.mechanisms.model import Known, PointModel
 from truing.simulation.mechanisms.weight import Weight
 from truing.simulation.targets import BASE, FREE_DIRECTION, FREE_LENGTH_M, LEG, PLATFORM, Targets, shape_unknowns
+from truing.stages.common.blocks import chosen, groupings_of, labels_of, repeats_of
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import (
     default_motions,
@@ -73,9 +75,12 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Point
             f"{counted(int(fitted.sum()), 'pose')}"
         )
     words = [f"{counted(int((~usable).sum()), 'pose')} without readings or base"] if not usable.all() else []
+    repeats = repeats_of(tables["configurations"], poses, (), settings.noise.actuator_mm)
+    own, known = some_of(conditions, fitted), chosen(labels_of(tables["configurations"], poses), fitted)
+    groupings = groupings_of(own.readings, own.covariates.get(TIME), own.covariates.get(APPROACH), known)
     return Gathered(
         model,
-        bodies.epochs(conditions, base, fitted),
+        replace(bodies.epochs(conditions, base, fitted), repeats=repeats[fitted], groupings=groupings),
         bodies.epochs(conditions, base, held) if held.any() else None,
         "; ".join([*words, *seated.dropped]),
         _left,

@@ -15,6 +15,7 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
+from truing.stages.common.blocks import chosen, groupings_of, labels_of, readings_of
 from truing.stages.common.point_arrays import default_motions, number_column, pose_ids, positions
 from truing.stages.common.ray_statistics import information_and_score, shared_numbers
 from truing.stages.common.why_not import HELD_OUT
@@ -58,10 +59,12 @@ def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gat
     held = role == HELD_OUT
     if (~held).sum() < _FEWEST_POSES:
         held[:] = False
-    model = RayModel.of(some_poses(whole, ~held))
+    model, table = RayModel.of(some_poses(whole, ~held)), tables.get("configurations")
+    asked = readings_of(table, poses, settings.campaign.drives)[~held]
+    groupings = groupings_of(asked, None if time is None else time[~held], None, chosen(labels_of(table, poses), ~held))
     gathered = Gathered(
         model,
-        _poses(whole, channels, ~held),
+        replace(_poses(whole, channels, ~held), groupings=groupings),
         _poses(whole, channels, held) if held.any() else None,
         "",
         _nothing_more,

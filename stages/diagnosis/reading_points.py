@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
+from truing.inference.blocks import BlockKind, alike
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
 from truing.simulation.bench.causes.rows_exchanged import (
@@ -30,6 +31,7 @@ from truing.simulation.bench.known_readings import (
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.inputs import between_neighbours
+from truing.stages.common.blocks import groupings_of
 from truing.stages.common.declared_optics import declared_optics
 from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.overruled import decided, excluded_words, without_excluded
@@ -77,10 +79,14 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     if why := _why_too_little(steps, fitted, settings):
         raise ValueError(why)
     model = ReadingModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
+    applied, loaded = np.round(steps.load[fitted], 9) + 0.0, {BlockKind.RUN: steps.run[fitted]}
+    groupings = groupings_of(applied, steps.time_s[fitted], None, loaded)
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
     return Gathered(
         model,
-        replace(_poses(steps, points, seen, sigma, fitted), kept=kept[fitted]),
+        replace(
+            _poses(steps, points, seen, sigma, fitted), kept=kept[fitted], repeats=alike(applied), groupings=groupings
+        ),
         replace(_poses(steps, points, seen, sigma, held), kept=kept[held]) if held.any() else None,
         "; ".join(words),
         _left,

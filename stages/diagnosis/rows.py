@@ -110,6 +110,7 @@ def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]
         "largest_motion": facts.largest,
         "signal_to_noise": verdict.signal_to_noise,
         "share_explained": verdict.share_explained,
+        **_left_out(verdict, diagnosis),
         "log_evidence": verdict.log_odds,
         "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
     }
@@ -125,6 +126,16 @@ def _errors(shown: Shown, verdict: Verdict) -> dict[str, Any]:
         "noise_floor": shown.floor(verdict.floor),
         "unit": shown.unit,
     }
+
+
+def _left_out(verdict: Verdict, diagnosis: Diagnosis) -> dict[str, Any]:
+    """What was left out block by block of what was found, and what it gained there."""
+    if verdict.verdict not in ("found", "suspected") or diagnosis.blocks is None:
+        return {}
+    gain = verdict.block_gain
+    if gain is None:
+        return {"left_out_by": "one-block" if diagnosis.blocks else "none"}
+    return {"left_out_by": str(gain.kind), "left_out_blocks": gain.blocks, "left_out_gain": gain.log_gain}
 
 
 def _advised(advice: Advice) -> dict[str, Any]:

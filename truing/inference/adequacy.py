@@ -1,8 +1,9 @@
 """Whether a final model holds as a whole: what it leaves is tested against plain noise, whatever causes it holds.
 
 A search asks which of its forms is best; it does not ask whether the truth is among them. A wrong picture leaves more
-noise than was declared, of observations or of inputs (which stretch to swallow what no cause explains), or residuals
-that are alike where something is alike, in time or in any input.
+noise than was declared, of observations or of inputs (which stretch to swallow what no cause explains), residuals that
+are alike where something is alike, in time or in any input, or that have a mean where epochs repeat one another or lie
+in one region of the inputs: then the scatter within these tells what chance leaves, whatever was declared.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from enum import StrEnum
 import numpy as np
 
 from truing.inference.arrays import Array, Integers
+from truing.inference.blocks import FEWEST_BLOCKS, regions
 from truing.inference.fitted_model import FittedModel
+from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
 from truing.inference.model import CauseT
 from truing.inference.noise import NOISE_PRIOR_FREEDOM, NoiseLevel
 
@@ -23,6 +26,8 @@ _PERMUTATIONS = 499
 _NEIGHBOURS = 2
 # With fewer epochs no order of them says anything; with more, pairs of a sample of them say all that is to be said.
 _FEWEST_EPOCHS, _MOST_EPOCHS = 8, 2_000
+# Repeats, beyond the first of each, that tell pure error; epochs of a region, each beyond the first.
+_FEWEST_REPEATS = 4.0
 _RESOLVED = 10  # permutations beyond which a share of them is a p-value by itself
 
 
@@ -32,13 +37,23 @@ class Lack(StrEnum):
     OBSERVATION_NOISE = "observation-noise"  # more noise of observations than declared
     INPUT_NOISE = "input-noise"  # more noise of inputs than declared
     LIKE_NEIGHBOURS = "like-neighbours"  # residuals are alike where something is alike
+    PURE_ERROR = "pure-error"  # residuals of repeats have a mean, beyond what the repeats scatter
+    BY_REGION = "by-region"  # residuals of a region of the inputs have a mean, beyond what they scatter there
+
+
+class WhyUntested(StrEnum):
+    """Why a kind of misfit was not tested."""
+
+    NO_REPEATS = "no-repeats"  # nothing was measured twice at the same command
+    TOO_FEW = "too-few"
 
 
 @dataclass(frozen=True)
 class LackOfFit:
     """One test of the final model: what was looked for, along which column, how much was found, the chance of so much.
 
-    ``value`` is noise over the declared one, or the correlation of neighbours; ``along`` is empty for noise.
+    ``value`` is noise over the declared one, the correlation of neighbours, or the mean square of means over the
+    scatter about them (F); ``along`` is empty for noise and repeats.
     """
 
     lack: Lack
@@ -52,6 +67,8 @@ class Adequacy:
     """All tests of a final model."""
 
     tests: tuple[LackOfFit, ...]
+    repeated: bool = False  # whether anything was measured twice at the same command
+    not_asked: frozenset[Lack] = frozenset()  # of what nothing is known: which commands were given, which inputs
 
     @property
     def worst(self) -> LackOfFit | None:
@@ -66,7 +83,13 @@ class Adequacy:
     @property
     def untested(self) -> list[Lack]:
         """Kinds of misfit that nothing was there to test."""
-        return [lack for lack in Lack if all(test.lack != lack for test in self.tests)]
+        known = self.not_asked | {test.lack for test in self.tests}
+        return [lack for lack in Lack if lack not in known]
+
+    def why_untested(self, lack: Lack) -> WhyUntested:
+        """Why a kind of misfit was not tested."""
+        is_known = lack == Lack.PURE_ERROR and not self.repeated
+        return WhyUntested.NO_REPEATS if is_known else WhyUntested.TOO_FEW
 
     def corrected(self, test: LackOfFit) -> float:
         """A test's p-value, corrected for the kinds of misfit and for the tests of its kind (Bonferroni)."""
@@ -74,8 +97,13 @@ class Adequacy:
         return min(1.0, test.p_value * kinds * sum(other.lack == test.lack for other in self.tests))
 
 
-def adequacy_of(final: FittedModel[CauseT], noise: NoiseLevel, rng: np.random.Generator) -> Adequacy:
-    """Test what a final model leaves, beside the level of its noise over what was declared."""
+def adequacy_of(
+    final: FittedModel[CauseT], noise: NoiseLevel, rng: np.random.Generator, repeats: Integers | None = None
+) -> Adequacy:
+    """Test what a final model leaves, beside the level of its noise over what was declared.
+
+    ``repeats`` (B,): numbers of commands that were given more than once, -1 for the others.
+    """
     tests = [LackOfFit(Lack.OBSERVATION_NOISE, "", noise.ratio, noise.p_value)]
     ratio, freedom = final.input_noise
     if freedom >= _FEWEST_EPOCHS:
@@ -84,7 +112,37 @@ def adequacy_of(final: FittedModel[CauseT], noise: NoiseLevel, rng: np.random.Ge
     columns = {name: values for name, values in final.scene.covariates.items() if np.ndim(values) == 1} | inputs
     if len(inputs) > 1:
         columns[" ".join(inputs)] = np.column_stack(list(inputs.values()))
-    return Adequacy((*tests, *like_neighbours(final.standardised, columns, rng, final.model.error_groups)))
+    tests += like_neighbours(final.standardised, columns, rng, final.model.error_groups)
+    residuals = epoch_residuals(final.fit.whitened, final.measured, final.fit.frames, final.input_rows)
+    tests += by_region(residuals, inputs)
+    not_asked = {
+        lack for lack, known in ((Lack.BY_REGION, inputs), (Lack.PURE_ERROR, repeats is not None)) if not known
+    }
+    if repeats is None:
+        return Adequacy(tuple(tests), not_asked=frozenset(not_asked))
+    repeated = bool((np.bincount(repeats[repeats >= 0]) > 1).any())
+    return Adequacy((*tests, *pure_error(residuals, repeats)), repeated, frozenset(not_asked))
+
+
+def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[LackOfFit]:
+    """Yield the F test of lack of fit against pure error, where enough was repeated; repeats (B,) by number, -1 for
+    none."""
+    found = means_against_scatter(residuals, repeats, _FEWEST_REPEATS)
+    if found is not None:
+        yield LackOfFit(Lack.PURE_ERROR, "", found.ratio, found.p_value)
+
+
+def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterator[LackOfFit]:
+    """Yield the F test of the means over regions of the inputs, each (B,), against the scatter about them."""
+    columns = np.column_stack(list(inputs.values())) if inputs else np.zeros((len(residuals.values), 0))
+    varies = np.isfinite(columns).all(0) & (np.ptp(columns, axis=0) > 0.0)
+    if not varies.any():
+        return
+    own = regions(columns[:, varies])
+    if own.max() + 1 < FEWEST_BLOCKS or np.bincount(own).min() < _FEWEST_EPOCHS:
+        return
+    if (found := means_against_scatter(residuals, own, _FEWEST_REPEATS)) is not None:
+        yield LackOfFit(Lack.BY_REGION, " ".join(inputs), found.ratio, found.p_value)
 
 
 def noise_excess(lack: Lack, ratio: float, freedom: float) -> LackOfFit:

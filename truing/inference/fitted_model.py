@@ -10,7 +10,8 @@ from typing import Generic
 
 import numpy as np
 
-from truing.inference.arrays import Array, Mask
+from truing.inference.arrays import Array, Integers, Mask
+from truing.inference.blocks import Blocks, possible_blocks
 from truing.inference.fit import Fit, fit_model
 from truing.inference.linear_problem import Contribution, rows_by_source
 from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, Model, ScatterCandidate, Scene
@@ -174,6 +175,17 @@ class Fitter(Generic[CauseT]):
         self._seed, self._progress = seed, progress
         self._recorded = calibration.measured.seen, None if held_out is None else held_out.measured.seen
         self.screened: list[ScreenedValue] = []  # observations taken out as gross errors
+
+    @property
+    def repeats(self) -> Integers | None:
+        """Return the numbers (B,) of commands that were given more than once, -1 for the others."""
+        return self.calibration.repeats
+
+    @property
+    def blocks(self) -> list[Blocks] | None:
+        """Return the groupings of epochs that can be left out block by block; None where nobody asked."""
+        groupings = self.calibration.groupings
+        return None if groupings is None else possible_blocks(groupings, len(self.calibration.measured.seen))
 
     def prepared(
         self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None

@@ -119,6 +119,11 @@ class Whitened:
         whole[np.ix_(common, others)] = whole[np.ix_(others, common)].T
         return np.asarray(found + whole[:size, :size])
 
+    @property
+    def normal_matrix(self) -> Array:
+        """Return the products (G, G) of the rows' columns, those of priors among them."""
+        return self._gram
+
     @cached_property
     def _along(self) -> Array:
         """Return the parts (G,) of the residual along the basis."""

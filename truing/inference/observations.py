@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Self
@@ -9,7 +10,8 @@ from typing import Generic, Self
 import numpy as np
 
 from truing.estimation.rotation import exp_so3, rigid_motions
-from truing.inference.arrays import Array, Mask
+from truing.inference.arrays import Array, Integers, Mask
+from truing.inference.blocks import BlockKind
 from truing.inference.model import ConditionsT_co
 
 _SPACE, _FRAME = 3, 6
@@ -78,13 +80,17 @@ class Frames:
 class Epochs(Generic[ConditionsT_co]):
     """Measured observations of some epochs, the conditions that the model needs there, and frames to start from.
 
-    ``kept`` (B, K): observations that are no gross errors, for a person says so.
+    ``kept`` (B, K): observations that are no gross errors, for a person says so; ``repeats`` (B,): numbers of commands
+    that were given more than once, -1 for the others; ``groupings`` (B,): what epochs belong to, by number, -1 for
+    none. Each is None where nobody asked.
     """
 
     measured: Observations
     conditions: ConditionsT_co
     frames: Frames
     kept: Mask | None = None
+    repeats: Integers | None = None
+    groupings: Mapping[BlockKind, Integers] | None = None
 
     def removable(self, wrong: Mask) -> Mask:
         """Return which observations (B, K) are to be taken out, of those that look grossly wrong."""

@@ -16,6 +16,8 @@ import numpy as np
 
 from truing.inference.adequacy import Adequacy, adequacy_of
 from truing.inference.arrays import Array, Mask
+from truing.inference.block_gain import BlockGain, block_gain
+from truing.inference.blocks import Blocks
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
 from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
@@ -107,6 +109,7 @@ class Diagnosis(Generic[CauseT]):
     scatters: tuple[FoundScatter[CauseT], ...]  # what makes inputs scatter; their priors are as wide accordingly
     held_out: Epochs[Conditions] | None
     unasked: tuple[CauseT, ...] = ()  # kinds that have no candidate in this campaign
+    blocks: list[Blocks] | None = None  # groupings of epochs that can be left out block by block; None: nobody asked
 
 
 @dataclass(frozen=True)
@@ -177,7 +180,7 @@ class Acceptance(Generic[CauseT]):
             searched, scatters = self._searched_with_scatter(kinds)
         fitter, final = self._fitter, searched.final
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
-        adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]))
+        adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]), fitter.repeats)
         verdicts = self._verdicts(searched)
         holds = searched.end.is_complete and adequacy.p_value > self._settings.doubted_level
         # What forms without a name leave scatters too: beside them, no scatter has a name for certain.
@@ -201,6 +204,7 @@ class Acceptance(Generic[CauseT]):
             tuple(replace(scatter, doubt=doubt) for scatter in scatters),
             fitter.held_out,
             self._unasked(kinds, searched),
+            fitter.blocks,
         )
 
     def _unasked(self, kinds: Sequence[CauseT], searched: _Searched[CauseT]) -> tuple[CauseT, ...]:
@@ -215,9 +219,10 @@ class Acceptance(Generic[CauseT]):
         """A verdict in the whole picture.
 
         What was found is only suspected where predictions miss by no less with it, or by more on what was held out,
-        also beyond the range of what a form without a name follows. So is a name where the final model does not hold,
-        where something without a name acts on the same observations and is not small beside it, or where a form without
-        a name explained more but did not predict.
+        also beyond the range of what a form without a name follows, or where whole blocks of epochs, predicted from the
+        others, are less probable with it. So is a name where the final model does not hold, where something without a
+        name acts on the same observations and is not small beside it, or where a form without a name explained more but
+        did not predict.
         """
         if verdict.verdict != FOUND:
             return verdict
@@ -228,6 +233,8 @@ class Acceptance(Generic[CauseT]):
             return replace(verdict, verdict=SUSPECTED, reason=Reason.UNPAID)
         if held_out > _NO_WORSE:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.HELD_OUT)
+        if verdict.block_gain is not None and verdict.block_gain.log_gain < -np.log(RIVAL_FACTOR):
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.ELSEWHERE)
         if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
@@ -317,8 +324,12 @@ class Acceptance(Generic[CauseT]):
         for step in searched.kept:
             plain = first_order(step.round, step.candidate, FOUND, held_out)
             told = fitted(plain, step.cause, step.round.fitted, step.after, final)
-            spread = both_sides(self._fitter, final, step.cause, step.candidate.signature.parameters)
-            verdicts.append(replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects))
+            size = step.candidate.signature.parameters
+            spread = both_sides(self._fitter, final, step.cause, size)
+            gain = gain_in_blocks(final, step.cause, size, self._fitter.blocks or ())
+            verdicts.append(
+                replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects, block_gain=gain)
+            )
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds, searched.end)]
         for verdict in others:  # one row per cause: the first thing that is to be said of it
             if verdict.cause.id not in {told.cause.id for told in verdicts}:
@@ -567,6 +578,16 @@ def _other_subjects(current: Round[CauseT], chosen: Candidate[CauseT]) -> tuple[
     best = logs.pop(chosen.cause.subject)
     near = sorted((best - log, subject) for subject, log in logs.items() if best - log < np.log(RIVAL_FACTOR))
     return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])
+
+
+def gain_in_blocks(
+    final: FittedModel[CauseT], cause: CauseT, size: int, possible: Sequence[Blocks]
+) -> BlockGain | None:
+    """Return by how much a cause of the final model pays in blocks that are left out; all of its parameters but the
+    first ``size`` are its shape. None where no kind of block tells."""
+    place = final.model.layout[cause.key]
+    linear = np.arange(place.stop - place.start) < size
+    return block_gain(final.fit.whitened, place, np.where(linear, final.fit.shared[place], 0.0), possible)
 
 
 def both_sides(fitter: Fitter[CauseT], final: FittedModel[CauseT], cause: CauseT, size: int) -> Array:

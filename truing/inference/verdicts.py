@@ -9,6 +9,7 @@ from typing import Generic
 import numpy as np
 
 from truing.inference.arrays import Array
+from truing.inference.block_gain import BlockGain
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import OBSERVED, CauseT, Conditions
 from truing.inference.observations import Epochs, Observations, whitened_columns
@@ -35,6 +36,7 @@ class Reason(StrEnum):
     INADEQUATE = "inadequate"
     UNNAMED = "unnamed"
     UNPAID = "unpaid"
+    ELSEWHERE = "elsewhere"
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class Verdict(Generic[CauseT]):
     reason: Reason | None = None
     rival: CauseT | None = None  # the cause from which it is indistinguishable
     share_explained: float | None = None  # of what acts on the same as a name, in squares
+    block_gain: BlockGain | None = None  # of what was found: by how much it pays where whole blocks are left out
     subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
 
     @property

@@ -84,6 +84,31 @@ def test_every_test_of_the_model_is_listed_and_what_was_not_tested_is_said() -> 
     assert "residuals resemble each other" in failed.lead
 
 
+def test_what_nobody_repeated_is_said_to_be_that() -> None:
+    tests = adequacy(
+        ("like-neighbours", "time_s", 0.01, 0.6, "ok"),
+        ("pure-error", "", None, None, "not tested"),
+        ("input-noise", "", None, None, "not tested"),
+    ).assign(why_untested=[None, "no-repeats", "too-few"])
+    lead = part_of("adequacy", diagnosis_tables() | {"adequacy": tests}).lead
+    assert "Not tested, since no command was repeated: a mean of repeats" in lead
+    assert "Not tested, for too few data: noise of the inputs" in lead
+
+
+@pytest.mark.parametrize(
+    ("test", "along", "said"),
+    [
+        ("pure-error", "", "means of repeats miss by more than the repeats scatter (F = 3.2)"),
+        ("by-region", "rho1_mm", "have a mean of their own in regions of"),
+    ],
+)
+def test_a_lack_of_fit_against_pure_error_makes_the_picture_incomplete(test: str, along: str, said: str) -> None:
+    mark, first = head(rows(*rejected()), adequacy((test, along, 3.2, 1e-6, "fails")))
+    assert mark == "warn"
+    assert first.startswith("The picture is incomplete")
+    assert said in first
+
+
 def test_a_search_that_was_ended_is_said_first_with_what_is_left() -> None:
     mark, said = head(rows(DOUBTED | {"reason_code": "inadequate"}, *rejected()), ENDED)
     assert mark == "warn"

@@ -23,10 +23,14 @@ _LOOKED_FOR = {
     "observation-noise": "noise of what was measured",
     "input-noise": "noise of the inputs",
     "like-neighbours": "residuals that resemble their neighbours",
+    "pure-error": "a mean of repeats, beyond their scatter",
+    "by-region": "a mean of regions, beyond the scatter within",
     CAUSES_LEFT: "further causes",
 }
+_WHY_UNTESTED = {"too-few": "for too few data", "no-repeats": "since no command was repeated"}
 _UNITS = {
     "like-neighbours": "correlation of neighbours",
+    **dict.fromkeys(("pure-error", "by-region"), "of means over scatter (F)"),
     **dict.fromkeys(("observation-noise", "input-noise"), "of declared"),
 }
 
@@ -41,13 +45,22 @@ def adequacy(tables: Tables) -> Section | None:
     failed = shortcoming(tables)
     lead = f"{count(len(tested), 'test')} of what the final model leaves, against plain noise: "
     lead += f"{failed}." if failed else "none finds more than noise."
-    untested = [_LOOKED_FOR[row.test] for row in rows if row.state == "not tested"]
-    lead += f" Not tested, for too few data: {', '.join(untested)}." if untested else ""
+    lead += "".join(_untested(rows, why, words) for why, words in _WHY_UNTESTED.items())
     cells = tuple((_LOOKED_FOR[row.test], _along(row), _value(row), p_value(row.p_value), row.state) for row in rows)
     marks = tuple({"fails": "fail", "ok": "pass"}.get(row.state, "none") for row in rows)
     heads = ("looked for", "along", "value", "p (corrected)", "state")
     listing = Listing(heads, cells, marks, "All tests", len(cells) > 8, "adequacy.parquet")
     return Section("adequacy", _TITLE, lead, (), (listing,))
+
+
+def _untested(rows: list[Any], why: str, words: str) -> str:
+    """The sentence on what was not tested for one reason; empty where nothing was."""
+    own = [
+        row
+        for row in rows
+        if row.state == "not tested" and cell(getattr(row, "why_untested", None) or "too-few") == why
+    ]
+    return f" Not tested, {words}: {', '.join(_LOOKED_FOR[row.test] for row in own)}." if own else ""
 
 
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -126,6 +139,10 @@ def shortcoming_words(worst: Any) -> str:
         return _ended(worst)
     if worst.test == "like-neighbours":
         return f"residuals resemble each other where {_along(worst)} is alike (correlation {rough(worst.value)})"
+    if worst.test == "pure-error":
+        return f"the means of repeats miss by more than the repeats scatter (F = {rough(worst.value)})"
+    if worst.test == "by-region":
+        return f"residuals have a mean of their own in regions of {_along(worst)} (F = {rough(worst.value)})"
     return f"{_LOOKED_FOR[worst.test]} is {rough(worst.value)} times what was declared"
 
 

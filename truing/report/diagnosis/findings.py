@@ -16,6 +16,8 @@ DOUBTS = {
     "unnamed": "something that no cause of the catalogue explains acts on the same measurements and is not small "
     "beside it, so this may be a part of that",
     "held-out": "it predicts what was held out worse than the model without it",
+    "elsewhere": "parts of the campaign that were left out as a whole, predicted from the others, are less probable "
+    "with it",
     "unpaid": "with it the simulation misses the measurement by no less",
 }
 # What a cause needs to be tested, by the reason code of a row that says it was not.

@@ -9,6 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
+from truing.report.diagnosis.elsewhere import elsewhere
 from truing.report.diagnosis.judged import Judged, accepted_of, share_removed
 from truing.report.diagnosis.misses import (
     AT_THE_FLOOR,
@@ -75,7 +76,8 @@ def gained(rows: list[Judged], tables: Tables) -> Section:
     by_part = _by_role(tables) if misses is None else by_channel(misses)
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if found else "How far predictions miss"
-    return Section("gain", title, _lead(missed, of, rows), tuple(told), tuple(listings))
+    lead = " ".join([_lead(missed, of, rows), *elsewhere(found, of)])
+    return Section("gain", title, lead, tuple(told), tuple(listings))
 
 
 def _words_of(one: Overall, of: Compared) -> str:

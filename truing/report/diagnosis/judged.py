@@ -42,6 +42,9 @@ class Judged(Claim):
     evidence: float | None  # natural logarithm of the odds over the model without it
     signal_to_noise: float | None
     holds: str
+    left_out_by: str = ""  # what was left out block by block; empty where the run is older than the column
+    left_out_blocks: int = 0
+    left_out_gain: float | None = None
 
     @property
     def is_noise(self) -> bool:
@@ -99,6 +102,9 @@ def _judged(row: Mapping[Any, Any]) -> Judged:
         evidence=_number(row.get("log_evidence")),
         signal_to_noise=_number(row.get("signal_to_noise")),
         holds=cell(row.get("scale_holds")),
+        left_out_by=cell(row.get("left_out_by")),
+        left_out_blocks=int(_number(row.get("left_out_blocks")) or 0),
+        left_out_gain=_number(row.get("left_out_gain")),
     )
 
 

@@ -1,0 +1,72 @@
+"""What the epochs of a campaign belong to: series, runs, days, directions of approach, regions of what was asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from truing.inference.arrays import Array, Integers
+from truing.inference.blocks import BlockKind, alike, days, regions
+from truing.stages.common.point_arrays import positions
+from truing.stages.common.repeats import drive_readings, repeated_poses
+
+_LABELS = {"series": BlockKind.SERIES, "run": BlockKind.RUN}
+
+
+def groupings_of(
+    inputs: Array, time_s: Array | None, approach: Array | None, labels: Mapping[BlockKind, Integers] | None = None
+) -> dict[BlockKind, Integers]:
+    """The groupings (B,) by kind, -1 for none: of inputs (B, D), times (B,), and directions (B, L) where known."""
+    found = dict(labels or {})
+    if time_s is not None:
+        found[BlockKind.DAY] = days(time_s)
+    if approach is not None and approach.shape[1]:
+        found[BlockKind.DIRECTION] = alike(approach)
+    varies = np.isfinite(inputs).all(0) & (np.ptp(inputs, axis=0) > 0.0) if len(inputs) else np.zeros(0, bool)
+    if varies.any():
+        found[BlockKind.REGION] = regions(inputs[:, varies])
+    return found
+
+
+def labels_of(table: pa.Table | None, poses: Sequence[int | str]) -> dict[BlockKind, Integers]:
+    """The series and the run (B,) that the configurations name for each pose, by number, -1 for none."""
+    found = {}
+    for name, kind in _LABELS.items() if table is not None else ():
+        if table is not None and name in table.column_names:
+            told = [str(value) if value is not None else "" for value in table.column(name).to_pylist()]
+            place, numbers = positions(table.column("pose"), tuple(poses)), np.full(len(poses), -1)
+            own = np.where(np.array(told) == "", -1, np.unique(told, return_inverse=True)[1])
+            numbers[place[place >= 0]] = own[place >= 0]
+            found[kind] = numbers
+    return found
+
+
+def readings_of(table: pa.Table | None, poses: Sequence[int | str], drives: tuple[str, ...]) -> Array:
+    """Readings (B, D) of actuators or drives that vary, NaN where a pose has none."""
+    if table is None or not table.num_rows:
+        return np.zeros((len(poses), 0))
+    own, place = drive_readings(table, drives), positions(table.column("pose"), tuple(poses))
+    found = np.full((len(poses), own.shape[1]), np.nan)
+    found[place[place >= 0]] = own[place >= 0]
+    return found
+
+
+def repeats_of(
+    table: pa.Table | None, poses: Sequence[int | str], drives: tuple[str, ...], actuator_mm: float
+) -> Integers:
+    """Numbers (B,) of the commands that poses share with others, -1 for commands that were given once."""
+    numbers = np.full(len(poses), -1)
+    if table is None or not table.num_rows:
+        return numbers
+    place = positions(table.column("pose"), tuple(poses))
+    for number, rows in enumerate(repeated_poses(table, drives, actuator_mm)[0]):
+        numbers[place[rows][place[rows] >= 0]] = number
+    return numbers
+
+
+def chosen(groupings: Mapping[BlockKind, Integers], rows: NDArray[np.bool_]) -> dict[BlockKind, Integers]:
+    """The groupings of some epochs (mask B)."""
+    return {kind: numbers[rows] for kind, numbers in groupings.items()}

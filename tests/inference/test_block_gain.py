@@ -1,0 +1,121 @@
+"""What a cause gains in blocks that were left out is the difference of two densities, and negative where it fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.inference import toy_campaign as toy
+from truing.inference.block_gain import BlockGain, block_gain
+from truing.inference.blocks import BlockKind, Blocks
+from truing.inference.linear_problem import Linearised, Whitened, whiten
+
+TEMPLATE = toy.TEMPLATE
+POSES, ROWS = TEMPLATE.residual.shape
+DAYS = Blocks(BlockKind.DAY, np.repeat(np.arange(4), POSES // 4))
+OWN = slice(3, 5)  # the shared unknowns that are a cause's
+# Three unknowns of the machine, then a cause of two parameters of which the second is large.
+VALUE = np.array([0.3, -1.0, 0.7, 1.2, -0.8])
+
+
+def at_the_optimum(template: Linearised, measured: NDArray) -> Whitened:
+    """The problem of what was measured (B, M), linearised where its unknowns are fitted best."""
+    shared, local = whiten(replace(template, residual=measured)).step()
+    left = measured - template.by_shared @ shared - np.einsum("bmh,bh->bm", template.by_local, local)
+    return whiten(replace(template, residual=left, shared_value=shared, local_value=local))
+
+
+def measured(template: Linearised, rng: np.random.Generator, value: NDArray = VALUE) -> NDArray:
+    local = rng.normal(size=template.local_value.shape)
+    own = template.by_shared @ value + np.einsum("bmh,bh->bm", template.by_local, local)
+    return np.asarray(own + rng.normal(size=own.shape))
+
+
+def gain(template: Linearised, values: NDArray, *possible: Blocks) -> BlockGain | None:
+    fit = at_the_optimum(template, values)
+    return block_gain(fit, OWN, fit.problem.shared_value[OWN], possible or (DAYS,))
+
+
+def log_density(template: Linearised, values: NDArray, shared: NDArray, own: NDArray) -> float:
+    """Of the rows of some poses given all others, from the covariance of everything that was measured."""
+    slopes = template.by_shared[..., shared].reshape(POSES * ROWS, -1)
+    covariance = slopes @ slopes.T + np.eye(POSES * ROWS)
+    for pose, columns in enumerate(template.by_local):
+        place = slice(pose * ROWS, (pose + 1) * ROWS)
+        covariance[place, place] += columns @ columns.T
+    block, flat = np.repeat(own, ROWS), values.ravel()
+    across = np.linalg.solve(covariance[np.ix_(~block, ~block)], covariance[np.ix_(~block, block)]).T
+    left = flat[block] - across @ flat[~block]
+    spread = covariance[np.ix_(block, block)] - across @ covariance[np.ix_(~block, block)]
+    return float(-0.5 * (left @ np.linalg.solve(spread, left) + np.linalg.slogdet(spread)[1]))
+
+
+def test_the_gain_is_that_of_densities_from_the_covariance_of_everything() -> None:
+    values = measured(TEMPLATE, np.random.default_rng(1))
+    every, others = np.arange(5), np.arange(3)
+    expected = sum(
+        log_density(TEMPLATE, values, every, DAYS.numbers == day)
+        - log_density(TEMPLATE, values, others, DAYS.numbers == day)
+        for day in range(4)
+    )
+    found = gain(TEMPLATE, values)
+    assert found is not None
+    assert (found.kind, found.blocks) == (BlockKind.DAY, 4)
+    assert found.log_gain == pytest.approx(expected, rel=1e-6)
+    assert found.log_gain > 10.0
+
+
+def only_on(days: tuple[int, ...]) -> Linearised:
+    """The problem whose cause acts on some days alone."""
+    acts = np.isin(DAYS.numbers, days)[:, None, None]
+    slopes = TEMPLATE.by_shared.copy()
+    slopes[..., OWN] *= acts
+    return replace(TEMPLATE, by_shared=slopes)
+
+
+def test_a_cause_of_one_day_is_not_held_against_the_others() -> None:
+    values = measured(only_on((2,)), np.random.default_rng(2))
+    assert gain(only_on((2,)), values) is None
+
+
+def test_a_cause_of_two_days_is_told_by_these_and_the_first_kind_that_tells_is_taken() -> None:
+    acting = only_on((1, 3))
+    values = measured(acting, np.random.default_rng(3))
+    halves = Blocks(BlockKind.SERIES, np.where(DAYS.numbers == 1, 0, DAYS.numbers + 1))
+    found = gain(acting, values, halves, replace(DAYS, kind=BlockKind.REGION))
+    assert found is not None
+    assert (found.kind, found.blocks) == (BlockKind.SERIES, 2)
+    assert found.log_gain > 3.0
+    one = Blocks(BlockKind.SERIES, np.where(np.isin(DAYS.numbers, (1, 3)), 0, DAYS.numbers + 1))
+    other = gain(acting, values, one, replace(DAYS, kind=BlockKind.REGION))
+    assert other is not None
+    assert other.kind == BlockKind.REGION
+
+
+def test_what_changes_sign_from_day_to_day_pays_on_none_that_was_left_out() -> None:
+    rng = np.random.default_rng(4)
+    values = measured(TEMPLATE, rng)
+    sign = np.where(DAYS.numbers % 2, -1.0, 1.0)[:, None]
+    values += (2.0 * sign - 1.0 + 0.6) * (TEMPLATE.by_shared[..., OWN] @ VALUE[OWN])
+    found = gain(TEMPLATE, values)
+    assert found is not None
+    assert found.log_gain < -np.log(20.0)
+
+
+def test_a_shape_is_no_part_of_what_is_taken_away() -> None:
+    values = measured(TEMPLATE, np.random.default_rng(5))
+    fit = at_the_optimum(TEMPLATE, values)
+    whole = block_gain(fit, OWN, fit.problem.shared_value[OWN], (DAYS,))
+    amplitude = block_gain(fit, OWN, fit.problem.shared_value[OWN] * [1.0, 0.0], (DAYS,))
+    assert whole is not None
+    assert amplitude is not None
+    assert whole.log_gain != pytest.approx(amplitude.log_gain, rel=1e-3)
+
+
+def test_noise_taken_for_a_cause_seldom_pays() -> None:
+    rng = np.random.default_rng(6)
+    found = [gain(TEMPLATE, measured(TEMPLATE, rng, VALUE * [1, 1, 1, 0, 0])) for _ in range(40)]
+    assert sum(own is not None and own.log_gain > np.log(20.0) for own in found) <= 4

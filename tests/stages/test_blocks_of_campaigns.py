@@ -1,0 +1,48 @@
+"""What epochs of a campaign belong to: repeats, series, runs, days, directions and regions, from its tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+
+from truing.inference.blocks import BlockKind
+from truing.stages.common.blocks import chosen, groupings_of, labels_of, repeats_of
+
+POSES = ("a", "b", "c", "d", "e")
+TABLE = pa.table(
+    {
+        "pose": ["e", "d", "c", "b", "a"],
+        "rho1_mm": [1.0, 1.001, 2.0, 2.001, 3.0],
+        "rho2_mm": [5.0, 5.0, 6.0, 7.0, 8.0],
+        "series": ["x", "y", "y", None, "x"],
+    }
+)
+
+
+def test_repeats_are_numbered_in_the_order_of_the_poses() -> None:
+    numbers = repeats_of(TABLE, POSES, (), 1e-3)
+    assert numbers[POSES.index("e")] == numbers[POSES.index("d")] >= 0
+    assert (numbers[[POSES.index(name) for name in "abc"]] == -1).all()
+    assert (repeats_of(TABLE, POSES, (), 0.0) == -1).all()
+    assert (repeats_of(None, POSES, (), 0.0) == -1).all()
+
+
+def test_series_are_what_the_table_names_and_unnamed_rows_belong_to_none() -> None:
+    found = labels_of(TABLE, POSES)
+    assert set(found) == {BlockKind.SERIES}
+    series = found[BlockKind.SERIES]
+    assert series[POSES.index("a")] == series[POSES.index("e")] != series[POSES.index("c")]
+    assert series[POSES.index("b")] == -1
+    assert labels_of(None, POSES) == {}
+
+
+def test_only_what_is_known_groups_epochs() -> None:
+    inputs = np.array([[0.0, 1.0], [0.0, 2.0], [0.0, 3.0], [0.0, 4.0]])
+    found = groupings_of(inputs, None, None)
+    assert set(found) == {BlockKind.REGION}
+    assert len(np.unique(found[BlockKind.REGION])) == 4
+    assert groupings_of(np.zeros((4, 0)), None, None) == {}
+    full = groupings_of(inputs, np.array([0.0, 1.0, 9e4, 9e4]), np.array([[1.0], [1.0], [-1.0], [1.0]]))
+    assert full[BlockKind.DAY].tolist() == [0, 0, 1, 1]
+    assert full[BlockKind.DIRECTION].tolist() == [1, 1, 0, 1]
+    assert chosen(full, np.array([False, True, True, False]))[BlockKind.DAY].tolist() == [0, 1]
