@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 
+import truing
 from truing.inference.blocks import BlockKind
+from truing.report.page import all_of
 from truing.stages.common.blocks import chosen, groupings_of, labels_of, repeats_of
 
 POSES = ("a", "b", "c", "d", "e")
@@ -46,3 +50,24 @@ def test_only_what_is_known_groups_epochs() -> None:
     assert full[BlockKind.DAY].tolist() == [0, 0, 1, 1]
     assert full[BlockKind.DIRECTION].tolist() == [1, 1, 0, 1]
     assert chosen(full, np.array([False, True, True, False]))[BlockKind.DAY].tolist() == [0, 1]
+
+
+def test_the_sample_tells_where_its_finding_pays(sample_run: Path) -> None:
+    rows = truing.load(sample_run)["diagnosis"]
+    found = rows[rows["verdict"] == "found"]
+    assert len(found)
+    assert (found["left_out_by"] == "region").all()
+    assert (found["left_out_gain"] > np.log(20.0)).all()
+    assert found["left_out_blocks"].between(2, 4).all()
+    assert rows.loc[rows["verdict"] == "rejected", "left_out_by"].isna().all()
+
+
+def test_a_few_poses_cannot_tell_whether_a_finding_holds_elsewhere(workplace: Path) -> None:
+    run = truing.load(workplace / "runs" / "telescope")
+    rows = run["diagnosis"]
+    assert rows.loc[rows["verdict"] == "found", "left_out_by"].unique().tolist() == ["none"]
+    tests = run["adequacy"].set_index("test")
+    assert tests.loc["pure-error", "state"] == "not tested"
+    assert tests.loc["pure-error", "why_untested"] in ("no-repeats", "too-few")
+    (gain,) = (section for section in all_of(run.sections) if section.id == "gain")
+    assert "holds elsewhere. To tell, measure at least four poses on each of three days" in gain.lead
