@@ -112,6 +112,8 @@ TOLD = {
     ("like-neighbours", "direction of approach"): "twice from each side",
     ("like-neighbours", "rho3_mm"): "Measure at five values of actuator 3",
     ("like-neighbours", "rho1_mm rho2_mm"): "Repeat the five poses with the largest errors on another day.",
+    ("by-region", "rho1_mm rho2_mm"): "Repeat the five poses with the largest errors on another day.",
+    ("pure-error", ""): "Measure more poses near those that were repeated",
 }
 
 

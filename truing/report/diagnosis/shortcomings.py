@@ -83,6 +83,8 @@ def _telling(row: Any, epochs: tuple[str, str, str, str]) -> str:
         return f"{again} {_IF_NOISE}"
     if row.test == "input-noise":
         return f"{anew} {_IF_NOISE}"
+    if row.test == "pure-error":  # what repeats have in common comes with the command, whatever the noise
+        return f"Measure more {several} near those that were repeated: what they all miss has a form there."
     along = cell(row.along)
     return _along((along,) if _LOOKS_BACK.fullmatch(along) else named(along), several)
 
