@@ -456,7 +456,12 @@ _CONCLUDED = (
         minimum=1,
         nullable=True,
     ),
-    size("duration_s", "s", "how long all of them take at the campaign's own pace; empty: not known", nullable=True),
+    size(
+        "duration_s",
+        "s",
+        "how long they take at the campaign's own pace, without changes of conditions; empty: not known",
+        nullable=True,
+    ),
     size(
         "sigma_expected",
         "",

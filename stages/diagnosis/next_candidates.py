@@ -89,6 +89,10 @@ class Possible:
         again = None if self.repeats[k] is None else str(self.repeats[k])
         return [{**readings, **set_to, "conditions": self.words[k] or None, "repeat_of": again}]
 
+    def sets_conditions(self, k: int) -> bool:
+        """Return whether covariates are to be set to other than their usual values."""
+        return bool(self.words[k]) and bool(self.settable)
+
     def seconds(self, times: Mapping[int, int]) -> float | None:
         """Return how long candidates take, each so often, at the campaign's own pace and with one pause before, s."""
         if self.pace_s is None:
@@ -169,19 +173,23 @@ def _configurations(
     reach = settings.workspace.rho_mm
     half = None if reach is None else reach * 1e-3
     low, high = (measured.min(0), measured.max(0)) if half is None else (legs.rho0 - half, legs.rho0 + half)
-    found = _of_six(low, high, rng) if legs.count == 6 else _of_more(settings, low - legs.rho0, high - legs.rho0, rng)
+    found = (
+        _of_six(low, high, legs.rho0, rng)
+        if legs.count == 6
+        else _of_more(settings, low - legs.rho0, high - legs.rho0, rng)
+    )
     found = finest * np.clip(np.round(found / finest), np.ceil(low / finest - _TINY), np.floor(high / finest + _TINY))
     found = found[reaches(legs, found)]
     return found if len(found) and np.ptp(found, 0).any() else measured
 
 
-def _of_six(low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:
-    """Return readings of six legs between limits (6,), each as free as the others."""
+def _of_six(low: NDArray, high: NDArray, reference: NDArray, rng: np.random.Generator) -> NDArray:
+    """Return readings of six legs between limits (6,), each as free as the others; single ones leave the reference."""
     corners = rng.permutation(np.array(np.meshgrid(*[[0.0, 1.0]] * 6)).reshape(6, -1).T)[:_CORNERS]
-    alone = np.full((12, 6), 0.5)
-    alone[np.arange(12), np.arange(12) % 6] = np.repeat([0.0, 1.0], 6)
-    share = np.concatenate([rng.uniform(size=(_BETWEEN, 6)), corners, alone, np.full((1, 6), 0.5)])
-    return np.asarray(low + share * (high - low))
+    rest = np.clip(reference, low, high)
+    alone = np.where(np.eye(6, dtype=bool), np.array([low, high])[:, None], rest).reshape(12, 6)
+    share = np.concatenate([rng.uniform(size=(_BETWEEN, 6)), corners])
+    return np.concatenate([low + share * (high - low), alone, rest[None]])
 
 
 def _of_more(settings: Campaign, low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:

@@ -85,6 +85,10 @@ class PossibleRuns:
         again = f"loads as in run{'s' * (', ' in run.repeats)} {run.repeats}" if run.repeats else ""
         return ", ".join(filter(None, (run.loads_in_words, run.words, reading, again)))
 
+    def sets_conditions(self, k: int) -> bool:
+        """Return whether a temperature is to change within the run."""
+        return bool(self.made[self.runs.run[k]].changing)
+
     def seconds(self, times: Mapping[int, int]) -> float | None:
         """Return how long runs take, each so often, at the pace of their steps and without pauses between them, s."""
         return sum(_STEPS * self.made[self.runs.run[k]].step_s * own for k, own in times.items())

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from truing.estimation.design.rival_design import Candidates, Choice, Fitted, Instrument, narrowed, told_apart
 from truing.inference.observations import Frames, Observations
+from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import about, count, rough
-from truing.report.wordings.catalogue import confirming
+from truing.report.wordings.catalogue import cause_words, confirming
 from truing.report.wordings.claim import Advice, AdviceKind
+from truing.report.wordings.followed import columns_words
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name
 from truing.schemas.needs import Need
@@ -57,6 +59,9 @@ class Options(Protocol):
 
     def rows(self, k: int) -> list[dict[str, Any]]:
         """Return a candidate as rows of its table, which hold what is asked for."""
+
+    def sets_conditions(self, k: int) -> bool:
+        """Return whether it takes a change of surroundings, which takes a time of its own."""
 
     def seconds(self, times: Mapping[int, int]) -> float | None:
         """Return how long candidates take, each so often, at the campaign's own pace, s; None where nothing tells."""
@@ -121,8 +126,11 @@ class Plan:
         few, many, total = min(self.choice.times), max(self.choice.times), self.choice.total
         again = "" if many == 1 else f", {many} times{' each' if len(self.choice.times) > 1 else ''}"
         again = again if few == many else f", {few} to {many} times each"
-        seconds, whole = self.duration_s, "" if total == 1 else f"{count(total, self.options.unit)} in all"
+        seconds, chosen = self.duration_s, self.choice.chosen
+        whole = "" if total == len(chosen) else f"{count(total, self.options.unit)} in all"
         takes = "" if seconds is None else f"{about(seconds)} {self.options.pace}"
+        if takes and any(self.options.sets_conditions(k) for k in chosen):
+            takes += ", and what it takes to change conditions"
         amount = ", ".join(filter(None, (whole, takes)))
         return f"{again}: {amount}" if amount else again
 
@@ -241,7 +249,7 @@ def planned(
     for plan, pair in sorted(judged, key=lambda found: found[0].effort):
         plans.append(plan)
         for own, other in ((pair.cause, pair.other), (pair.other, pair.cause)):
-            advice[own.key] = _told_apart(plan, other, pair.legs)
+            advice[own.key] = _told_apart(plan, own, other, pair.legs)
     for cause, fitted in found:
         if cause.key not in advice:
             largest = _largest(cause, fitted, least_known)
@@ -261,7 +269,7 @@ def _apart(reach: Reach, pair: Rivals) -> Plan:
     given = (
         f"Odds of {_odds(choice.final)} are then expected, whichever of the two is right."
         if choice.is_enough
-        else f"However often they are repeated, odds of no more than {_odds(choice.final)} are expected."
+        else f"Even {count(choice.total, options.unit)} lead to odds of no more than {_odds(choice.final)}."
     )
     expected = tuple({"expected": f"odds of {_odds(value)}", "odds_expected": value} for value in choice.values)
     purpose = f"{_name(pair.cause, pair.legs)} against {_name(pair.other, pair.legs)}"
@@ -274,14 +282,24 @@ def _own(fitted: Fitted, other: Fitted) -> NDArray:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
-def _told_apart(plan: Plan, other: Any, legs: int) -> Advice:
+def _told_apart(plan: Plan, own: Any, other: Any, legs: int) -> Advice:
+    both, by_another = f"{_called(own, legs)} from {_called(other, legs)}", _confirming(other, legs).words
+    if plan.choice.is_enough:
+        return plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
     if plan.leads:
-        return plan.advice(AdviceKind.SEPARATE, f"To tell it from {_name(other, legs)}")
+        said = plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
+        return replace(said, words=f"{said.words} {by_another}", short=f"{said.short} {by_another}")
     return Advice(
         AdviceKind.ANOTHER,
-        f"No {plan.options.what[0]} within reach tells it from {_name(other, legs)}: both predict the same there. "
-        f"Another kind of measurement has to decide. {_confirming(other, legs).words}",
+        f"No {plan.options.what[0]} within reach tells {both}: both predict the same there. "
+        f"Another kind of measurement has to decide. {by_another}",
     )
+
+
+def _called(cause: Any, legs: int) -> str:
+    """What tells a cause from others, in the words of a page."""
+    of, follows = subject_words(cause.subject), columns_words(cause.follows(legs))
+    return f"{cause_words(cause.id)}{f' of {of}' if of else ''}{f' with {follows}' if follows else ''}"
 
 
 def _confirming(cause: Any, legs: int) -> Advice:
@@ -299,10 +317,11 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, Adv
     expected = tuple(largest.columns(value) for value in choice.values)
     purpose = f"{_name(largest.cause, legs)}: {name}"
     plan = Plan(purpose, Need.PRECISION, options, choice, expected, f"Its uncertainty then {falls}.")
+    called = f"{name} ({cause_words(largest.cause.id)})"
     if plan.leads:
-        return plan, plan.advice(AdviceKind.SHARPEN, f"To know {name} better")
+        return plan, plan.advice(AdviceKind.SHARPEN, f"To know {called} better")
     what, more = options.what[0], count(choice.total, options.unit)
-    vain = f"No {what} within reach halves the uncertainty of {name}, {largest.sure(1.0)}: with {more} it still is "
+    vain = f"No {what} within reach halves the uncertainty of {called}, {largest.sure(1.0)}: with {more} it still is "
     vain += f"{largest.sure(choice.final)}. {_confirming(largest.cause, legs).words}"
     return plan, Advice(AdviceKind.IN_VAIN, vain)
 

@@ -86,7 +86,7 @@ def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> 
     assert {row["branch"] for row in rows} == {"unloaded", "loading", "unloading"}
     assert [row["time_s"] for row in rows if row["step"] == 0] == [0.0] * len({row["run"] for row in rows})
     creep = case.diagnosis.verdicts[0].cause
-    for key, other in ((creep.key, "hysteresis load fz"), (RIVAL.key, "creep load fz")):
+    for key, other in ((creep.key, "hysteresis of load fz"), (RIVAL.key, "creep of load fz")):
         assert told.advice[key].kind == "separate"
         assert other in told.advice[key].words
         assert "are then expected, whichever of the two is right" in told.advice[key].words

@@ -189,9 +189,9 @@ def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(to
     words = [row["conditions"] for row in told.table.to_pylist()]
     assert all(words), words
     assert any("°C" in text or "pause" in text for text in words)
-    for key, other in ((WARM.key, "leg-drift"), (DRIFT.key, "leg-thermal")):
+    for key, both in ((WARM.key, "leg thermal from leg drift"), (DRIFT.key, "leg drift from leg thermal")):
         assert told.advice[key].kind == AdviceKind.SEPARATE
-        assert other in told.advice[key].words
+        assert f"To tell {both}, measure " in told.advice[key].words
         odds = told.table.column("odds_expected")[-1].as_py()
         assert odds >= 20.0
         assert f"Odds of {odds:.2g}:1 are then expected" in told.advice[key].words
@@ -238,7 +238,7 @@ def test_rivals_that_no_pose_tells_apart_are_said_to_be_so(settings: Campaign) -
     case = _case(bare, truth, gain, bend, 0.01)
     told = next_measurements(settings, case.measured, [], [Rivals(gain, case.fitted[0], bend, case.fitted[1])])
     assert told.advice[gain.key].kind == AdviceKind.ANOTHER
-    assert bend.id in told.advice[gain.key].words
+    assert "actuator gain from platform deformation linear" in told.advice[gain.key].words
     assert confirming(claim_of(bend, 6)).words in told.advice[gain.key].words
     assert len(told.table) == 0
 
@@ -333,3 +333,7 @@ def test_the_time_that_a_plan_takes_holds_the_pause_before_it(possibilities: Pos
     assert_close(possibilities.seconds({usual: 3}), 3 * pace, atol=1e-6)
     assert_close(possibilities.seconds({usual: 3, late: 2}), 5 * pace + SPAN_S, atol=1e-6)
     assert replace(possibilities, pace_s=None).seconds({usual: 3}) is None
+    warm = next(k for k, words in enumerate(possibilities.words) if "°C" in words)
+    assert possibilities.sets_conditions(warm)
+    plain = next(k for k, words in enumerate(possibilities.words) if not words)
+    assert not possibilities.sets_conditions(plain)
