@@ -111,13 +111,16 @@ class Plan:
 
     def advice(self, kind: AdviceKind, aim: str) -> Advice:
         """Return what to measure for an aim ("To ..."), and what it gives; in short without the candidates' names."""
-        chosen, (one, several) = self.choice.chosen, self.options.what
-        what = f"this {one}" if len(chosen) == 1 else f"these {len(chosen)} {several}"
+        chosen = self.choice.chosen
         named = self.options.between.join(self.options.named(k) for k in chosen[:_TOLD])
         more = f"{self.options.between}.." if len(chosen) > _TOLD else ""
-        said, amount = f"{aim}, {self.options.do} {what}", self._amount()
-        words, short = (f"{said}{which}{amount}. {self.given}" for which in (f" ({named}{more})", ""))
-        return Advice(kind, words, short, self.purpose)
+        return Advice(kind, self.asked(f"{aim},", f" ({named}{more})"), self.asked(f"{aim},"), self.purpose)
+
+    def asked(self, first: str, named: str = "") -> str:
+        """Return a sentence that begins with some words: what to measure, how often and how long, and what it gives."""
+        count_of, (one, several) = len(self.choice.chosen), self.options.what
+        what = f"this {one}" if count_of == 1 else f"these {count_of} {several}"
+        return f"{first} {self.options.do} {what}{named}{self._amount()}. {self.given}"
 
     def _amount(self) -> str:
         """How often each, how many in all, and how long that takes."""
@@ -201,8 +204,16 @@ def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
     alone = {cause.key: cause for cause, _ in found}
     for pair in rivals:
         alone.pop(pair.cause.key, None)
-    own = {key: replace(_confirming(cause, legs), purpose=advice[key].purpose) for key, cause in alone.items()}
+    by_purpose = {plan.purpose: plan for plan in plans if plan.leads}
+    own = {key: _beside(_confirming(cause, legs), by_purpose.get(advice[key].purpose)) for key, cause in alone.items()}
     return Next(plan_table("next_loads", plans), {**advice, **own})
+
+
+def _beside(another: Advice, plan: Plan | None) -> Advice:
+    """Another kind of measurement first, then what a plan gives without it."""
+    if plan is None:
+        return another
+    return replace(another, words=f"{another.words} {plan.asked('Or')}", purpose=plan.purpose)
 
 
 def _asked(
@@ -316,7 +327,7 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, Adv
     )
     expected = tuple(largest.columns(value) for value in choice.values)
     purpose = f"{_name(largest.cause, legs)}: {name}"
-    plan = Plan(purpose, Need.PRECISION, options, choice, expected, f"Its uncertainty then {falls}.")
+    plan = Plan(purpose, Need.PRECISION, options, choice, expected, f"The uncertainty of {name} then {falls}.")
     called = f"{name} ({cause_words(largest.cause.id)})"
     if plan.leads:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To know {called} better")

@@ -185,11 +185,3 @@ def test_totals_stand_above_each_table() -> None:
     assert listing.caption == f"{PLAN}: 5 configurations, 91 poses in all"
     assert listing.heads[:2] == ("pose", "times")
     assert listing.rows[0][1] == "13"
-
-
-def test_loads_alone_are_told_beside_another_kind_of_measurement() -> None:
-    words = {"next_measurement": "Shift the load.", "advice_kind": "confirm", "next_purpose": PLAN}
-    steps = _steps(_planned(_tables(row("load-eccentricity", **words))))
-    (told,) = [step for step in steps if step.need == Need.PRECISION]
-    said = "With 91 runs of loads alone (about 60 min of loading) its uncertainty falls from 500 µm to 250 µm"
-    assert told.words == f"Shift the load. {said}, by a factor of 2.0."

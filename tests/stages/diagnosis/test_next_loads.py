@@ -19,6 +19,7 @@ from truing.inference.fit import Fit, fit_model
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.inference.observations import Frames, Observations
 from truing.inference.selection import Diagnosis
+from truing.report.diagnosis.effect_units import plain_size
 from truing.report.numbers import about
 from truing.report.wordings.catalogue import confirming
 from truing.schemas.artifacts import ARTIFACTS
@@ -191,7 +192,9 @@ def test_a_cause_found_alone_keeps_its_own_words_beside_loads_that_narrow_it_dow
     assert all(row["expected"].startswith("fraction ± ") for row in rows)
     (advice,) = told.advice.values()
     assert (advice.kind, advice.purpose) == ("confirm", "creep load fz: fraction")
-    assert advice.words == confirming(claim_of(case.alone.verdicts[0].cause, 6)).words
+    another = confirming(claim_of(case.alone.verdicts[0].cause, 6)).words
+    assert advice.words.startswith(f"{another} Or apply th")
+    assert f"{plain_size('fraction', rows[-1]['sigma_expected'], '1')}, by a factor of " in advice.words
     assert not advice.short
 
 

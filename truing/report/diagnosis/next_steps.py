@@ -12,7 +12,7 @@ import pandas as pd
 from truing.report.calibration.requirements import chosen_requirements, interval_words
 from truing.report.diagnosis.judged import NOT_TESTABLE, RIVAL, SUSPECTED, Judged, accepted_of
 from truing.report.diagnosis.shortcomings import measurements_to_tell
-from truing.report.numbers import about, count, printed, quantity, rough
+from truing.report.numbers import about, count, printed
 from truing.report.section_verdict import verdict_rows
 from truing.report.tables import Tables, cell, filled
 from truing.report.verdict import with_verdict
@@ -128,9 +128,7 @@ def _of_finding(row: Judged, tables: Tables) -> NextStep:
     if plan is None:
         return NextStep(need, row.name, printed(row.then), printed(row.in_short))
     figures = {name: float(plan[name]) for name in _FIGURES if name in plan and pd.notna(plan[name])}
-    unit = cell(plan.get("unit"))
-    also = "" if row.in_short else _repeating(figures, unit)
-    return NextStep(need, row.name, printed(f"{row.then}{also}"), printed(row.in_short), figures, unit)
+    return NextStep(need, row.name, printed(row.then), printed(row.in_short), figures, cell(plan.get("unit")))
 
 
 def _plan(purpose: str, tables: Tables) -> pd.Series | None:
@@ -138,16 +136,6 @@ def _plan(purpose: str, tables: Tables) -> pd.Series | None:
     known = [table for name in _PLANS if (table := filled(tables, name)) is not None and "need" in table]
     own = [table[table["purpose"] == purpose] for table in known if purpose]
     return next((table.iloc[-1] for table in own if len(table)), None)
-
-
-def _repeating(figures: Mapping[str, float], unit: str) -> str:
-    """What loads alone give beside another kind of measurement."""
-    if not {"measurements", "sigma_now", "sigma_expected"} <= figures.keys():
-        return ""
-    now, then = figures["sigma_now"], figures["sigma_expected"]
-    takes = f" ({about(figures['duration_s'])} of loading)" if "duration_s" in figures else ""
-    falls = f"from {quantity(now, unit)} to {quantity(then, unit)}, by a factor of {rough(now / then)}"
-    return f" With {count(round(figures['measurements']), 'run')} of loads alone{takes} its uncertainty falls {falls}."
 
 
 def _untested(rows: list[Judged]) -> Iterator[NextStep]:
