@@ -96,7 +96,7 @@ def _deciding(row: Any, pace_s: float | None, several: int) -> NextStep:
     said += f"the workspace, with role verification{takes}."
     said += " The same poses serve the other requirements." if several > 1 else ""
     now, then, asked = interval_words(row)
-    given = f"The 95 % interval is {now} now, required are {asked}. "
+    given = f"The 95 % interval of its error is {now} now, required are {asked}. "
     given += f"It will be {then} if these poses miss by as much as the {int(row.poses_judged)} so far."
     figures = {"measurements": float(total)} | ({} if pace_s is None else {"duration_s": total * pace_s})
     return NextStep(Need.REQUIREMENT, f"requirement {row.component}", f"{said} {given}", figures=figures)
