@@ -49,6 +49,7 @@ _CONCERNS = {
     "fringe-slip": "a linear channel in a run",
     "zero-step": "a rotation, a signal, all displacements or all signals, in a run",
     "crosstalk": "a signal",
+    "noise-burst": "all displacements of a run, all signals, or one of them",
     "signal-nonlinear": "a signal, or all",
     "rows-exchanged": "a run, or two",
     "unexplained": "a channel or signal",

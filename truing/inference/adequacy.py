@@ -15,7 +15,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from truing.inference.arrays import Array, Integers
+from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.blocks import FEWEST_BLOCKS, regions
 from truing.inference.fitted_model import FittedModel
 from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
@@ -28,6 +28,8 @@ _NEIGHBOURS = 2
 _FEWEST_EPOCHS, _MOST_EPOCHS = 8, 2_000
 # Repeats, beyond the first of each, that tell pure error; epochs of a region, each beyond the first.
 _FEWEST_REPEATS = 4.0
+# What differs without order is noise, unless this chance of as much order is too small for that.
+_UNORDERED = 0.01
 _RESOLVED = 10  # permutations beyond which a share of them is a p-value by itself
 
 
@@ -108,11 +110,8 @@ def adequacy_of(
     ratio, freedom = final.input_noise
     if freedom >= _FEWEST_EPOCHS:
         tests.append(noise_excess(Lack.INPUT_NOISE, ratio, freedom))
+    tests += like_neighbours(final.standardised, _orderings(final), rng, final.model.error_groups)
     inputs = dict(final.scene.inputs)
-    columns = {name: values for name, values in final.scene.covariates.items() if np.ndim(values) == 1} | inputs
-    if len(inputs) > 1:
-        columns[" ".join(inputs)] = np.column_stack(list(inputs.values()))
-    tests += like_neighbours(final.standardised, columns, rng, final.model.error_groups)
     residuals = epoch_residuals(final.fit.whitened, final.measured, final.fit.frames, final.input_rows)
     tests += by_region(residuals, inputs)
     not_asked = {
@@ -122,6 +121,23 @@ def adequacy_of(
         return Adequacy(tuple(tests), not_asked=frozenset(not_asked))
     repeated = bool((np.bincount(repeats[repeats >= 0]) > 1).any())
     return Adequacy((*tests, *pure_error(residuals, repeats)), repeated, frozenset(not_asked))
+
+
+def _orderings(fitted: FittedModel[CauseT]) -> dict[str, Array]:
+    """Return the columns (B,) along which epochs are neighbours, and all inputs together (B, D)."""
+    inputs = dict(fitted.scene.inputs)
+    columns = {name: values for name, values in fitted.scene.covariates.items() if np.ndim(values) == 1} | inputs
+    if len(inputs) > 1:
+        columns[" ".join(inputs)] = np.column_stack(list(inputs.values()))
+    return columns
+
+
+def is_unordered(rest: Array, own: Mask, fitted: FittedModel[CauseT], rng: np.random.Generator) -> bool:
+    """Whether standardised residuals (B, K, d) in some places (B, K) are like noise, as far as that can be told: of
+    enough epochs, none of which resembles its neighbours along anything."""
+    inside = np.where(own[..., None], rest, np.nan)
+    tests = list(like_neighbours(inside, _orderings(fitted), rng, fitted.model.error_groups))
+    return bool(tests) and min(test.p_value for test in tests) * len(tests) > _UNORDERED
 
 
 def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[LackOfFit]:

@@ -23,12 +23,12 @@ from truing.inference.noise import (
     estimated_share,
     input_ratio,
     input_squares,
+    larger_where,
     noise_dependence,
     rescaled_noise,
     standardised,
     survey_ratio,
     told_residuals,
-    variance_gain,
 )
 from truing.inference.observations import Epochs, Observations
 from truing.inference.prediction import NoiseFloor, PredictionError, merged, noise_floor, prediction_error
@@ -307,12 +307,11 @@ class Fitter(Generic[CauseT]):
         self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], level: float
     ) -> NoiseDependence | None:
         """Return what the noise that a fit leaves follows, None where p exceeds the level."""
-        seen, scene = self.calibration.measured.seen, fitted.scene
-        known = np.where(seen[..., None], fitted.standardised, np.nan)
+        scene = fitted.scene
         columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
         possible = drivers(columns, scene.shape, fitted.model.channel_groups)
         possible += drivers_of([one for one in _scatters(fitted, kinds) if not one.of_inputs])
-        return noise_dependence(known, possible, level)
+        return noise_dependence(self.known_residuals(fitted), possible, level)
 
     def scatter(
         self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], level: float
@@ -322,13 +321,8 @@ class Fitter(Generic[CauseT]):
         known = self._input_factor > 1.0
         offered = [one for one in _scatters(fitted, kinds) if one.of_inputs]
         candidates = [one for one in offered if 2 * (known & one.own).sum() < one.own.sum()]
-        residuals = _input_residuals(fitted)
+        residuals = residuals_of_inputs(fitted)
         return scattering(residuals, candidates, level) if candidates and residuals.rest.size else None
-
-    def scatter_gain(self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT]) -> float:
-        """Return by how much the log likelihood of a fit's input residuals rises where a candidate's inputs scatter
-        more than the others."""
-        return variance_gain(_input_residuals(fitted).standardised[..., 0] ** 2, candidate.own)
 
     def widen(
         self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], kinds: Sequence[CauseT]
@@ -341,7 +335,7 @@ class Fitter(Generic[CauseT]):
         self._take_back()
         wide = self._widened(fitted, candidate.own, start * self._ratios[0])
         near = nearby([one for one in _scatters(fitted, kinds) if one.of_inputs], candidate)
-        best = likeliest(_input_residuals(wide), near, self._input_factor)
+        best = likeliest(residuals_of_inputs(wide), near, self._input_factor)
         if best is not candidate:
             first = float(self._input_factor[candidate.own].max())
             self._input_factor = start
@@ -374,7 +368,7 @@ class Fitter(Generic[CauseT]):
             if abs(square / max(before, 1e-300) - 1.0) < SETTLED:
                 break
             before = square
-            factor = np.where(own, factor * _input_residuals(fitted).factor(own)[0], factor)
+            factor = np.where(own, factor * residuals_of_inputs(fitted).factor(own)[0], factor)
         self._input_factor = factor
         return fitted
 
@@ -382,7 +376,7 @@ class Fitter(Generic[CauseT]):
         self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], p_value: float
     ) -> FoundScatter[CauseT]:
         """Return by how much inputs scatter beside a fit's causes, once their prior sigmas are nearly as large."""
-        more, share = _input_residuals(fitted).factor(candidate.own)
+        more, share = residuals_of_inputs(fitted).factor(candidate.own)
         wide = more**2 * self._mean_square(self._input_factor, candidate.own)
         size = max(wide - self._mean_square(np.ones((1, 1)), candidate.own), 0.0) ** 0.5
         return FoundScatter(candidate, p_value, size, wide / max(size, wide**0.5 / 2) * share)
@@ -391,6 +385,28 @@ class Fitter(Generic[CauseT]):
         """Return the mean variance, SI, of inputs own (B, H) whose prior sigmas are larger by factors."""
         sigmas = self.model.input_scale * factor * np.ones(own.shape)
         return float(np.mean(sigmas[own] ** 2))
+
+    def weigh(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
+        """Weight observations by what their noise follows; return it, with how much larger noise is in the places of a
+        cause once nothing is screened there that only such noise made seem grossly wrong."""
+        self.reweight(found.factor)
+        if found.driver.cause is None:
+            return found
+        self._take_back()
+        for _ in range(_MOST_SCALINGS):
+            fitted = self.settled(fitted.causes, fitted)
+            more = larger_where(found.driver, self.known_residuals(fitted), found.p_value)
+            self.reweight(more.factor)
+            share = more.sigma / more.ratio
+            ratio = found.ratio * more.ratio
+            found = replace(found, ratio=ratio, sigma=ratio * share, factor=found.factor * more.factor)
+            if abs(more.ratio - 1.0) < SETTLED:
+                break
+        return found
+
+    def known_residuals(self, fitted: FittedModel[CauseT]) -> Array:
+        """Return the standardised residuals (B, K, d) of a fit, NaN where nothing was observed."""
+        return np.where(self.calibration.measured.seen[..., None], fitted.standardised, np.nan)
 
     def reweight(self, factor: Array) -> None:
         """Take the observations' noise to be larger by factors (B, K)."""
@@ -406,7 +422,8 @@ def _scatters(fitted: FittedModel[CauseT], kinds: Sequence[CauseT]) -> list[Scat
     return [candidate for kind in kinds for candidate in fitted.scene.scatters(kind)]
 
 
-def _input_residuals(fitted: FittedModel[CauseT]) -> InputResiduals:
+def residuals_of_inputs(fitted: FittedModel[CauseT]) -> InputResiduals:
+    """Return what a fit makes of its inputs."""
     return input_residuals(fitted.fit.whitened, _height(fitted.measured), fitted.input_rows)
 
 

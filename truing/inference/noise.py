@@ -316,7 +316,7 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
     if candidates[best].cause is not None:  # which epochs are concerned is told best by the squares themselves
         squares = np.where(known, square, np.nan)
         likely = [0.0 if one.cause is None else variance_gain(squares, one.values > 0.5) for one in candidates]
-        best = int(np.argmax(likely))
+        return larger_where(candidates[int(np.argmax(likely))], rest, p_value)
     return _following(candidates[best], scores[best], known, p_value)
 
 
@@ -378,6 +378,17 @@ def _within(values: Array, known: Mask, groups: Integers) -> Array:
     number = np.unique(groups, return_inverse=True)[1]
     mean = np.bincount(number, left.sum(0)) / np.maximum(np.bincount(number, known.sum(0)), 1)
     return np.where(known, left - mean[number], 0.0)
+
+
+def larger_where(driver: Driver, rest: Array, p_value: float) -> NoiseDependence:
+    """Return by how much standardised residuals (B, K, d) are larger where a driver says than elsewhere, beside those
+    of the same ``within``."""
+    own, known = driver.values > 0.5, np.isfinite(rest).all(-1)
+    beside = ~own & np.isin(driver.within, driver.within[own.any(0)])
+    inside, outside = rest[own & known], rest[beside & known]
+    ratio = math.sqrt(float(np.mean(inside**2)) / max(float(np.mean(outside**2)), _LEAST**2))
+    share = math.sqrt(0.5 / inside.size + 0.5 / outside.size)
+    return NoiseDependence(driver, p_value, ratio, ratio * share, np.where(own, ratio, 1.0))
 
 
 def _following(driver: Driver, score: tuple[float, float], known: Mask, p_value: float) -> NoiseDependence:

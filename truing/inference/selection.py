@@ -14,13 +14,13 @@ from typing import Generic
 
 import numpy as np
 
-from truing.inference.adequacy import Adequacy, adequacy_of
+from truing.inference.adequacy import Adequacy, adequacy_of, is_unordered
 from truing.inference.arrays import Array, Mask
 from truing.inference.block_gain import BlockGain, block_gain
 from truing.inference.blocks import Blocks
-from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
+from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue, residuals_of_inputs
 from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, ScatterCandidate
-from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
+from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, variance_gain
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import (
@@ -56,7 +56,7 @@ _NO_MORE, _NO_WORSE = 1.002, 1.02
 _MOST_FOLLOWED = 2
 _MOST_SCATTERS = 2
 _MOST_SUBJECTS = 3
-# Inputs that scatter come before the best name where their log likelihood exceeds its log odds by so much.
+# Scatter comes before the best name where its log likelihood exceeds the log odds of that by so much.
 _UNSTRUCTURED = 5.0
 # So many sigmas to either side it is asked; at most so many times as wide the answer makes a sigma.
 _REACH, _WIDEST = 2.0, 4.0
@@ -167,17 +167,24 @@ class Acceptance(Generic[CauseT]):
 
     def run(self, kinds: Sequence[CauseT]) -> Diagnosis[CauseT]:
         """Return what is decided on all kinds of cause of a catalogue."""
-        noise_dependences: list[NoiseDependence] = []
-        searched, scatters = self._searched_with_scatter(kinds)
+        first = self._round(self._fitter.prepared(self._given), kinds, 0)
+        noise_dependences = self._noisier_for_a_while(first, kinds)
+        if noise_dependences:
+            first = self._round(self._fitter.prepared(self._given), kinds, 0)
+        outright = None if noise_dependences else self._outright_scatter(first, kinds)
+        searched, scatters = self._searched_with_scatter(kinds, first, outright)
+        before = len(noise_dependences)
         # What an ended search leaves is more than noise: whether that follows something, it does not tell.
         while searched.end.is_complete and (
             follows := self._noise_follows(searched.final, kinds, _MOST_FOLLOWED - len(noise_dependences))
         ):
             noise_dependences += follows
             searched = self._searched(kinds)
-        if scatters and noise_dependences:  # where observations are noisier, inputs only seemed to scatter
-            self._fitter.narrow()
-            searched, scatters = self._searched_with_scatter(kinds)
+        later = noise_dependences[before:]
+        if scatters and later and (outright is None or any(own.driver.cause is not None for own in later)):
+            self._fitter.narrow()  # where observations are noisier, inputs only seemed to scatter
+            first = self._round(self._fitter.prepared(self._given), kinds, 0)
+            searched, scatters = self._searched_with_scatter(kinds, first)
         fitter, final = self._fitter, searched.final
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]), fitter.repeats)
@@ -254,13 +261,36 @@ class Acceptance(Generic[CauseT]):
             if (p_value := min(1.0, level.p_value * len(own))) <= self._settings.noise_level:
                 yield int(channel), replace(level, p_value=p_value)
 
-    def _searched_with_scatter(self, kinds: Sequence[CauseT]) -> tuple[_Searched[CauseT], list[FoundScatter[CauseT]]]:
-        """Return the search beside inputs that scatter, and what makes them."""
+    def _noisier_for_a_while(self, first: Round[CauseT], kinds: Sequence[CauseT]) -> list[NoiseDependence]:
+        """Weight observations that are noisier for a while, where that is far more probable than any name, and no
+        scatter of inputs makes them seem so."""
+        if self._scatter(first.fitted, kinds) is not None:
+            return []
+        found = self._fitter.noise_dependence(first.fitted, kinds, self._settings.following_level)
+        if found is None or found.driver.cause is None:
+            return []
+        if not self._outdoes_names(self._fitter.known_residuals(first.fitted), found.driver.values > 0.5, first):
+            return []
+        return [self._fitter.weigh(first.fitted, found)]
+
+    def _outright_scatter(
+        self, first: Round[CauseT], kinds: Sequence[CauseT]
+    ) -> tuple[ScatterCandidate[CauseT], float] | None:
+        """Return the cause that makes inputs scatter and its p-value, where it is far more probable than any name."""
+        found, rest = self._scatter(first.fitted, kinds), residuals_of_inputs(first.fitted).standardised
+        return found if found is not None and self._outdoes_names(rest, found[0].own, first) else None
+
+    def _searched_with_scatter(
+        self,
+        kinds: Sequence[CauseT],
+        first: Round[CauseT],
+        outright: tuple[ScatterCandidate[CauseT], float] | None = None,
+    ) -> tuple[_Searched[CauseT], list[FoundScatter[CauseT]]]:
+        """Return the search beside inputs that scatter, from the first round on, and what makes them: ``outright`` is
+        asked for before any name."""
         scatters: list[FoundScatter[CauseT]] = []
-        plain = self._fitter.prepared(self._given)
-        first = self._round(plain, kinds, 0)
-        if (more := self._scatter(plain, kinds)) is not None and self._outdoes_names(more[0], first):
-            searched, scatter = self._beside(*more, plain, kinds)
+        if outright is not None:
+            searched, scatter = self._beside(*outright, first.fitted, kinds)
             scatters.append(scatter)
         else:
             searched = self._searched(kinds, first)
@@ -271,14 +301,17 @@ class Acceptance(Generic[CauseT]):
             scatters.append(scatter)
         return searched, scatters
 
-    def _outdoes_names(self, candidate: ScatterCandidate[CauseT], first: Round[CauseT]) -> bool:
-        """Whether inputs that scatter are far more probable than the best cause of a mean effect.
+    def _outdoes_names(self, rest: Array, own: Mask, first: Round[CauseT]) -> bool:
+        """Whether standardised residuals (B, K, d) that are larger in some places (B, K) are far more probable than the
+        best name, and without order there.
 
         Names taken first would each swallow some of the scatter: the data then seem to hold several of them.
         """
+        gain = rest.shape[-1] * variance_gain(np.mean(rest**2, -1), own)
         real = (c for c in first.best.values() if is_real(first, c, self._settings.level))
-        best = max((first.posterior(c) for c in real), default=0.0)
-        return self._fitter.scatter_gain(first.fitted, candidate) > best + _UNSTRUCTURED
+        if gain <= max((first.posterior(c) for c in real), default=0.0) + _UNSTRUCTURED:
+            return False
+        return is_unordered(rest, own, first.fitted, np.random.default_rng(self._settings.seed))
 
     def _scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
@@ -303,8 +336,7 @@ class Acceptance(Generic[CauseT]):
         found: list[NoiseDependence] = []
         level = self._settings.following_level
         while len(found) < most and (more := self._fitter.noise_dependence(final, kinds, level)):
-            found.append(more)
-            self._fitter.reweight(more.factor)
+            found.append(self._fitter.weigh(final, more))
             if len(found) < most:
                 final = self._fitter.settled(final.causes, final)
         return found

@@ -13,6 +13,7 @@ from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
 from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.load_history import Creep
 from truing.simulation.bench.causes.load_path import LoadEccentricity, LoadImbalance
+from truing.simulation.bench.causes.noise_burst import NoisyRun
 from truing.simulation.bench.causes.nonparametric import NonparametricReadingEffect
 from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.reading_causes import ReadingCause
@@ -100,6 +101,7 @@ OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     Crosstalk(),
     SignalNonlinear(),
     RowsExchanged(),
+    NoisyRun(),
     NonparametricReadingEffect(),
 )
 # What is known of a single axis.

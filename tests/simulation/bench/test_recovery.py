@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.simulation.bench.sensor_benches import SIGMA, Bench, bench
 from truing.inference.observations import Epochs, Frames, Observations
@@ -13,6 +14,7 @@ from truing.inference.selection import Acceptance, Diagnosis, Settings
 from truing.inference.verdicts import FOUND
 from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.bench.causes.leg_stiffness import LegStiffness
+from truing.simulation.bench.causes.noise_burst import NoisyRun
 from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.signal_nonlinear import CUBIC, QUADRATIC, SignalNonlinear
@@ -35,15 +37,22 @@ HIDDEN: dict[str, tuple[ReadingCause, list[float]]] = {
 }
 
 
-def read(own: Bench, cause: ReadingCause | None, values: list[float], seed: int = 3) -> Epochs:
-    """What the bench reads where its sensor is as designed, but for a cause."""
+def read(
+    own: Bench,
+    cause: ReadingCause | None,
+    values: list[float],
+    seed: int = 3,
+    noisier: NDArray | float = 1.0,
+) -> Epochs:
+    """What the bench reads where its sensor is as designed, but for a cause and for noise that is larger in places."""
     model = own.model(*([cause] if cause else []))
     shared = np.zeros(model.shared_size)
     if cause:
         shared[model.layout[cause.key]] = np.array(values) / model.effect_sigma(cause)
     steps = len(own.conditions.load)
     exact = model.points(shared, np.zeros((steps, model.local_size)))
-    noise = np.random.default_rng(seed).normal(size=exact.shape) * SIGMA[:, None]
+    noisier = np.broadcast_to(noisier, exact.shape[:2])
+    noise = np.random.default_rng(seed).normal(size=exact.shape) * SIGMA[:, None] * noisier[..., None]
     covariance = np.broadcast_to(SIGMA[:, None, None] ** 2, (*exact.shape, 1)).copy()
     return Epochs(Observations(exact + noise, covariance, own.seen), own.conditions, Frames.of_numbers(steps))
 
@@ -73,3 +82,20 @@ def test_a_hidden_cause_is_found_under_its_name_with_its_size(name: str) -> None
 @pytest.mark.parametrize("seed", [3, 4])
 def test_a_clean_bench_is_silent(seed: int) -> None:
     assert [one.cause.key for one in searched("", seed).verdicts if one.verdict == FOUND] == []
+
+
+@pytest.mark.parametrize("channel", ["displacements", "v4"])
+def test_a_noisy_run_is_told_by_its_noise_and_not_as_a_shift(channel: str) -> None:
+    """Weights that are hung elsewhere each time, a loose plug: nothing moves on average."""
+    own = bench()
+    code, names = own.model().steps.code, own.model().channel_names
+    places = (code == code[-1])[:, None] & np.array(
+        [channel == (name if channel[0] == "v" else {"v": "signals"}.get(name[0], "displacements")) for name in names]
+    )
+    epochs = read(own, None, [], 5, np.where(places, 6.0, 1.0))
+    told = Acceptance(own.model(), epochs, None, SETTINGS).run(tuple(catalogue_of_readings().values()))
+    assert [one.cause.key for one in told.verdicts if one.verdict == FOUND] == []
+    (burst,) = told.noise_dependences
+    assert isinstance(burst.driver.cause, NoisyRun)
+    assert burst.driver.cause.channel == channel
+    assert abs(burst.ratio - 6.0) < WITHIN * burst.sigma < 4.0

@@ -352,6 +352,11 @@ def _bursts(claim: Claim) -> str:
     """When all points scattered more, and how much."""
     size = claim.size("noise_ratio")
     more = f"{told(size)} times as much" if size is not None else "more"
+    if claim.fact("run") not in (None, ""):
+        own = str(claim.fact("channel"))
+        several = own in ("displacements", "signals")
+        read = f"all {own} scatter" if several else f"{'signal' if own[:1] == 'v' else 'channel'} {own} scatters"
+        return f"{read} {more} in run {claim.fact('run')} as in the other runs"
     ends = [claim.fact(name) for name in ("from_pose", "to_pose")]
     poses = "for a while" if ends[0] in (None, "") else f"from pose {ends[0]} to pose {ends[1]}"
     return f"all points scatter {more} {poses} as in the other poses, as in vibration"
@@ -361,7 +366,7 @@ BODIES = {
     "noise-burst": Wording(
         "noise for a while",
         _bursts,
-        "Look what ran near the machine at that time, and repeat some of these poses without it.",
+        "Look what ran near the machine at that time, and how loads were hung; repeat some of these measurements.",
     ),
     "gravity-sag": Wording("sag under gravity", _sags, _turn_over),
     "target-moved": Wording("target moved", _moved, _look_at_target),

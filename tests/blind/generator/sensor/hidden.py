@@ -107,6 +107,12 @@ def _creeping(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     return lambda size: effects.Creep(axes, 0.02 * size, tau)
 
 
+def _noisy(campaign: Campaign, rng: np.random.Generator) -> OfSize:
+    run = int(rng.choice(np.unique(campaign.schedule.run)))
+    read = np.flatnonzero(campaign.seen[campaign.schedule.run == run].any(axis=0))
+    return lambda size: recording.NoisyRun(run, 1 + size, int(read[0]) if len(read) == 1 else None)
+
+
 def _drifting(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     channel, sign = _channel(campaign, rng), _sign(rng)
     run = None
@@ -230,6 +236,7 @@ CATALOGUE: Mapping[str, Kind] = {
     "dead-path": Kind(_dead, frozenset({"weather"})),
     "fringe-slip": Kind(_slipped),
     "zero-step": Kind(_knocked, frozenset({"six"})),
+    "noise-burst": Kind(_noisy),
     "crosstalk": Kind(_talking, frozenset({"signals"})),
     "signal-nonlinear": Kind(_bent, frozenset({"signals"})),
     "rows-exchanged": Kind(_exchanged, frozenset({"signals"})),

@@ -179,6 +179,26 @@ class ZeroStep(Effect):
 
 
 @dataclass(frozen=True)
+class NoisyRun(Effect):
+    """The noise of all displacements is ``times`` the instrument's in one run; ``alone`` is the only channel there."""
+
+    run: int
+    times: float
+    alone: int | None = None
+    id = "noise-burst"
+
+    @property
+    def subject(self) -> str:
+        return f"run {self.run} {'displacements' if self.alone is None else f'channel {CHANNELS[self.alone]}'}"
+
+    def parameters(self) -> Mapping[str, Parameter]:
+        return {"noise_ratio": (self.times, "1")}
+
+    def scatter(self, scatter: Array, setting: Setting) -> Array:
+        return scatter * np.where(setting.schedule.run == self.run, self.times, 1.0)[:, None]
+
+
+@dataclass(frozen=True)
 class Crosstalk(Effect):
     """A signal channel carries a fraction of another; both told by their place."""
 

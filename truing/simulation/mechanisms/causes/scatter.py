@@ -16,8 +16,9 @@ from truing.simulation.inputs import APPROACH, ORDER, Missing, ranks
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
-# Lengths of the groups of neighbouring poses that are tried, over the campaign; they follow each other by an eighth.
-_LENGTHS = (1 / 12, 1 / 8, 1 / 6, 1 / 5, 1 / 4, 0.3, 1 / 3, 0.4, 1 / 2)
+# Groups of neighbouring poses that are tried: from a twelfth of the campaign to half of it, each a twelfth longer
+# than the one before, each group an eighth behind the one before.
+_SHORTEST, _LONGEST, _GROWTH = 1 / 12, 1 / 2, 13 / 12
 _FEWEST_IN_GROUP, _FEWEST_POSES = 3, 12
 _PLAUSIBLE_M = 1e-5
 _POSE = 6
@@ -39,7 +40,11 @@ def groups_in_time(scene: PointScene) -> Iterator[Group]:
         return
     rank = ranks(np.asarray(scene.covariates[ORDER]))
     in_time = np.argsort(rank)
-    for length in sorted({max(round(share * count), _FEWEST_IN_GROUP) for share in _LENGTHS}):
+    length, lengths = max(round(_SHORTEST * count), _FEWEST_IN_GROUP), []
+    while length <= _LONGEST * count:
+        lengths.append(length)
+        length = max(length + 1, round(length * _GROWTH))
+    for length in lengths:
         for first in sorted({*range(0, count - length, max(length // 8, 1)), count - length}):
             own = (rank >= first) & (rank < first + length)
             yield Group(own, scene.poses[in_time[first]], scene.poses[in_time[first + length - 1]])

@@ -1,0 +1,60 @@
+"""Noise that is larger in one run: vibration, a loose plug, weights that are hung elsewhere each time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.model import ScatterCandidate
+from truing.simulation.bench.causes.reading_causes import FEWEST, BenchScene, ReadingCause, is_signal, whose
+from truing.simulation.bench.causes.zero_step import DISPLACEMENTS, SIGNALS
+from truing.simulation.bench.load_steps import ReadingState
+from truing.simulation.cause import Parameter, Step
+
+
+@dataclass(frozen=True)
+class NoisyRun(ReadingCause):
+    """Readings of a ``run`` scatter more: those of one ``channel``, all displacements or all signals."""
+
+    run: int | str = ""
+    channel: str = DISPLACEMENTS
+
+    id = "noise-burst"
+    step = Step.INSTRUMENT
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """Return the run, with what of it is concerned."""
+        return f"run {self.run} {self.channel if self.channel in (DISPLACEMENTS, SIGNALS) else whose(self.channel)}"
+
+    def candidates(self, scene: BenchScene) -> Sequence[NoisyRun]:
+        """Return none: noise has no mean effect that a search could find."""
+        return ()
+
+    def scatters(self, scene: BenchScene) -> Sequence[ScatterCandidate[NoisyRun]]:
+        """Return every run of several steps, kind by kind of channel and channel by channel; none of a lone run."""
+        steps, names = scene.steps, np.array(scene.steps.channels)
+        signals = np.array([is_signal(name) for name in names])
+        found: list[ScatterCandidate[NoisyRun]] = []
+        for code in np.unique(steps.code) if np.ptp(steps.code) > 0 else ():
+            within = steps.code == code
+            read = scene.recorded[within].sum(0) >= FEWEST
+            parts = {str(name): names == name for name in names[read]}
+            kinds = {DISPLACEMENTS: read & ~signals, SIGNALS: read & signals}
+            parts |= {kind: own for kind, own in kinds.items() if own.sum() > 1}
+            run = steps.run[int(np.argmax(within))]
+            for channel, own in parts.items():
+                found.append(ScatterCandidate(NoisyRun(run, channel), within[:, None] & own, False))
+        return found
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return by how much the noise is larger than in the other runs."""
+        return (Parameter("noise_ratio", "1", 1.0),)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return no mean effect."""
+        return np.zeros((*state.readings.shape, 1))
