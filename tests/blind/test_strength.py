@@ -16,6 +16,7 @@ from tests.blind.generator.hidden import CATALOGUE, KINDS, STRANGE
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets, Tolerance
 from tests.blind.generator.schedule import at_rest, published_moves
 from tests.blind.generator.strange import Strange, VibratingTarget
+from tests.blind.generator.strength import squares_of_scatter, strength_of_scatter
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 
@@ -130,3 +131,15 @@ def test_the_same_seed_draws_the_same_campaign() -> None:
 def test_effects_of_every_mechanism_have_layouts() -> None:
     assert "hexapod" in layouts_for(["actuator-gain"])
     assert "hexapod" not in layouts_for(["actuator-gain", "flexure-shift"])
+
+
+def test_a_scatter_is_as_strong_as_its_mean_square_stands_out() -> None:
+    """Far fewer numbers than there are others, twice as far off as these: the logarithm of a mean square of n is known
+    to sqrt(2 / n), and the likelihood of its excess follows; the strength that is asked for is met."""
+    for wanted in (3.0, 6.0, 20.0):
+        squares = squares_of_scatter(wanted, 40, 200)
+        assert_close(strength_of_scatter(squares, 40, 200), wanted, atol=1e-6, what="strength")
+    few, ratio = 40, 1.1
+    found = strength_of_scatter((ratio - 1.0) * few, few, 10**7)
+    assert_between(found / (np.log(ratio) * np.sqrt(few / 2)), 0.95, 1.05, what="over that of the logarithm")
+    assert strength_of_scatter(40.0, 120, 120) < strength_of_scatter(40.0, 40, 200)  # as all might be noisier

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tests.tolerance import assert_between
 from truing.inference.model import ScatterCandidate
-from truing.inference.scatter import InputResiduals, likeliest, nearby, scattering
+from truing.inference.scatter import InputResiduals, likeliest, nearby, scattering, unbiased
 
 EPOCHS, INPUTS, NOISE = 40, 6, 3.0
 LEVEL = 0.01
@@ -57,3 +57,28 @@ def test_what_is_known_as_badly_as_it_scatters_is_told_by_the_factor_alone() -> 
     residuals = _fit(rng, np.ones((EPOCHS, INPUTS)))
     true = candidates[12]
     assert likeliest(residuals, candidates, np.where(true.own, 30.0, 1.0)) is true
+
+
+def _estimated(rng: np.random.Generator, own: NDArray, size: float) -> tuple[float, float]:
+    """A scatter beyond the prior sigma and its sigma, from a fit whose priors are as wide as inputs really scatter."""
+    mixing = rng.normal(size=(INPUTS, INPUTS)) / 2 + np.eye(INPUTS)
+    noise, wide = NOISE**2 * mixing @ mixing.T, np.where(own, np.sqrt(1.0 + size**2), 1.0)
+    seen = wide * rng.normal(size=own.shape) + rng.multivariate_normal(np.zeros(INPUTS), noise, EPOCHS)
+    told = np.linalg.inv(wide[..., None] ** 2 * np.eye(INPUTS) + noise)
+    residuals = InputResiduals(wide * np.einsum("bij,bj->bi", told, seen), wide[:, :, None] * told * wide[:, None])
+    factor, share = residuals.factor(own)
+    square = (1.0 + size**2) * factor**2
+    found = max(square - 1.0, 0.0) ** 0.5
+    return unbiased(found, square / max(found, square**0.5 / 2) * share)
+
+
+def test_scatter_is_told_without_bias_and_as_surely_as_it_is_known() -> None:
+    """Of four epochs (few values, whose root is low), of one input in all of them, of a third of the epochs."""
+    rng, epochs = np.random.default_rng(4), np.arange(EPOCHS)[:, None] * np.ones(INPUTS)
+    cases = (epochs < 4, 1500, 6.0), ((epochs >= 0) & (np.arange(INPUTS) == 2), 400, 20.0), (epochs < 13, 400, 6.0)
+    for own, trials, size in cases:
+        found = np.array([_estimated(rng, own, size) for _ in range(trials)])
+        known = float(np.std(found[:, 0]) / size / np.sqrt(trials))
+        assert_between(float(np.mean(found[:, 0]) / size), 1 - 3 * known, 1 + 3 * known, what="mean over truth")
+        inside = np.abs(found[:, 0] - size) < 1.96 * found[:, 1]
+        assert_between(float(inside.mean()), 0.93 - 2 / np.sqrt(trials) / 4, 0.98, what="share of 95 % intervals")

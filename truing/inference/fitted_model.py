@@ -41,6 +41,7 @@ from truing.inference.scatter import (
     likeliest,
     nearby,
     scattering,
+    unbiased,
 )
 from truing.inference.screening import gross_errors
 from truing.inference.signatures import Pathways, pathways_of
@@ -379,7 +380,7 @@ class Fitter(Generic[CauseT]):
         more, share = residuals_of_inputs(fitted).factor(candidate.own)
         wide = more**2 * self._mean_square(self._input_factor, candidate.own)
         size = max(wide - self._mean_square(np.ones((1, 1)), candidate.own), 0.0) ** 0.5
-        return FoundScatter(candidate, p_value, size, wide / max(size, wide**0.5 / 2) * share)
+        return FoundScatter(candidate, p_value, *unbiased(size, wide / max(size, wide**0.5 / 2) * share))
 
     def _mean_square(self, factor: Array, own: Mask) -> float:
         """Return the mean variance, SI, of inputs own (B, H) whose prior sigmas are larger by factors."""

@@ -22,6 +22,8 @@ _TOLD = 1e-5
 # A variance is settled within this share of itself.
 SETTLED = 0.01
 _LEAST, _MOST = 0.5, 1e4
+# A scatter that is known worse than this is mended as if it were known so well: the correction is one of first order.
+_ROUGH = 0.5
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,16 @@ class InputResiduals:
         excess = float(np.sum((self.rest**2 - share)[own]) / both)
         factor = math.sqrt(min(max(1.0 + excess, _LEAST**2), _MOST**2))
         return factor, 1.0 / math.sqrt(2.0 * both)
+
+
+def unbiased(size: float, sigma: float) -> tuple[float, float]:
+    """A scatter and its sigma, from the root of an unbiased variance.
+
+    The root is low on average, by half the square of its relative sigma, and told too surely where it came out low: to
+    that order both are mended, so that intervals of two sigmas cover what they say.
+    """
+    low = min(sigma / max(size, 1e-300), _ROUGH) ** 2
+    return size * (1.0 + low / 2.0), sigma * (1.0 + 1.5 * low)
 
 
 def input_residuals(whitened: Whitened, observed: int, inputs: slice) -> InputResiduals:

@@ -65,8 +65,9 @@ class Measure(PlannedMeasure):
         count = of_size(FIRST).drawn(~held)
         if not count:
             return self.sized(of_size, wanted, FIRST)[:2]
-        effect, found, _ = self.sized(of_size, float(np.sqrt(squares_of_scatter(wanted, count))), FIRST)
-        return effect, strength_of_scatter(found**2, count)
+        others = int((~held).sum()) * self.plain.readings.shape[1] - count
+        effect, found, _ = self.sized(of_size, float(np.sqrt(squares_of_scatter(wanted, count, others))), FIRST)
+        return effect, strength_of_scatter(found**2, count, others)
 
 
 def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> Case:

@@ -62,21 +62,24 @@ def strength_of_noise(campaign: Campaign, scatter: Array) -> float:
     return float(np.sqrt(2 * np.sum(logs**2) - level**2 / (2 * len(logs) + LEVEL**-2)))
 
 
-def strength_of_scatter(squares: float, count: int) -> float:
-    """The same of ``count`` numbers that scatter by more than their noise, from the non-centrality of what they were
-    drawn as: as a deviation from zero they are known one by one, as a scatter by their mean square alone.
+def strength_of_scatter(squares: float, count: int, others: int) -> float:
+    """The same of ``count`` numbers that scatter by more than ``others`` of their sort, from the non-centrality of what
+    they were drawn as: one by one that is known, and of a scatter only that mean squares differ. The noise of all is
+    known to some per cent, as if from further numbers.
     """
-    ratio = 1.0 + squares / count
-    return float(np.sqrt(count * (ratio - 1.0 - np.log(ratio))))
+    ratio, known = 1.0 + squares / count, others + LEVEL**-2 / 2
+    level = (count * ratio + known) / (count + known)
+    return float(np.sqrt((count + known) * np.log(level) - count * np.log(ratio)))
 
 
-def squares_of_scatter(wanted: float, count: int) -> float:
-    """The non-centrality that ``count`` numbers need for a strength, by Newton's method from beyond it."""
-    goal = wanted**2 / count
-    more = np.sqrt(2 * goal) + goal
-    for _ in range(50):
-        more -= (more - np.log1p(more) - goal) * (1 + more) / more
-    return float(count * more)
+def squares_of_scatter(wanted: float, count: int, others: int) -> float:
+    """The non-centrality that such numbers need for a strength, by bisection of its logarithm."""
+    low, high = 0.0, 30.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        enough = strength_of_scatter(float(np.exp(middle)), count, others) > wanted
+        low, high = (low, middle) if enough else (middle, high)
+    return float(np.exp(high))
 
 
 def change(plain: Campaign, changed: Campaign) -> Array:
