@@ -248,10 +248,10 @@ def _attitudes(body: str, down: NDArray) -> list[Level]:
     """Return directions of gravity in a body's frame (3,), of those that were measured (B, 3): the usual one, then
     those that lie farthest from it and from each other."""
     chosen = [int(np.argmin(np.sum((down - np.median(down, axis=0)) ** 2, axis=1)))]
-    for _ in range(min(_ATTITUDES, len(down) - 1)):
+    for _ in range(min(_ATTITUDES, len(np.unique(down, axis=0)) - 1)):
         apart = np.min(np.sum((down[:, None] - down[chosen]) ** 2, axis=-1), axis=1)
         chosen.append(int(np.argmax(apart)))
-    words = [f"with gravity along ({', '.join(f'{x:.2f}' for x in down[row])}) of {body}" for row in chosen]
+    words = [f"with gravity along ({', '.join(f'{x + 0.0:.2f}' for x in down[row])}) of {body}" for row in chosen]
     return [Level(down[row], said) for row, said in zip(chosen, ["", *words[1:]], strict=True)]
 
 

@@ -39,6 +39,16 @@ def test_effects_that_nobody_had_thought_of_are_told_as_counted() -> None:
     assert_close(_numbers(made), _numbers(there), atol=0.11)
 
 
+@pytest.mark.parametrize("instrument", [name for name, own in INSTRUMENTS.items() if own.added])
+def test_causes_that_joined_since_are_told_as_counted(instrument: str) -> None:
+    own = INSTRUMENTS[instrument]
+    campaigns = blind_page.kept_campaigns(own.kept_added)
+    made, there = blind_page.causes(campaigns, own), shown(own.page.read_text(encoding="utf-8"), "added")
+    assert _without_numbers(made) == _without_numbers(there)
+    assert_close(_numbers(made), _numbers(there), atol=0.11)
+    assert {effect.cause for one in campaigns for effect in one.hidden} == set(own.added)
+
+
 def _without_numbers(text: str) -> str:
     return re.sub(r"-?\d+(\.\d+)?", "number", text)
 

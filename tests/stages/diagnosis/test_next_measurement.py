@@ -30,7 +30,7 @@ from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import Targets, shape_unknowns
-from truing.stages.diagnosis.next_candidates import Possible, possible
+from truing.stages.diagnosis.next_candidates import Possible, _levels, possible
 from truing.stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements
 from truing.stages.diagnosis.rows import claim_of
 
@@ -337,3 +337,16 @@ def test_the_time_that_a_plan_takes_holds_the_pause_before_it(possibilities: Pos
     assert possibilities.sets_conditions(warm)
     plain = next(k for k, words in enumerate(possibilities.words) if not words)
     assert not possibilities.sets_conditions(plain)
+
+
+def test_attitudes_are_proposed_of_those_that_were_measured_and_called_so() -> None:
+    """A direction of gravity is no movement of actuators, although it has a number for each of several axes."""
+    down = np.array([[0.0, 0.0, -1.0]] * 5 + [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    levels = _levels("gravity tool", down, 1e-3)
+    assert levels[0].words == ""
+    assert_close(levels[0].value, down[0], atol=0.0, what="usual direction")
+    assert {tuple(level.value) for level in levels} == {tuple(row) for row in down}
+    assert {level.words for level in levels[1:3]} == {
+        "with gravity along (1.00, 0.00, 0.00) of tool",
+        "with gravity along (0.00, 1.00, 0.00) of tool",
+    }
