@@ -156,7 +156,7 @@ def draw_plan(kind: str, needs: frozenset[str], seed: int) -> Plan:
 
 def _weight(layout: Layout, needs: frozenset[str], rng: np.random.Generator) -> tuple[Weight | None, tuple[str, ...]]:
     """What is told of the weight, and the column that tells it pose by pose: where it is needed, and elsewhere now and
-    then. A machine that hardly tilts shows a weight by its changes alone."""
+    then. A machine that hardly tilts shows a weight by its changes alone, one that tilts a little if it is heavy."""
     if not needs & {"weighed", "upright"} and rng.random() > TOLD_OF_WEIGHT:
         return None, ()
     x, y = rng.uniform(-0.2, 0.2, 2)
@@ -164,7 +164,7 @@ def _weight(layout: Layout, needs: frozenset[str], rng: np.random.Generator) -> 
     x, y = rng.uniform(-20.0, 20.0, 2)
     tilts = layout.geometry.mechanism == "ups"
     by_pose = "weighed" in needs and (not tilts or rng.random() < 0.5)
-    mass = None if by_pose else round(float(rng.uniform(10.0, 40.0)), 1)
+    mass = None if by_pose else round(float(rng.uniform(100.0, 400.0)), 1)
     vector = tuple(float(value) for value in up.round(9))
     weight = Weight(vector, mass, (round(float(x), 1), round(float(y), 1), round(float(rng.uniform(0.0, 60.0)), 1)))
     return weight, ("payload_kg",) if by_pose else ()
