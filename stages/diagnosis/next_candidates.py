@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 # Corners of what can be reached, places between them, and single actuators moved alone: what candidates there are.
 _CORNERS, _BETWEEN = 36, 48
-_OF_BODIES = 40  # candidates where no configuration is to be chosen, but surroundings alone
 _FINEST_M = 1e-6  # readings are asked for to a micrometre, or to what actuators repeat
 _TINY = 1e-6  # of a step: limits that lie on one
 _SAME = 5.0  # readings within so many of these steps are the same
@@ -79,7 +78,7 @@ class Possible:
         """Return a candidate in words: its readings, and what else to see to."""
         readings = " ".join(f"{value * 1e3:.3f}" for value in self.conditions.readings[k])
         again = "" if self.repeats[k] is None else f"pose {self.repeats[k]} again"
-        return " ".join(filter(None, (f"rho {readings} mm" if readings else "", again, self.words[k]))) or "as before"
+        return " ".join(filter(None, (f"rho {readings} mm", again, self.words[k])))
 
     def rows(self, k: int) -> list[dict[str, Any]]:
         """Return the row of a candidate; of covariates those that matter, and time only in words, for it will be what
@@ -141,8 +140,6 @@ def _pace(time: NDArray | None) -> float | None:
 
 def _repeats(readings: NDArray, measured: Any, finest: float) -> tuple[int | str | None, ...]:
     """Return for each configuration (C, L) the measured pose whose readings it repeats, None where there is none."""
-    if not readings.shape[1]:
-        return (None,) * len(readings)
     away = np.max(np.abs(readings[:, None] - measured.readings), -1)
     nearest = np.nanargmin(np.where(np.isfinite(away), away, np.inf), 1)
     return tuple(
@@ -165,8 +162,6 @@ def _configurations(
     settings: Campaign, measured: NDArray, model: Any, finest: float, rng: np.random.Generator
 ) -> NDArray:
     """Return readings (C, L), m; those that were measured where no others are within reach."""
-    if not model.part_count:
-        return np.empty((_OF_BODIES, measured.shape[1]))
     from truing.simulation.mechanisms.legs.kinematics import reaches
 
     legs: Legs = model.nominal
