@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.inference.arrays import Array, Integers
 from truing.inference.blocks import BlockKind, alike, days, regions
 from truing.stages.common.point_arrays import positions
-from truing.stages.common.repeats import drive_readings, repeated_poses
+from truing.stages.common.repeats import DECLARED, drive_readings, repeated_poses
 
 _LABELS = {"series": BlockKind.SERIES, "run": BlockKind.RUN}
 
@@ -56,11 +56,14 @@ def readings_of(table: pa.Table | None, poses: Sequence[int | str], drives: tupl
 
 def repeats_of(
     table: pa.Table | None, poses: Sequence[int | str], drives: tuple[str, ...], actuator_mm: float
-) -> Integers:
-    """Numbers (B,) of the commands that poses share with others, -1 for commands that were given once."""
-    numbers = np.full(len(poses), -1)
+) -> Integers | None:
+    """Numbers (B,) of the commands that poses share with others, -1 for commands that were given once; None where no
+    command is known."""
     if table is None or not table.num_rows:
-        return numbers
+        return None
+    if DECLARED not in table.column_names and not drive_readings(table, drives).shape[1]:
+        return None
+    numbers = np.full(len(poses), -1)
     place = positions(table.column("pose"), tuple(poses))
     for number, rows in enumerate(repeated_poses(table, drives, actuator_mm)[0]):
         numbers[place[rows][place[rows] >= 0]] = number

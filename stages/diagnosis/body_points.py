@@ -90,7 +90,11 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
     groupings = groupings_of(asked, None if time is None else time[fitted], approach, known)
     return Gathered(
         model.at(model.conditions.chosen(fitted)),
-        replace(bodies.epochs(model.conditions, fitted), repeats=repeats[fitted], groupings=groupings),
+        replace(
+            bodies.epochs(model.conditions, fitted),
+            repeats=None if repeats is None else repeats[fitted],
+            groupings=groupings,
+        ),
         bodies.epochs(model.conditions, held) if held.any() else None,
         "; ".join([*words, *thinned]),
         _left,

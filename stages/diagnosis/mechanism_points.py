@@ -80,7 +80,11 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Point
     groupings = groupings_of(own.readings, own.covariates.get(TIME), own.covariates.get(APPROACH), known)
     return Gathered(
         model,
-        replace(bodies.epochs(conditions, base, fitted), repeats=repeats[fitted], groupings=groupings),
+        replace(
+            bodies.epochs(conditions, base, fitted),
+            repeats=None if repeats is None else repeats[fitted],
+            groupings=groupings,
+        ),
         bodies.epochs(conditions, base, held) if held.any() else None,
         "; ".join([*words, *seated.dropped]),
         _left,

@@ -130,7 +130,7 @@ def _errors(shown: Shown, verdict: Verdict) -> dict[str, Any]:
 
 def _left_out(verdict: Verdict, diagnosis: Diagnosis) -> dict[str, Any]:
     """What was left out block by block of what was found, and what it gained there."""
-    if verdict.verdict not in ("found", "suspected") or diagnosis.blocks is None:
+    if not verdict.blocks_asked:
         return {}
     gain = verdict.block_gain
     if gain is None:

@@ -25,10 +25,21 @@ TABLE = pa.table(
 
 def test_repeats_are_numbered_in_the_order_of_the_poses() -> None:
     numbers = repeats_of(TABLE, POSES, (), 1e-3)
+    assert numbers is not None
     assert numbers[POSES.index("e")] == numbers[POSES.index("d")] >= 0
     assert (numbers[[POSES.index(name) for name in "abc"]] == -1).all()
-    assert (repeats_of(TABLE, POSES, (), 0.0) == -1).all()
-    assert (repeats_of(None, POSES, (), 0.0) == -1).all()
+    once = repeats_of(TABLE, POSES, (), 0.0)
+    assert once is not None
+    assert (once == -1).all()
+
+
+def test_without_a_command_nothing_is_known_of_repeats() -> None:
+    assert repeats_of(None, POSES, (), 0.0) is None
+    assert repeats_of(TABLE.select(["pose", "series"]), POSES, (), 0.0) is None
+    declared = TABLE.select(["pose"]).append_column("repeat_of", pa.array(["d", None, None, None, "e"]))
+    numbers = repeats_of(declared, POSES, (), 0.0)
+    assert numbers is not None
+    assert [POSES[row] for row in np.flatnonzero(numbers >= 0)] == ["a", "d", "e"]
 
 
 def test_series_are_what_the_table_names_and_unnamed_rows_belong_to_none() -> None:

@@ -109,7 +109,7 @@ class Diagnosis(Generic[CauseT]):
     scatters: tuple[FoundScatter[CauseT], ...]  # what makes inputs scatter; their priors are as wide accordingly
     held_out: Epochs[Conditions] | None
     unasked: tuple[CauseT, ...] = ()  # kinds that have no candidate in this campaign
-    blocks: list[Blocks] | None = None  # groupings of epochs that can be left out block by block; None: nobody asked
+    blocks: tuple[Blocks, ...] = ()  # groupings of epochs that can be left out block by block
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class Acceptance(Generic[CauseT]):
             tuple(replace(scatter, doubt=doubt) for scatter in scatters),
             fitter.held_out,
             self._unasked(kinds, searched),
-            fitter.blocks,
+            tuple(fitter.blocks or ()),
         )
 
     def _unasked(self, kinds: Sequence[CauseT], searched: _Searched[CauseT]) -> tuple[CauseT, ...]:
@@ -358,10 +358,10 @@ class Acceptance(Generic[CauseT]):
             told = fitted(plain, step.cause, step.round.fitted, step.after, final)
             size = step.candidate.signature.parameters
             spread = both_sides(self._fitter, final, step.cause, size)
-            gain = gain_in_blocks(final, step.cause, size, self._fitter.blocks or ())
-            verdicts.append(
-                replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects, block_gain=gain)
-            )
+            blocks = self._fitter.blocks
+            gain = gain_in_blocks(final, step.cause, size, blocks or ())
+            told = replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects)
+            verdicts.append(replace(told, blocks_asked=blocks is not None, block_gain=gain))
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds, searched.end)]
         for verdict in others:  # one row per cause: the first thing that is to be said of it
             if verdict.cause.id not in {told.cause.id for told in verdicts}:

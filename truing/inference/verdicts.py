@@ -63,7 +63,9 @@ class Verdict(Generic[CauseT]):
     reason: Reason | None = None
     rival: CauseT | None = None  # the cause from which it is indistinguishable
     share_explained: float | None = None  # of what acts on the same as a name, in squares
-    block_gain: BlockGain | None = None  # of what was found: by how much it pays where whole blocks are left out
+    # Of what was accepted in a search: whether blocks were asked, and by how much it pays where they are left out.
+    blocks_asked: bool = False
+    block_gain: BlockGain | None = None
     subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
 
     @property
