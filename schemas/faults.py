@@ -43,7 +43,7 @@ class Fault:
         place = _shown(self.file, 4 * _LONGEST["place"])
         if self.row is not None:
             place += f", row {self.row}"
-        if self.column is not None:
+        if self.column:
             place += f", column {_shown(self.column, _LONGEST['place'])}"
         found = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
         within = f", in {self.more_files} other files" if self.more_files else ""

@@ -87,6 +87,7 @@ RAYS = Shown(
     drive="what all poses should share",
     scatter="Photograph one pose ten times over without moving anything, and adjust each by itself.",
     is_length=False,
+    what="ray",
 )
 
 
