@@ -348,7 +348,8 @@ class RotatedChannels:
         (count, members), (height, _) = self.channels.shape, self.rotations.shape[2:]
         own = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.channels]
         own = own.reshape(*parts.shape[:2], count, height)
-        return np.asarray(np.einsum("dbtx,btxy->btyd", own, self.rotations, optimize=True))
+        rotations = self.rotations.astype(parts.dtype, copy=False)  # draws need half the digits
+        return np.asarray(np.einsum("dbtx,btxy->btyd", own, rotations, optimize=True))
 
 
 def rotated_channels(
@@ -401,14 +402,15 @@ class ChannelSignatures:
         """Return the scores (S, T, d m, D) of residuals given by their parts (B, T, d, D) along the observations'
         axes."""
         epochs, channels, size, draws = along.shape
-        shapes = self.values.transpose(0, 2, 1).reshape(-1, epochs)
+        shapes = self.values.transpose(0, 2, 1).reshape(-1, epochs).astype(along.dtype, copy=False)
         found = (shapes @ along.reshape(epochs, -1)).reshape(len(self.values), -1, channels, size, draws)
         return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws)
 
     def squares(self, along: Array) -> Array:
         """Return by how much each candidate lowers the sum of squares, (D, S, T); along as in `scores`."""
         scores = self.scores(along)
-        return np.asarray(np.sum(scores * (self.inverse @ scores), 2).transpose(2, 0, 1))
+        inverse = self.inverse.astype(scores.dtype, copy=False)
+        return np.asarray(np.sum(scores * (inverse @ scores), 2).transpose(2, 0, 1))
 
 
 def channel_signatures(rotated: RotatedChannels, values: Array, usable: Mask) -> ChannelSignatures:

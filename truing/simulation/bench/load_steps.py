@@ -189,6 +189,17 @@ class LoadSteps:
 
         Each run starts from rest without load; ``exercised``: from where the same run would have left it.
         """
+        key = threshold, exercised
+        if key not in self._lags:
+            self._lags[key] = self._lagging(threshold, exercised)
+        return self._lags[key]
+
+    @cached_property
+    def _lags(self) -> dict[tuple[float, bool], tuple[NDArray, NDArray]]:
+        """Return what `lagging` found before: every search asks for the same few thresholds."""
+        return {}
+
+    def _lagging(self, threshold: float, exercised: bool) -> tuple[NDArray, NDArray]:
         share = self.share
         ahead, slope = np.zeros(share.shape), np.zeros(share.shape)
         for again in (False, True) if exercised else (False,):

@@ -207,13 +207,23 @@ class ReadingModel(ChannelModel[ReadingCause]):
         """Return what the campaign offers to causes when they propose candidates."""
         return BenchScene(self.steps)
 
+    def with_causes(self, causes: Sequence[ReadingCause]) -> Self:
+        """Return the model with these effects among its unknowns, and those that a prior campaign found."""
+        return self._of_same_steps(super().with_causes(causes))
+
+    def _of_same_steps(self, model: Self) -> Self:
+        """Return another model of the same load steps, which keeps what was computed of them."""
+        model.__dict__["steps"] = self.steps
+        return model
+
     def at(self, conditions: ReadingConditions) -> Self:
         """Return the model at other load steps; runs that it does not know have no zero."""
         return replace(self, conditions=conditions)
 
     def rescaled(self, readings: float, survey: float) -> Self:
         """Return the model with the noise of loads so many times as large; there is no survey."""
-        return replace(self, known=replace(self.known, load_sigma=self.known.load_sigma * readings))
+        rescaled = replace(self, known=replace(self.known, load_sigma=self.known.load_sigma * readings))
+        return self._of_same_steps(rescaled)
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted readings (B, K, 1), SI, at shared (G,) and local (B, H) unknowns."""

@@ -112,7 +112,10 @@ class Creep(OfLoad):
     def _followed(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
         """Return deflections (B, 6, 6, ...) as they are followed, zero under loads that are not concerned."""
         tau: Any = self.tau_s * np.exp(values[1] if self.free else 0.0)
-        followed = steps.filtered(deflection, np.exp(-steps.held_s / tau))
-        if self.axis:
-            followed[:, :, [n for n, axis in enumerate(AXES) if axis != self.axis]] = 0.0
+        kept = np.exp(-steps.held_s / tau)
+        if not self.axis:
+            return steps.filtered(deflection, kept)
+        own = np.s_[:, :, AXES.index(self.axis)]
+        followed = np.zeros(deflection.shape, np.result_type(deflection, kept))
+        followed[own] = steps.filtered(deflection[own], kept)
         return followed
