@@ -194,11 +194,13 @@ def foreign(campaigns: Sequence[Judged]) -> str:
     doubted = [one for one in campaigns if one.suspected and not one.misnamed]
     drives = [(one, effect) for one in campaigns for effect in one.hidden if effect.follows]
     told = [one.follows_right(effect) for one, effect in drives]
+    idle = [one for one in campaigns if one.idle_columns]
     ratios = [one.floor_ratio for one in campaigns if one.floor_ratio]
     rows = [
         ["a wrong name said as found", f"{len(wrong)} of {len(campaigns)}", "at most 1 in 20"],
         ["names that are suspected, and none that is found", f"{len(doubted)} of {len(campaigns)}", ""],
         ["effects told as unexplained with all that drives them", f"{sum(told)} of {len(told)}", "at least 8 in 10"],
+        ["campaigns with a column told that drives nothing", f"{len(idle)} of {len(campaigns)}", ""],
         ["held-out error over what noise leaves, median", f"{np.median(ratios):.2f}" if ratios else "", "at most 1.2"],
     ]
     return table(["", "reached", "asked"], rows)

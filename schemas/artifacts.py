@@ -322,8 +322,9 @@ _DIAGNOSIS = (
         "one row per candidate cause",
         "rank* cause verdict subject p_value probability parameters follows rms_before rms_after heldout_rms_before "
         "heldout_rms_after noise_floor unit explanation next_measurement",
-        optional="signal_to_noise share_explained log_evidence scale_holds reason_code rival settings clause "
-        "largest_motion advice_kind next_in_short next_purpose relation left_out_by left_out_blocks left_out_gain",
+        optional="signal_to_noise share_explained share_predicted log_evidence scale_holds reason_code rival settings "
+        "clause largest_motion advice_kind next_in_short next_purpose relation left_out_by left_out_blocks "
+        "left_out_gain",
     ),
     parquet(
         "adequacy",

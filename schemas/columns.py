@@ -239,7 +239,8 @@ _MEASURED = (
     ),
     text(
         "reason_code",
-        "code of the reason for the state or the verdict; of a cause: found, noise, rival, chance, held-out (predicts "
+        "code of the reason for the state or the verdict; of a cause: found, noise, remainder (columns that predict "
+        "what is missed where no model of causes holds), rival, chance, held-out (predicts "
         "it worse), dropped (not needed next to others), contained (in what was found), unseen (the campaign cannot "
         "show it), or, of one that is suspected, inadequate (the model does not hold as a whole) or unnamed (something "
         "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it) or "
@@ -420,6 +421,12 @@ _CONCLUDED = (
         "",
         "logarithm of how much more probable these blocks are with the cause than without it, each predicted from the "
         "others",
+        nullable=True,
+    ),
+    share(
+        "share_predicted",
+        "for unexplained where no model of causes holds: the share of what the plain simulation misses there that the "
+        "columns predict, in squares, less what chance predicts",
         nullable=True,
     ),
     size("signal_to_noise", "", "the effect over its noise, all nuisances taken out of it", nullable=True),

@@ -18,8 +18,10 @@ from truing.report.diagnosis.findings import (
     noise_explanation,
     scatter_explanation,
 )
+from truing.report.diagnosis.judged import REMAINDER
 from truing.report.wordings.catalogue import cause_words, clause, confirming, own_clause
 from truing.report.wordings.claim import Advice, Claim, Size
+from truing.report.wordings.followed import remainder_advice, remainder_explanation
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
 from truing.schemas.verdict import Relation
@@ -55,7 +57,8 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
     """
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
     found = sum(row["verdict"] in ("found", "suspected") for row in rows)
-    rows[found:found] = _noise_rows(diagnosis, words.shown, noise_level)
+    left = [*_noise_rows(diagnosis, words.shown, noise_level), *_attributed_rows(diagnosis, words.shown)]
+    rows[found:found] = left
     rows += _missing_rows(diagnosis)
     return ranked_table([{**row, "relation": words.relation.value} for row in rows])
 
@@ -227,6 +230,28 @@ def _noise_rows(diagnosis: Diagnosis, shown: Shown | Channels, level: float) -> 
     if diagnosis.noise.p_value <= level and not diagnosis.noisy:
         rows.append(_larger_row(diagnosis.noise, final, whole))
     return rows
+
+
+def _attributed_rows(diagnosis: Diagnosis, shown: Shown | Channels) -> Iterator[dict[str, Any]]:
+    """Inputs that predict what the simulation misses, and that no effect without a name follows already."""
+    final, legs = diagnosis.final, diagnosis.plain.model.part_count
+    unnamed = [one.cause for one in diagnosis.verdicts if one.verdict == "found" and not one.cause.catalogued]
+    for own in diagnosis.attributed:
+        names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
+        follows = tuple(dict.fromkeys(column for name in own.inputs for column in _followed_column(name)))
+        told = [set(cause.follows(legs)) for cause in unnamed if cause.subject in ("", *names)]
+        if any(set(follows) <= columns for columns in told):
+            continue
+        where = shown.only(own.channels[0]) if own.channels else shown.whole(final.error)
+        yield _without_mean_effect(own.p_value, final, where) | {
+            "reason_code": REMAINDER,
+            "subject": names[0] if names else "",
+            "parameters": "{}",
+            "follows": listed(follows),
+            "share_predicted": own.share,
+            "explanation": remainder_explanation(follows, " ".join(names), own.share, own.p_value),
+            "next_measurement": remainder_advice(follows),
+        }
 
 
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: Shown) -> dict[str, Any]:

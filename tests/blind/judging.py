@@ -121,6 +121,22 @@ class Judged:
         return effect.follows <= named
 
     @property
+    def idle_columns(self) -> frozenset[str]:
+        """Columns that something unexplained is told to follow though no effect does.
+
+        Time is none where something that nobody recorded walks in it, nor are readings where an instrument errs by
+        where a point is, which follows them.
+        """
+        rows = [row for row in self.found if row.cause == "unexplained"]
+        kinds = {effect.kind for effect in self.hidden}
+        told = frozenset[str]().union(*(row.follows for row in rows))
+        told -= frozenset[str]().union(*(effect.follows for effect in self.hidden))
+        excused = {"time_s"} if "NobodyRecorded" in kinds else set()
+        if "ForeignPoints" in kinds:
+            excused |= {column for column in told if column.startswith("rho")}
+        return told - excused
+
+    @property
     def misnamed(self) -> list[str]:
         """Names of the catalogue that an effect of no catalogue was given."""
         return [row.cause for row in self.found if row.cause != "unexplained"]

@@ -16,6 +16,7 @@ import numpy as np
 
 from truing.inference.adequacy import Adequacy, adequacy_of, is_unordered
 from truing.inference.arrays import Array, Mask
+from truing.inference.attribution import Attributed, attributed
 from truing.inference.block_gain import BlockGain, block_gain
 from truing.inference.blocks import Blocks
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue, residuals_of_inputs
@@ -110,6 +111,7 @@ class Diagnosis(Generic[CauseT]):
     held_out: Epochs[Conditions] | None
     unasked: tuple[CauseT, ...] = ()  # kinds that have no candidate in this campaign
     blocks: tuple[Blocks, ...] = ()  # groupings of epochs that can be left out block by block
+    attributed: tuple[Attributed, ...] = ()  # inputs that predict what is missed, where no model of causes holds
 
 
 @dataclass(frozen=True)
@@ -212,6 +214,7 @@ class Acceptance(Generic[CauseT]):
             fitter.held_out,
             self._unasked(kinds, searched),
             tuple(fitter.blocks or ()),
+            () if holds and (searched.kept or scatters or noise_dependences) else self._attributed(searched.plain),
         )
 
     def _unasked(self, kinds: Sequence[CauseT], searched: _Searched[CauseT]) -> tuple[CauseT, ...]:
@@ -219,6 +222,11 @@ class Acceptance(Generic[CauseT]):
         known = {*searched.rounds[0].best, *(cause.id for cause in self._given)}
         scene = searched.plain.scene
         return tuple(kind for kind in kinds if kind.id not in known and not scene.scatters(kind))
+
+    def _attributed(self, plain: FittedModel[CauseT]) -> tuple[Attributed, ...]:
+        """Return which inputs predict what the plain model misses: where none holds, names may have swallowed it."""
+        self._progress("what the misfit follows")
+        return attributed(plain, self._settings.following_level)
 
     def _doubted(
         self, verdict: Verdict[CauseT], final: FittedModel[CauseT], holds: bool, outdone: set[str]

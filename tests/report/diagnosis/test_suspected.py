@@ -8,8 +8,11 @@ import pytest
 from tests.report.diagnosis_parts import part_of, state_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
 from truing.report.diagnosis.findings import DOUBTS, scatter_explanation
+from truing.report.diagnosis.headline import clause
+from truing.report.diagnosis.judged import judged
 from truing.report.diagnosis.section import diagnosis
 from truing.report.head import build_head
+from truing.report.wordings.followed import remainder_advice
 
 GAIN = row("actuator-gain", subject="leg3", parameters=GAIN_3)
 DOUBTED = GAIN | {"verdict": "suspected", "reason_code": "unnamed"}
@@ -128,3 +131,34 @@ def test_a_scatter_that_is_suspected_is_told_with_its_reason(doubt: str) -> None
     assert section is not None
     assert DOUBTS[doubt] in section.said[0][1]
     assert DOUBTS[doubt] in scatter_explanation("actuator 3 lands elsewhere", 1e-4, doubt)
+
+
+REMAINDER = row("unexplained", subject="", parameters={}) | {
+    "reason_code": "remainder",
+    "follows": "temperature_c rho3_mm",
+    "share_predicted": 0.41,
+}
+
+
+def test_columns_that_predict_the_misfit_are_told_with_their_share() -> None:
+    one, *_ = judged({"diagnosis": rows(REMAINDER, *rejected())})
+    assert one.is_remainder
+    assert one.is_noise  # no effect in the model
+    assert clause(one, {}) == "What the simulation misses follows actuator 3 and the temperature, up to 41 % of it"
+    assert "noise" not in one.name
+
+
+def test_columns_that_predict_the_misfit_never_read_as_agreement() -> None:
+    tables = {**diagnosis_tables(rows(REMAINDER, *rejected())), "adequacy": FAILS}
+    assert state_of("diagnosis", tables) == "attention"
+    mark, said = head(rows(REMAINDER, *rejected()), FAILS)
+    assert mark != "pass"
+    assert "agrees" not in said
+    section = diagnosis(tables)
+    assert section is not None
+    assert "noise is not as declared" not in section.lead
+
+
+def test_advice_on_what_follows_time_alone_is_another_order() -> None:
+    assert "another order" in remainder_advice(("time_s",))
+    assert remainder_advice(("time_s", "temperature_c")).startswith("Repeat a part of it with the temperature changed")

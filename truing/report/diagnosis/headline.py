@@ -16,7 +16,7 @@ from truing.report.numbers import printed, rough, sign, with_uncertainty
 from truing.report.tables import Tables, filled
 from truing.report.wordings import catalogue
 from truing.report.wordings.claim import Reach
-from truing.report.wordings.followed import columns_words
+from truing.report.wordings.followed import columns_words, remainder_clause
 
 if TYPE_CHECKING:
     from truing.report.tables import Tables
@@ -27,6 +27,8 @@ _MORE = {"kappa": 1, "quadratic": 2, "cubic": 3}
 
 def clause(row: Judged, tables: Tables) -> str:
     """What was found and how large it is, without a full stop."""
+    if row.is_remainder:
+        return printed(remainder_clause(row.follows, row.subject, row.share_predicted or 0.0))
     if row.is_noise and row.cause == "unexplained":
         return printed(_noise(row))
     said = catalogue.clause(replace(row, reach=_reach(row, tables)))

@@ -17,6 +17,8 @@ from truing.schemas.covariates import named
 
 FOUND, SUSPECTED, RIVAL = "found", "suspected", "indistinguishable"
 REJECTED, NOT_TESTABLE = "rejected", "not testable"
+# The reason code of inputs that predict what is missed where no model of causes holds.
+REMAINDER = "remainder"
 # Odds below which two causes count as explaining the data equally well.
 EQUAL_ODDS = 20.0
 
@@ -45,17 +47,24 @@ class Judged(Claim):
     left_out_by: str = ""  # what was left out block by block; empty where the run is older than the column
     left_out_blocks: int = 0
     left_out_gain: float | None = None
+    share_predicted: float | None = None
 
     @property
     def is_noise(self) -> bool:
-        """Whether it says that something scatters more than declared, rather than what moves the mean."""
-        return self.reason_code == "noise" or any(size.name == "noise_ratio" for size in self.sizes)
+        """Whether it is no effect in the model: it says that something scatters more than declared, or what the misfit
+        follows."""
+        return self.is_remainder or self.reason_code == "noise" or any(s.name == "noise_ratio" for s in self.sizes)
+
+    @property
+    def is_remainder(self) -> bool:
+        """Whether it says which inputs predict what is missed where no model of causes holds."""
+        return self.reason_code == REMAINDER
 
     @property
     def name(self) -> str:
         """The cause with its subject: ``actuator gain, leg 3``."""
         kind = cause_words(self.cause)
-        if self.is_noise and self.cause == "unexplained":
+        if self.is_noise and not self.is_remainder and self.cause == "unexplained":
             kind = "noise not as declared"
         elif self.cause == "unexplained" and self.follows:
             kind = f"unexplained, follows {columns_words(self.follows)}"
@@ -105,6 +114,7 @@ def _judged(row: Mapping[Any, Any]) -> Judged:
         left_out_by=cell(row.get("left_out_by")),
         left_out_blocks=int(_number(row.get("left_out_blocks")) or 0),
         left_out_gain=_number(row.get("left_out_gain")),
+        share_predicted=_number(row.get("share_predicted")),
     )
 
 

@@ -57,7 +57,8 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
         return _diagnosed(State.ATTENTION, code, _found_words(found, tables), len(effects))
     if found:
         said = f"{clause(found[0], tables)}; beyond that {_none(rows)}."
-        return _diagnosed(State.ATTENTION, ReasonCode.NOISE, said)
+        code = ReasonCode.NOTHING_FOUND if found[0].is_remainder else ReasonCode.NOISE
+        return _diagnosed(State.ATTENTION, code, said)
     if not _testable(rows):
         said = f"{_upper(tested_words(rows))}: not tested, {_none(rows)}."
         return _diagnosed(State.NOT_TESTED, ReasonCode.NOT_TESTABLE, said)
@@ -260,7 +261,8 @@ def counted(rows: list[Judged], tables: Tables) -> str:
     if not found:
         if short := shortcoming(tables):
             return f"{judged_words}, none found; yet the model does not hold as a whole: {short}."
-        noise = "" if len(causes) == len(rows) else "; the noise is not as declared"
+        noisy = any(row.is_noise and not row.is_remainder for row in rows)
+        noise = "; the noise is not as declared" if noisy else ""
         return f"{judged_words}, held against {of}: {_none(rows)}{noise}."
     other = f", {rivals} as good and not to be told from it" if rivals else ""
     unseen = f", {idle} not testable here" if idle else ""

@@ -59,6 +59,31 @@ def columns_words(columns: tuple[str, ...]) -> str:
     return " and ".join([*told, *others])
 
 
+def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
+    """What the simulation misses and what predicts it, without a full stop."""
+    whose = f" of {subject_words(subject)}" if subject else ""
+    said = f"What the simulation misses{whose} follows {columns_words(columns)}"
+    return f"{said}, {'' if subject else 'up to '}{100.0 * share:.0f} % of it"
+
+
+def remainder_advice(columns: tuple[str, ...]) -> str:
+    """What to measure where the misfit follows columns: the same with these changed."""
+    others = tuple(column for column in columns if column not in OF_TIME)
+    if not others:
+        return "Repeat a part of it in another order: does the misfit go with the time, or with what was measured?"
+    return f"Repeat a part of it with {columns_words(others)} changed, everything else unchanged."
+
+
+def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, p_value: float) -> str:
+    """What is to be said of inputs that predict what the simulation misses, where no model of causes holds."""
+    where = "" if subject else " (of an actuator's reading or of a body, where it is most)"
+    return (
+        f"{remainder_clause(columns, subject, share)}, in squares{where}: smooth functions of this, or of its history, "
+        f"predict as much. By chance this happens with a probability of at most {p_value:.2g}, all inputs counted. "
+        "No model of causes holds as a whole, so this has no name."
+    )
+
+
 def _column_words(column: str) -> str:
     """One column: ``the displacement of actuator 3``, ``the load fz``, ``the temperature``."""
     for start, words in _OF_LOAD.items():
