@@ -195,15 +195,23 @@ def foreign(campaigns: Sequence[Judged]) -> str:
     drives = [(one, effect) for one in campaigns for effect in one.hidden if effect.follows]
     told = [one.follows_right(effect) for one, effect in drives]
     idle = [one for one in campaigns if one.idle_columns]
-    ratios = [one.floor_ratio for one in campaigns if one.floor_ratio]
+    of_one = [right for right, (_, effect) in zip(told, drives, strict=True) if len(effect.follows) == 1]
+    recorded = [one for one in campaigns if all(effect.kind != "NobodyRecorded" for effect in one.hidden)]
     rows = [
         ["a wrong name said as found", f"{len(wrong)} of {len(campaigns)}", "at most 1 in 20"],
         ["names that are suspected, and none that is found", f"{len(doubted)} of {len(campaigns)}", ""],
         ["effects told as unexplained with all that drives them", f"{sum(told)} of {len(told)}", "at least 8 in 10"],
+        ["such effects that follow a single column", f"{sum(of_one)} of {len(of_one)}", ""],
         ["campaigns with a column told that drives nothing", f"{len(idle)} of {len(campaigns)}", ""],
-        ["held-out error over what noise leaves, median", f"{np.median(ratios):.2f}" if ratios else "", "at most 1.2"],
+        ["held-out error over what noise leaves, median", _median_ratio(campaigns), "at most 1.2"],
+        ["the same where everything that acts is recorded", _median_ratio(recorded), ""],
     ]
     return table(["", "reached", "asked"], rows)
+
+
+def _median_ratio(campaigns: Sequence[Judged]) -> str:
+    ratios = [one.floor_ratio for one in campaigns if one.floor_ratio]
+    return f"{np.median(ratios):.2f}" if ratios else ""
 
 
 def unforeseen(campaigns: Sequence[Judged]) -> str:

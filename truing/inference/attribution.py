@@ -30,6 +30,7 @@ _THRESHOLDS = 0.08, 0.2, 0.4  # of play, over the range of an input
 # Functions below this share of the strongest, and blocks below this share of one function, say nothing new.
 _DISTINCT, _SAME, _NEW = 1e-2, 1e-3, 1e-3
 _MOST_BLOCKS = 5
+_DRIFT = 0.9  # of a column, that functions of time tell
 _MOST_HELD = 0.6  # of the epochs: beyond, too few are left to test with
 _FEWEST_EPOCHS = 20
 _LAGS = 2  # of the correlation in time
@@ -259,7 +260,10 @@ def _blocks(columns: Mapping[str, Array], in_time: _InTime) -> Iterator[_Block]:
     for name, own in columns.items():
         if name not in timed and (history := in_time.history(own)) is not None:
             yield _Block((name,), "history", history, fine[name], np.column_stack([history, mains[name]]))
+    drifts = {name for name, own in columns.items() if any(_drifts(own, fine[time]) for time in timed)}
     for pair in combinations(columns, 2):
+        if drifts >= set(pair):  # two that drift are functions of time together
+            continue
         both = np.column_stack([columns[name] for name in pair])
         own = _smooth(both, _most(_OF_TWO, epochs, _EPOCHS_PER_FUNCTION_OF_TWO), _SCALE_OF_TWO)
         beside = np.column_stack([fine[name] for name in pair])
@@ -278,6 +282,12 @@ def _timed(columns: Mapping[str, Array], in_time: _InTime) -> frozenset[str]:
     return frozenset(name for name, values in columns.items() if np.all(np.diff(values[order]) >= 0.0))
 
 
+def _drifts(values: Array, of_time: Array) -> bool:
+    """Return whether functions of time (n, m) tell nearly all of a column (n,)."""
+    own = values - values.mean()
+    return bool(np.sum((of_time.T @ own) ** 2) > _DRIFT * np.sum(own**2))
+
+
 def _tested(block: _Block, rest: Array, held: Array, whitener: _Filter) -> tuple[float, float] | None:
     """Return the p-value of a block on residuals rest (n, q), beside functions held (n, h), and the squares that it
     predicts, chance taken out; None where it says nothing new, or too few epochs are left to tell."""
@@ -287,7 +297,7 @@ def _tested(block: _Block, rest: Array, held: Array, whitener: _Filter) -> tuple
         return None
     own, free = rest - beside @ (beside.T @ rest), len(rest) - 1 - beside.shape[1]
     found = _chance(functions, own, free)
-    if found is None or block.is_time:
+    if found is None or (block.is_time and not held.shape[1]):  # beside others, what is left of them is alike in time
         return found
     in_time = _chance(whitener(functions), whitener(own), free - _LAGS)
     return max(found[0], 1.0 if in_time is None else in_time[0]), found[1]
