@@ -17,10 +17,11 @@ from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.noise import Driver, noise_dependence, variance_gain
 
-# An input of which a fit tells less than this share says nothing of its scatter.
-_TOLD = 1e-5
+# Of an input a fit has to tell this share of what it tells of the one that it tells most of.
+_TOLD = 0.01
 # A variance is settled within this share of itself.
 SETTLED = 0.01
+_TINY = 1e-12
 _LEAST, _MOST = 0.5, 1e4
 # A scatter that is known worse than this is mended as if it were known so well: the correction is one of first order.
 _ROUGH = 0.5
@@ -52,8 +53,9 @@ class InputResiduals:
         """Return the residuals (B, H, 1) brought to unit variance, without correlation within an epoch; NaN where a fit
         tells next to nothing."""
         amount, axes = np.linalg.eigh(self.told)
-        enough = amount > _TOLD
-        root = np.where(enough, 1.0 / np.sqrt(np.maximum(amount, _TOLD)), 0.0)
+        least = max(_TOLD * float(amount.max(initial=0.0)), _TINY)
+        enough = amount > least
+        root = np.where(enough, 1.0 / np.sqrt(np.maximum(amount, least)), 0.0)
         unit = np.einsum("bik,bk,bjk,bj->bi", axes, root, axes, self.rest)
         share = np.einsum("bik,bk,bik->bi", axes, enough, axes)
         return np.where(share > 0.5, unit / np.sqrt(np.maximum(share, 0.5)), np.nan)[..., None]
