@@ -21,11 +21,13 @@ def diagnosed(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
     model does not hold."""
     rows = tables["diagnosis"]
     found = rows[rows["verdict"].isin(["found", "suspected"])]
-    causes = found[~found["parameters"].str.contains("noise_ratio")]
+    is_remainder = found["reason_code"] == "remainder"
+    causes = found[~found["parameters"].str.contains("noise_ratio") & ~is_remainder]
     noise = found[found["parameters"].str.contains("noise_ratio")]
     return {
         "found": [_finding(row) for _, row in causes.iterrows()],
         "noise": [_first_sentence(text) for text in noise["explanation"]],
+        "remainder": list(dict.fromkeys(text.split(". ")[0] + "." for text in found.loc[is_remainder, "explanation"])),
         "before": float(causes["rms_before"].iloc[0]) if len(causes) else None,
         "after": float(causes["rms_after"].iloc[-1]) if len(causes) else None,
         "floor": float(rows["noise_floor"].iloc[len(causes) - 1]) if len(causes) else None,

@@ -60,9 +60,9 @@ def columns_words(columns: tuple[str, ...]) -> str:
 
 
 def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
-    """What the simulation misses and what predicts it, without a full stop."""
+    """What the model without causes misses and what predicts it, without a full stop."""
     whose = f" of {subject_words(subject)}" if subject else ""
-    said = f"What the simulation misses{whose} follows {columns_words(columns)}"
+    said = f"What the model without causes misses{whose} follows {columns_words(columns)}"
     return f"{said}, {'' if subject else 'up to '}{100.0 * share:.0f} % of it"
 
 

@@ -356,7 +356,7 @@ UNFORESEEN: Mapping[str, Kind] = {
 FOREIGN: Mapping[str, Kind] = {name: Kind(draw) for name, draw in foreign.FOREIGN.items()}
 # Those that joined the catalogue after the campaigns of the page were drawn: they are drawn by themselves, so that a
 # seed and a number stay the campaign that the page tells of.
-ADDED = frozenset({"leg-stiffness", "play-hysteresis", "signal-nonlinear", "zero-step"})
+ADDED = frozenset({"leg-stiffness", "noise-burst", "play-hysteresis", "signal-nonlinear", "zero-step"})
 KINDS: Mapping[str, Kind] = {**CATALOGUE, **STRANGE, **UNFORESEEN, **FOREIGN}
 
 # Of two effects of a family one holds the other, or what is left of it when the other is there: two of them are one.
