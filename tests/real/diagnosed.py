@@ -50,7 +50,7 @@ def _finding(row: pd.Series) -> dict[str, Any]:
 
 
 def _first_sentence(text: str) -> str:
-    return re.split(r"(?<=[a-z])[.:,] ", text)[0]
+    return re.split(r"(?<=[a-z)])[.:,] ", text)[0]
 
 
 def length(value: dict[str, Any], names: tuple[str, ...]) -> float:

@@ -144,7 +144,8 @@ def test_columns_that_predict_the_misfit_are_told_with_their_share() -> None:
     one, *_ = judged({"diagnosis": rows(REMAINDER, *rejected())})
     assert one.is_remainder
     assert one.is_noise  # no effect in the model
-    assert clause(one, {}) == "What the model without causes misses follows actuator 3 and the temperature, up to 41 % of it"
+    misses = "What the model without causes misses"
+    assert clause(one, {}) == f"{misses} follows actuator 3 and the temperature, up to 41 % of it"
     assert "noise" not in one.name
 
 
