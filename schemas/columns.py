@@ -243,7 +243,7 @@ _MEASURED = (
         "what is missed where no model of causes holds), rival, chance, held-out (predicts "
         "it worse), dropped (not needed next to others), contained (in what was found), unseen (the campaign cannot "
         "show it), or, of one that is suspected, inadequate (the model does not hold as a whole) or unnamed (something "
-        "without a name acts on the same measurements) or unpaid (the simulation misses by no less with it) or "
+        "without a name acts as well) or unpaid (the simulation misses by no less with it) or "
         "elsewhere (blocks left out as a whole are less probable with it); ended (the search was ended before it was "
         "accepted or rejected); no-time, no-up, ... (not recorded, so that it could not be tested); of a section: the "
         "list in docs/verdict.md",

@@ -28,8 +28,6 @@ _NEIGHBOURS = 2
 _FEWEST_EPOCHS, _MOST_EPOCHS = 8, 2_000
 # Repeats, beyond the first of each, that tell pure error; epochs of a region, each beyond the first.
 _FEWEST_REPEATS = 4.0
-# What differs without order is noise, unless this chance of as much order is too small for that.
-_UNORDERED = 0.01
 _RESOLVED = 10  # permutations beyond which a share of them is a p-value by itself
 
 
@@ -132,12 +130,13 @@ def _orderings(fitted: FittedModel[CauseT]) -> dict[str, Array]:
     return columns
 
 
-def is_unordered(rest: Array, own: Mask, fitted: FittedModel[CauseT], rng: np.random.Generator) -> bool:
+def is_unordered(rest: Array, own: Mask, fitted: FittedModel[CauseT], level: float) -> bool:
     """Whether standardised residuals (B, K, d) in some places (B, K) are like noise, as far as that can be told: of
-    enough epochs, none of which resembles its neighbours along anything."""
+    enough epochs, which resemble their neighbours along anything as much as noise does by a chance above level."""
+    rng = np.random.default_rng(len(rest))
     inside = np.where(own[..., None], rest, np.nan)
     tests = list(like_neighbours(inside, _orderings(fitted), rng, fitted.model.error_groups))
-    return bool(tests) and min(test.p_value for test in tests) * len(tests) > _UNORDERED
+    return bool(tests) and min(test.p_value for test in tests) * len(tests) > level
 
 
 def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[LackOfFit]:

@@ -32,8 +32,6 @@ _OF_A_KIND = 3
 # Beside a form that nobody declared, on most of what it acts on, a name explains at least this share of its squares:
 # half its amplitude.
 _OF_ITS_SIZE, _SAME_GROUND = 0.25, 0.5
-# A name that explains less than this share of what acts on the same is no more than suspected.
-LEAST_SHARE = 1.0 / (1.0 + _OF_ITS_SIZE)
 # A cause of the catalogue is named unless a dependence in no declared form is more probable by this factor.
 NAMED = float(np.log(3.0))
 # Rivals within this factor of the best in evidence cannot be told from it.

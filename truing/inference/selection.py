@@ -25,7 +25,6 @@ from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, var
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import (
-    LEAST_SHARE,
     NAMED,
     RIVAL_FACTOR,
     Round,
@@ -56,9 +55,12 @@ _CAUSES, _NOISE, _FOLLOWING, _DOUBTED = 0.45, 0.05, 0.1, 0.4
 _NO_MORE, _NO_WORSE = 1.002, 1.02
 _MOST_FOLLOWED = 2
 _MOST_SCATTERS = 2
+_SEVERAL_BURSTS = 2
 _MOST_SUBJECTS = 3
 # Scatter comes before the best name where its log likelihood exceeds the log odds of that by so much.
 _UNSTRUCTURED = 5.0
+# Below the first chance of as much order what is larger in places is an effect and no scatter; above the second, noise.
+_ORDERED, _SURELY_NOISE = 0.01, 0.05
 # So many sigmas to either side it is asked; at most so many times as wide the answer makes a sigma.
 _REACH, _WIDEST = 2.0, 4.0
 
@@ -192,12 +194,15 @@ class Acceptance(Generic[CauseT]):
         adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]), fitter.repeats)
         verdicts = self._verdicts(searched)
         holds = searched.end.is_complete and adequacy.p_value > self._settings.doubted_level
-        # What forms without a name leave scatters too: beside them, no scatter has a name for certain.
-        doubt = (
-            Reason.INADEQUATE if not holds else "" if all(own.catalogued for own in final.causes) else Reason.UNNAMED
-        )
+        # Beside an effect without a name, any name may be a part of it, and what it leaves scatters too. So does what
+        # follows nothing that is known: noise that grows at one time may be vibration, at several it is rather that.
+        bursts = sum(own.driver.cause is not None for own in noise_dependences)
+        is_named = all(own.catalogued for own in final.causes) and bursts < _SEVERAL_BURSTS
+        doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
         outdone = {step.cause.key for step in searched.kept if step.is_outdone}
-        verdicts = [self._doubted(verdict, final, holds, outdone) for verdict in verdicts]
+        verdicts = [self._doubted(verdict, final, doubt, outdone) for verdict in verdicts]
+        is_sure = doubt is None and all(verdict.verdict != SUSPECTED for verdict in verdicts)
+        left = "" if is_sure else doubt or Reason.UNNAMED  # what a doubtful model leaves scatters by more than noise
         return Diagnosis(
             tuple(sorted(verdicts, key=lambda verdict: verdict.rank)),
             searched.plain,
@@ -207,10 +212,10 @@ class Acceptance(Generic[CauseT]):
             tuple(fitter.screened),
             noise,
             tuple(self._noisy_channels(final)),
-            tuple(replace(own, doubt=doubt) for own in noise_dependences),
+            tuple(replace(own, doubt=left or own.doubt) for own in noise_dependences),
             adequacy,
             searched.end,
-            tuple(replace(scatter, doubt=doubt) for scatter in scatters),
+            tuple(replace(scatter, doubt=left) for scatter in scatters),
             fitter.held_out,
             self._unasked(kinds, searched),
             tuple(fitter.blocks or ()),
@@ -229,15 +234,15 @@ class Acceptance(Generic[CauseT]):
         return attributed(plain, self._settings.following_level)
 
     def _doubted(
-        self, verdict: Verdict[CauseT], final: FittedModel[CauseT], holds: bool, outdone: set[str]
+        self, verdict: Verdict[CauseT], final: FittedModel[CauseT], doubt: Reason | None, outdone: set[str]
     ) -> Verdict[CauseT]:
         """A verdict in the whole picture.
 
         What was found is only suspected where predictions miss by no less with it, or by more on what was held out,
         also beyond the range of what a form without a name follows, or where whole blocks of epochs, predicted from the
-        others, are less probable with it. So is a name where the final model does not hold, where something without a
-        name acts on the same observations and is not small beside it, or where a form without a name explained more but
-        did not predict.
+        others, are less probable with it. So is a name where the final model does not hold, where it holds an effect
+        without a name, of which the name may be a part, or where a form without a name explained more but did not
+        predict.
         """
         if verdict.verdict != FOUND:
             return verdict
@@ -253,11 +258,9 @@ class Acceptance(Generic[CauseT]):
         if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
-        if not holds:
-            return replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
-        if (verdict.share_explained or 0.0) < LEAST_SHARE or verdict.cause.key in outdone:
-            return replace(verdict, verdict=SUSPECTED, reason=Reason.UNNAMED)
-        return verdict
+        if doubt is None and verdict.cause.key not in outdone:
+            return verdict
+        return replace(verdict, verdict=SUSPECTED, reason=doubt or Reason.UNNAMED)
 
     def _noisy_channels(self, final: FittedModel[CauseT]) -> Iterator[tuple[int, NoiseLevel]]:
         """Yield the channels of an instrument whose noise is larger than declared, p-values corrected for their number;
@@ -279,7 +282,7 @@ class Acceptance(Generic[CauseT]):
             return []
         if not self._outdoes_names(self._fitter.known_residuals(first.fitted), found.driver.values > 0.5, first):
             return []
-        return [self._fitter.weigh(first.fitted, found)]
+        return [self._weighed(first.fitted, found)]
 
     def _outright_scatter(
         self, first: Round[CauseT], kinds: Sequence[CauseT]
@@ -319,7 +322,7 @@ class Acceptance(Generic[CauseT]):
         real = (c for c in first.best.values() if is_real(first, c, self._settings.level))
         if gain <= max((first.posterior(c) for c in real), default=0.0) + _UNSTRUCTURED:
             return False
-        return is_unordered(rest, own, first.fitted, np.random.default_rng(self._settings.seed))
+        return is_unordered(rest, own, first.fitted, _ORDERED)
 
     def _scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
@@ -338,13 +341,19 @@ class Acceptance(Generic[CauseT]):
         searched = self._searched(kinds)
         return searched, self._fitter.scatter_beside(searched.final, candidate, p_value)
 
+    def _weighed(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
+        """Weight observations by what their noise follows; a cause of it is doubted where that may have an order."""
+        own, rest = found.driver.values > 0.5, self._fitter.known_residuals(fitted)
+        is_noise = found.driver.cause is None or is_unordered(rest, own, fitted, _SURELY_NOISE)
+        return replace(self._fitter.weigh(fitted, found), doubt="" if is_noise else Reason.UNNAMED)
+
     def _noise_follows(self, final: FittedModel[CauseT], kinds: Sequence[CauseT], most: int) -> list[NoiseDependence]:
         """Return what the noise follows, one after the other, each time with the same causes fitted to observations
         that are weighted accordingly: only once nothing more is found is it worth a search."""
         found: list[NoiseDependence] = []
         level = self._settings.following_level
         while len(found) < most and (more := self._fitter.noise_dependence(final, kinds, level)):
-            found.append(self._fitter.weigh(final, more))
+            found.append(self._weighed(final, more))
             if len(found) < most:
                 final = self._fitter.settled(final.causes, final)
         return found

@@ -13,8 +13,7 @@ UNNAMED = ", and no cause of the catalogue explains it"
 # Why a cause is suspected and not found, by its reason code.
 DOUBTS = {
     "inadequate": "the model with everything that was accepted leaves more than noise, so the picture is incomplete",
-    "unnamed": "something that no cause of the catalogue explains acts on the same measurements and is not small "
-    "beside it, so this may be a part of that",
+    "unnamed": "something that no cause of the catalogue explains acts here as well, so this may be a part of that",
     "held-out": "it predicts what was held out worse than the model without it",
     "elsewhere": "parts of the campaign that were left out as a whole, predicted from the others, are less probable "
     "with it",
