@@ -122,11 +122,11 @@ def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets
 
 def _weight(section: LeggedMechanism, settings: Campaign) -> Weight | None:
     """Which way is up, and what the legs carry; None where campaign.toml does not say which way is up."""
+    mass, (across, along, above) = section.payload_kg, (1e-3 * length for length in section.payload_com_mm)
     if settings.measurement.up is None:
         return None
     x, y, z = np.asarray(settings.measurement.up) / np.linalg.norm(settings.measurement.up)
-    across, along, above = (1e-3 * length for length in section.payload_com_mm)
-    return Weight((float(x), float(y), float(z)), section.payload_kg, (across, along, above))
+    return Weight((float(x), float(y), float(z)), mass, (across, along, above))
 
 
 def _targets(
