@@ -193,7 +193,10 @@ class Acceptance(Generic[CauseT]):
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]), fitter.repeats)
         verdicts = self._verdicts(searched)
-        holds = searched.end.is_complete and adequacy.p_value > self._settings.doubted_level
+        noisy = tuple(self._noisy_channels(final))
+        is_noisier = bool(noisy) or noise.p_value <= self._settings.noise_level
+        is_noisier |= any(own.driver.cause is None for own in noise_dependences)
+        holds = searched.end.is_complete and adequacy.p_value > self._settings.doubted_level and not is_noisier
         # Beside an effect without a name, any name may be a part of it, and what it leaves scatters too. So does what
         # follows nothing that is known: noise that grows at one time may be vibration, at several it is rather that.
         bursts = sum(own.driver.cause is not None for own in noise_dependences)
@@ -211,7 +214,7 @@ class Acceptance(Generic[CauseT]):
             searched.search,
             tuple(fitter.screened),
             noise,
-            tuple(self._noisy_channels(final)),
+            noisy,
             tuple(replace(own, doubt=left or own.doubt) for own in noise_dependences),
             adequacy,
             searched.end,
