@@ -348,7 +348,10 @@ class Points:
         for body in bodies:
             if self.expected.bodies and body not in self.expected.bodies:
                 hint = meant(body, self.expected.bodies) or f"; there are {', '.join(self.expected.bodies)}"
-                self.log.add(Fault(file, f"a body of the mechanism{hint}", column="body", value=body))
+                row, count = self._ledger.rows_of(body)
+                own, record = self._ledger.origin(row)
+                faults = CellFaults(f"a body of the mechanism{hint}", "body", ((record, body),), count)
+                self.log.cells(own.raw.name, faults, own.locate)
         for body in dict.fromkeys((*self.expected.always, *filter(None, (self.expected.reference,)))):
             if body not in bodies:
                 said = f"points of body {body}; there are points of {', '.join(bodies)}{meant(body, bodies)}"

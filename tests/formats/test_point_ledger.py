@@ -64,6 +64,8 @@ def test_duplicates_unknown_poses_and_origins(parts, as_text, cells, step):
     traced = [ledger.origin(row) for row in range(len(rows))]
     assert [(origin.raw.name, record) for origin, record in traced] == stood
     bodies = ledger.bodies()
+    own = {body: [row for row, (_, name, _) in enumerate(rows) if name == body] for body in bodies}
+    assert {body: ledger.rows_of(body) for body in bodies} == {body: (own[body][0], len(own[body])) for body in bodies}
     assert {(n, bodies[b]) for n, b in zip(*np.nonzero(seen), strict=True)} == {(n, body) for n, body, _ in keys}
     ledger.close()
 

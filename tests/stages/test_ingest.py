@@ -180,7 +180,7 @@ def test_a_fault_is_named_with_its_place(folder, table, row, old, new, column, v
     assert len(faults) == 1, folder.faults()
     fault = faults[0]
     assert (fault.file, fault.column, fault.value) == (f"{table}.csv", column, value)
-    assert fault.row == (row if column != "body" else None)
+    assert fault.row == row
 
 
 def test_every_fault_is_reported_at_once(folder):

@@ -161,6 +161,16 @@ class PointLedger:
         bodies = {body: number for number, body in enumerate(self.bodies())}
         return np.array([bodies[body] for body, _ in self.labels.values], dtype=np.int32)
 
+    def rows_of(self, body: str) -> tuple[int, int]:
+        """The first row of a body that has points, and how many it has."""
+        own = np.array([name == body for name, _ in self.labels.values])
+        first, count = -1, 0
+        for start, stop in self.steps():
+            found = np.flatnonzero(own[self._spool.read("label", start, stop)])
+            first = start + int(found[0]) if first < 0 and len(found) else first
+            count += len(found)
+        return first, count
+
     def duplicates(self) -> Iterator[Index]:
         """Rows of known poses whose pose, body and target stood in a row before: exactly, in bounded memory."""
         width = max(len(self.labels.values), 1)

@@ -13,7 +13,7 @@ _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
 _COLUMNS = {
     "temperature_c": "the temperature",
     "time_s": "time",
-    "order": "the order of the poses",
+    "order": "the order of measurement",
     "time_in_run_s": "the time in the run",
     "air_temperature_c": "the temperature of the air",
     "material_temperature_c": "the temperature of the material",
