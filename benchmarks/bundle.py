@@ -20,7 +20,7 @@ from benchmarks.bundle_peers import PEERS, Solver
 from benchmarks.bundle_problem import Problem, draw, sum_of_squares
 from benchmarks.timing import interleaved, pin, run_pinned
 from truing.estimation.bundle.adjustment import adjust
-from truing.estimation.bundle.network import State
+from truing.estimation.bundle.network import NetworkState
 
 _OURS = "truing with covariance"
 
@@ -28,7 +28,7 @@ _OURS = "truing with covariance"
 def ours(problem: Problem, covariance: bool) -> Solver:
     """Return our adjustment; with the covariance of everything where asked for."""
 
-    def solve() -> State:
+    def solve() -> NetworkState:
         found = adjust(problem.network, problem.start)
         if covariance:
             _ = found.covariance

@@ -10,22 +10,22 @@ from scipy.sparse import coo_array
 
 from benchmarks.bundle_problem import FORMAT, FREE, SIGMA_PX, Problem, with_radial
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.network import State, linearise, project
+from truing.estimation.bundle.network import NetworkState, linearise, project
 from truing.estimation.rotation import exp_so3
 
-Solver = Callable[[], State]
+Solver = Callable[[], NetworkState]
 
 _CENTRE = (np.array(FORMAT) - 1) / 2
 _TOLERANCE = 1e-9  # relative change of the sum of squares at which a library may stop
 
 
-def _camera_from_world(state: State) -> np.ndarray:
+def _camera_from_world(state: NetworkState) -> np.ndarray:
     """Return rotations and shifts (I, 3, 4) that bring points into camera axes."""
     turned = state.R.transpose(0, 2, 1)
     return np.concatenate([turned, -turned @ state.centre[:, :, None]], -1)
 
 
-def _looking_from(state: State, matrices: np.ndarray) -> State:
+def _looking_from(state: NetworkState, matrices: np.ndarray) -> NetworkState:
     """Return the state with images given by (I, 3, 4)."""
     R = matrices[:, :, :3].transpose(0, 2, 1)
     return replace(state, R=R, centre=-np.einsum("nij,nj->ni", R, matrices[:, :, 3]))
@@ -57,7 +57,7 @@ def _reconstruction(problem: Problem):  # type: ignore[no-untyped-def]
         for number, xyz in zip(numbers, start.points, strict=True):
             found.points3D[number].xyz = xyz
 
-    def state() -> State:
+    def state() -> NetworkState:
         matrices = np.array([found.images[i + 1].cam_from_world().matrix() for i in range(len(poses))])
         f, _, _, k1, k2 = found.cameras[1].params
         points = np.array([found.points3D[number].xyz for number in numbers])
@@ -91,7 +91,7 @@ def pycolmap_solver(problem: Problem, threads: int, covariance: bool) -> Solver:
 
     found, reset, state = _reconstruction(problem)
 
-    def solve() -> State:
+    def solve() -> NetworkState:
         reset()
         adjuster = _adjuster(found, threads)
         adjuster.solve()
@@ -114,7 +114,7 @@ def pyceres_solver(problem: Problem, threads: int) -> Solver:
     options.minimizer_progress_to_stdout = False
     options.function_tolerance, options.gradient_tolerance = _TOLERANCE, 0.0
 
-    def solve() -> State:
+    def solve() -> NetworkState:
         reset()
         pyceres.solve(options, adjuster.problem, pyceres.SolverSummary())
         return state()
@@ -142,7 +142,7 @@ def gtsam_solver(problem: Problem, threads: int) -> Solver:
     parameters.setRelativeErrorTol(_TOLERANCE)
     parameters.setAbsoluteErrorTol(0.0)
 
-    def solve() -> State:
+    def solve() -> NetworkState:
         best = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
         images = [best.atPose3(gtsam.symbol("x", i)) for i in range(len(start.R))]
         points = np.array([best.atPoint3(gtsam.symbol("p", p)) for p in range(len(start.points))])
@@ -174,11 +174,11 @@ def scipy_solver(problem: Problem, threads: int) -> Solver:
     row = np.broadcast_to(np.arange(2 * rays.count).reshape(-1, 2, 1), (rays.count, 2, 12)).ravel()
     column = np.broadcast_to(columns[:, None], (rays.count, 2, 12)).ravel()
 
-    def state(x: np.ndarray) -> State:
+    def state(x: np.ndarray) -> NetworkState:
         change = x[:at_points].reshape(-1, 6)
         interior = start.interior.copy()
         interior[0, free] += size * x[at_camera:]
-        return State(
+        return NetworkState(
             interior,
             exp_so3(change[:, 3:]) @ start.R,
             start.centre + change[:, :3],
@@ -198,7 +198,7 @@ def scipy_solver(problem: Problem, threads: int) -> Solver:
         terms = np.concatenate([by_image, at.by_point, at.by_interior[..., free] * size], -1) / SIGMA_PX
         return coo_array((terms.ravel(), (row, column)), shape=(2 * rays.count, at_camera + 3)).tocsr()
 
-    def solve() -> State:
+    def solve() -> NetworkState:
         tolerance = {"ftol": _TOLERANCE, "xtol": 1e-15, "gtol": 1e-15}
         x = least_squares(residuals, np.zeros(at_camera + 3), jacobian, x_scale="jac", **tolerance).x
         return state(x)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State, project
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays, project
 from truing.estimation.rotation import exp_so3
 
 SIGMA_PX = 0.05
@@ -21,7 +21,7 @@ class Problem:
     """A network, and the start of every library."""
 
     network: Network
-    start: State
+    start: NetworkState
 
 
 def draw(poses: int, images: int, points: int, seed: int = 1) -> Problem:
@@ -36,7 +36,7 @@ def draw(poses: int, images: int, points: int, seed: int = 1) -> Problem:
     right /= np.linalg.norm(right, axis=-1)[:, None]
     axes = np.stack([right, np.cross(-towards, right), -towards], -1)
     quarter = np.pi / 2 * rng.integers(0, 4, count)[:, None] * [0.0, 0.0, 1.0]
-    truth = State(
+    truth = NetworkState(
         _INTERIOR[None],
         axes @ exp_so3(quarter),
         reach[:, None] * towards,
@@ -51,7 +51,7 @@ def draw(poses: int, images: int, points: int, seed: int = 1) -> Problem:
         (camera,), np.zeros(count, np.int64), image_pose, point_pose, rays, Bars.none(), KnownPoints.none()
     )
     xy = project(network, truth, image, point) + SIGMA_PX * rng.normal(size=(len(image), 2))
-    start = State(
+    start = NetworkState(
         np.where(np.arange(10) == 0, 1.01 * _INTERIOR, 0.0)[None],
         exp_so3(np.deg2rad(0.5) * rng.normal(size=(count, 3))) @ truth.R,
         truth.centre + 0.01 * rng.normal(size=truth.centre.shape),
@@ -66,14 +66,14 @@ def _errors(count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.tile(SIGMA_PX**2 * np.eye(2), (count, 1, 1)), np.zeros(count, np.int64)
 
 
-def sum_of_squares(problem: Problem, state: State) -> float:
+def sum_of_squares(problem: Problem, state: NetworkState) -> float:
     """Return the sum of squares over the variance of the rays, which is the same for all libraries."""
     rays = problem.network.rays
     v = rays.xy_px - project(problem.network, state, rays.image, rays.point)
     return float(np.sum(v**2)) / SIGMA_PX**2
 
 
-def with_radial(state: State, f: float, k1: float, k2: float) -> State:
+def with_radial(state: NetworkState, f: float, k1: float, k2: float) -> NetworkState:
     """Return a state with the principal distance and radial terms of others: r^2 and r^4 in the tangent plane."""
     interior = np.zeros((1, 10))
     interior[0, [0, 3, 4]] = f, k1 / f**2, k2 / f**4

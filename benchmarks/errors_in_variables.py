@@ -27,7 +27,7 @@ from benchmarks.errors_in_variables_problem import (
 from benchmarks.timing import interleaved, pin, run_pinned
 from truing.estimation.errors_in_variables.fit import Constraint, Prior, fit_errors_in_variables
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine
 
@@ -37,7 +37,7 @@ _NAMES = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "l")
 
 def product(problem: Joint) -> Constraint:
     """Return the same equations as the product poses them, from the mechanism's own description."""
-    parameters = ParameterSet(tuple(Parameter(name, leg, "", 1.0) for leg in range(6) for name in _NAMES))
+    parameters = ParameterSet(tuple(LegParameter(name, leg, "", 1.0) for leg in range(6) for name in _NAMES))
     machine = Machine(problem.legs, np.zeros((6, 6)))
     model = KinematicModel("6-pus")
     return CalibrationProblem(model, machine, parameters, problem.p, problem.R, problem.rho).constrain

@@ -24,7 +24,7 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.hidden_twice import CAUSES, Ground
 from truing.pipeline.power_command import diagnosed
 from truing.simulation.catalogue import catalogue
-from truing.simulation.detection_trials import Answer, Question, Trial, questions
+from truing.simulation.detection_trials import Answer, DetectionQuestion, Trial, questions
 from truing.stages.diagnosis.search import gathered_of
 from truing.stages.power import expected_sights
 
@@ -64,7 +64,7 @@ def places(seed: int) -> list[Place]:
     return [Place(layout.name, Ground(layout, 16, 3, seed)) for layout in (few, legs)]
 
 
-def asked(ground: Ground) -> list[Question]:
+def asked(ground: Ground) -> list[DetectionQuestion]:
     """The questions of a layout, with what theory expects."""
     seen = expected_sights(ground.plan, gathered_of(ground.power_tables([], 0), ground.settings), ground.settings)
     found = questions(ground.plan, seen, CAUSES, catalogue().values())
@@ -82,7 +82,7 @@ def cases(listed: Sequence[Place], draws: int, done: set[str]) -> Iterator[Recor
                     yield {"key": key, "layout": place.name, **hidden_twice(place.ground, question, step, number)}
 
 
-def hidden_twice(ground: Ground, question: Question, step: int, number: int) -> Record:
+def hidden_twice(ground: Ground, question: DetectionQuestion, step: int, number: int) -> Record:
     """One effect, drawn and generated; what the diagnosis says of either, and how often theory finds it."""
     sort, size = question.sort, FACTORS[step] * (question.expected or 0.0)
     own = sorted(SORTS).index(_sort_of(question)), step, number
@@ -103,7 +103,7 @@ def hidden_twice(ground: Ground, question: Question, step: int, number: int) -> 
     }
 
 
-def _sort_of(question: Question) -> tuple[str, str, str]:
+def _sort_of(question: DetectionQuestion) -> tuple[str, str, str]:
     return question.sort.kind, question.sort.concerns, question.unit.parameter
 
 

@@ -24,7 +24,7 @@ _ROUNDS = 3  # taking out a faulty key may uncover what stood behind it
 
 
 @dataclass(frozen=True)
-class Checked:
+class CampaignCheck:
     """What was read of a campaign without a fault, what its stages will make of it, and what looks like a mistake."""
 
     read: str
@@ -34,12 +34,12 @@ class Checked:
     is_evaluated: bool = True  # by any stage but quality
 
 
-def check_campaign(campaign: CampaignFolder) -> Checked:
+def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
     """Read and check everything, write nothing. Raises CampaignFaults with every fault."""
     from truing.formats.source import OF_IMAGES, CampaignFiles
     from truing.stages.attention import attention
     from truing.stages.ingestion.loading_tables import TABLES
-    from truing.stages.prospects import Found, has_repeats, nothing_evaluated, prospects
+    from truing.stages.prospects import CampaignContents, has_repeats, nothing_evaluated, prospects
 
     faults = _settings_faults(campaign)
     if faults:
@@ -50,13 +50,13 @@ def check_campaign(campaign: CampaignFolder) -> Checked:
     raw = _read_raw(run)
     source = CampaignFiles(campaign.folder, run.settings)
     given = frozenset(table for table in (*TABLES, *OF_IMAGES) if source.entries(table))
-    found = Found(raw.tables, raw.targets, campaign.has_photographs, given, raw.names)
+    found = CampaignContents(raw.tables, raw.targets, campaign.has_photographs, given, raw.names)
     expected = tuple(prospects(run.settings, found))
     rows = sum(sum(seen.values()) for seen in raw.targets.values())
     doubts = (*filter(None, (unconfirmed(campaign.file),)), *attention(run.settings, found))
     said = tuple(map(str, expected)), doubts
     is_evaluated = not nothing_evaluated(expected) or has_repeats(run.settings, found)
-    return Checked(raw.read, *said, rows, is_evaluated)
+    return CampaignCheck(raw.read, *said, rows, is_evaluated)
 
 
 def check_before_photographs(run: CampaignRun) -> None:

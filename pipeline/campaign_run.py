@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import truing
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
-from truing.pipeline.freshness import Evidence, Standing, State
+from truing.pipeline.freshness import Evidence, Freshness, StageStatus
 from truing.pipeline.ledger import Entry, Ledger, MadeFrom, RememberedDigests, digest_of, read_ledger
 from truing.pipeline.problems import EnvironmentProblem
 from truing.pipeline.run_folder import PRIVATE
@@ -101,23 +101,23 @@ class CampaignRun:
             self._found[stage] = raw_files(self.campaign.folder, self.campaign.document, RAW_READERS[stage])
         return self._found[stage]
 
-    def standing(self, stage: Stage, now: MadeFrom) -> Standing:
+    def standing(self, stage: Stage, now: MadeFrom) -> StageStatus:
         """Where a stage stands; a fresh one is entered into the ledger (in memory) if it was not there."""
         standing = self.evidence.standing(stage, now)
         if standing.entry is not None:
             self.ledger.entries[stage.name] = standing.entry
         return standing
 
-    def standings(self) -> Iterator[tuple[Stage, Standing]]:
+    def standings(self) -> Iterator[tuple[Stage, StageStatus]]:
         """Where every stage stands, those included that wait for a stale one."""
         maker = makers(self.order)
         behind: dict[str, str] = {}
         for stage in self.order:
             standing = self.standing(stage, self.made_from(stage))
             waits = sorted({maker[name] for name in map(bare, stage.reads) if maker.get(name) in behind})
-            if waits and standing.state is State.FRESH:
-                standing = Standing(State.STALE, (f"it depends on {', '.join(waits)}",))
-            if standing.state is not State.FRESH:
+            if waits and standing.state is Freshness.FRESH:
+                standing = StageStatus(Freshness.STALE, (f"it depends on {', '.join(waits)}",))
+            if standing.state is not Freshness.FRESH:
                 behind[stage.name] = standing.why
             yield stage, standing
 

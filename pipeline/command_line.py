@@ -145,11 +145,11 @@ def run(
 
     Example: truing run sample_data/telescope --from pose
     """
-    from truing.pipeline.run_campaign import Selection, Wish, run_campaigns
+    from truing.pipeline.run_campaign import StageSelection, Wish, run_campaigns
 
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
-    wish = Wish(Selection(first, only, force), distrust=check, accept_failed_checks=qa is _QaGate.WARN)
+    wish = Wish(StageSelection(first, only, force), distrust=check, accept_failed_checks=qa is _QaGate.WARN)
     raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet, workforce=workforce(workers, scheduler)))
 
 

@@ -25,7 +25,7 @@ _SHOWN_REASONS = 3
 _SPOKEN = {"digest", "left", "failed_checks"}
 
 
-class State(StrEnum):
+class Freshness(StrEnum):
     """Where a stage stands."""
 
     FRESH = "fresh"
@@ -34,10 +34,10 @@ class State(StrEnum):
 
 
 @dataclass(frozen=True)
-class Standing:
+class StageStatus:
     """A stage's state, the reasons where it is not fresh, and the ledger entry that speaks for it where it is."""
 
-    state: State
+    state: Freshness
     reasons: tuple[str, ...] = ()
     entry: Entry | None = None
 
@@ -79,15 +79,15 @@ class Evidence:
         """The digest of an artifact that some stage left, or None where no stage left it."""
         return next((e.artifacts[artifact] for e in self.ledger.entries.values() if artifact in e.artifacts), None)
 
-    def standing(self, stage: Stage, now: MadeFrom) -> Standing:
+    def standing(self, stage: Stage, now: MadeFrom) -> StageStatus:
         """Whether the stage's artifacts are whole, as written, and made from what is there ``now``."""
         entry = self.ledger.entries.get(stage.name) or self._embedded(stage)
         if entry is None:
-            return Standing(State.NEVER_RUN, ("nothing of it is there",))
+            return StageStatus(Freshness.NEVER_RUN, ("nothing of it is there",))
         reasons = [*self._artifact_reasons(entry), *_changes(entry, now)]
         if reasons:
-            return Standing(State.STALE, tuple(reasons))
-        return Standing(State.FRESH, entry=Entry(entry.digest, entry.artifacts, entry.failed_checks, now))
+            return StageStatus(Freshness.STALE, tuple(reasons))
+        return StageStatus(Freshness.FRESH, entry=Entry(entry.digest, entry.artifacts, entry.failed_checks, now))
 
     def _artifact_reasons(self, entry: Entry) -> Iterator[str]:
         for name, digest in entry.artifacts.items():

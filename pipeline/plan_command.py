@@ -11,7 +11,7 @@ import pyarrow as pa
 from numpy import isnan
 
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.photograph_plan import PhotographPlan, PlanWish, Targets, plan_photographs
+from truing.estimation.bundle.photograph_plan import PhotographPlan, PlannedTargets, PlanWish, plan_photographs
 from truing.formats.faultlog import FaultLog
 from truing.formats.photographs import list_photographs
 from truing.formats.source import CampaignFiles
@@ -81,7 +81,7 @@ def _of_camera(said: str, plan: PhotographPlan) -> str:
     return f"{said} Its principal distance is {distance:.1f} px, the noise of an image coordinate {noise:.3g} px."
 
 
-def _not_modelled(targets: Targets) -> list[str]:
+def _not_modelled(targets: PlannedTargets) -> list[str]:
     """What the plan takes to be seen that may not be."""
     turned = int((~isnan(targets.layout.normals).any(axis=1)).sum())
     said = "Nothing is taken to stand in the way of a ray, neither other things nor the object itself"

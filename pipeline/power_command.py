@@ -41,7 +41,16 @@ from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.catalogue import catalogue_of_rays, of_photographed_points
 from truing.simulation.cause import Cause, Effect
-from truing.simulation.detection_trials import Answer, Question, Trial, answer, curve, false_alarms, questions, trials
+from truing.simulation.detection_trials import (
+    Answer,
+    DetectionQuestion,
+    Trial,
+    answer,
+    curve,
+    false_alarms,
+    questions,
+    trials,
+)
 from truing.stages import power
 from truing.stages.common.why_not import NO_DRAWING
 from truing.stages.diagnosis.ray_points import gather_rays
@@ -187,7 +196,7 @@ def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign)
     return tables
 
 
-def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: PowerWish) -> list[Question]:
+def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: PowerWish) -> list[DetectionQuestion]:
     """What is asked, with what theory expects of it, from a campaign that is drawn without any effect.
 
     Raises CampaignFaults where such a campaign could not be diagnosed.
@@ -202,7 +211,7 @@ def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: P
 def _answers(
     plan: Plan,
     settings: Campaign,
-    asked: Sequence[Question],
+    asked: Sequence[DetectionQuestion],
     wish: PowerWish,
     workforce: Workforce,
     voice: Voice,
@@ -248,7 +257,7 @@ def _lost(trial: Trial) -> Answer:
 
 def _tell(
     campaign: CampaignFolder,
-    asked: Sequence[Question],
+    asked: Sequence[DetectionQuestion],
     answers: Sequence[Answer],
     out: tuple[Path, OfPhotographs | None],
     voice: Voice,

@@ -17,7 +17,7 @@ from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.voice import Voice
 from truing.pipeline.whole_file import write_whole
-from truing.report.comparison.compared_runs import Between, Compared, Comparison
+from truing.report.comparison.compared_runs import Between, ComparedRun, RunComparison
 from truing.report.comparison.page import comparison_head, comparison_sections
 from truing.report.rendering.render import render_page
 from truing.report.verdict import gates
@@ -250,9 +250,9 @@ def _of_own_measurements(runs: Sequence[Run]) -> None:
                     raise CampaignFaults([Fault(str(run.folder), expected)])
 
 
-def _shown(runs: Sequence[Run], found: SideBySide) -> Comparison:
+def _shown(runs: Sequence[Run], found: SideBySide) -> RunComparison:
     compared = tuple(
-        Compared(
+        ComparedRun(
             label,
             str(run.folder),
             run.origin("qa")["software_version"],
@@ -264,7 +264,7 @@ def _shown(runs: Sequence[Run], found: SideBySide) -> Comparison:
         Between(tuple(step.why for step in steps if step.why), any(step.rebuilt for step in steps))
         for steps in found.steps
     )
-    return Comparison(compared, found.table, between)
+    return RunComparison(compared, found.table, between)
 
 
 def _labels(runs: Sequence[Run]) -> list[str]:

@@ -14,7 +14,7 @@ from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, ope
 from truing.pipeline.campaign_run import CampaignRun, detached_run, open_run
 from truing.pipeline.endings import KEPT, defects_logged, end, end_all
 from truing.pipeline.executor import Workforce, processors, results
-from truing.pipeline.freshness import State
+from truing.pipeline.freshness import Freshness
 from truing.pipeline.problems import ExitCode, gravest
 from truing.pipeline.run_folder import occupied
 from truing.pipeline.run_owner import check_owner, claim, refuse_raw_files
@@ -37,7 +37,7 @@ _LOG = "defect.log"
 
 
 @dataclass(frozen=True)
-class Selection:
+class StageSelection:
     """``first``: rerun from this stage on; ``only``: this stage and what it needs; ``force``: run what is fresh too."""
 
     first: str | None = None
@@ -68,7 +68,7 @@ def _expected(name: str, names: list[str]) -> str:
 class Wish:
     """What the caller of `truing run` asked for besides the campaign."""
 
-    selection: Selection = field(default_factory=Selection)
+    selection: StageSelection = field(default_factory=StageSelection)
     distrust: bool = False
     accept_failed_checks: bool = False
     workers: int = 1  # processes for what one stage can do in independent pieces
@@ -112,7 +112,8 @@ def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish:
     """Tell what is wrong with other files before photographs are measured, which takes long."""
     slow = [stage for stage in stages if stage.name in OF_PHOTOGRAPHS]
     if any(
-        wish.selection.forces(stage, run.order) or run.standing(stage, run.made_from(stage)).state is not State.FRESH
+        wish.selection.forces(stage, run.order)
+        or run.standing(stage, run.made_from(stage)).state is not Freshness.FRESH
         for stage in slow
     ):
         check_before_photographs(detached_run(run.campaign))
@@ -124,7 +125,7 @@ def _bring_up_to_date(run: CampaignRun, stage: Stage, wish: Wish, voice: Voice) 
     with defects_logged(log, f"stage {stage.name}"):
         now = run.made_from(stage)
         standing = run.standing(stage, now)
-        if standing.state is State.FRESH and not wish.selection.forces(stage, run.order):
+        if standing.state is Freshness.FRESH and not wish.selection.forces(stage, run.order):
             return False
         log.unlink(missing_ok=True)
         with voice.during(stage.name) as progress:
@@ -196,7 +197,7 @@ class _Told:
 
 
 @dataclass
-class _Plan:
+class _JobPlan:
     """From the places of a call to jobs; no two campaigns of a call may share a run folder."""
 
     out: Path | None
@@ -222,14 +223,14 @@ def run_campaigns(
     places: Sequence[Path], out: Path | None, wish: Wish, *, quiet: bool, workforce: Workforce | None = None
 ) -> ExitCode:
     """Run campaigns; the gravest ending is the call's. Nothing but an interruption of one ends the others."""
-    voice, plan = Voice(quiet=quiet), _Plan(out, wish, several=len(places) > 1)
+    voice, plan = Voice(quiet=quiet), _JobPlan(out, wish, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
         plan.wish = replace(wish, workers=(workforce and workforce.workers) or processors())
         return end_all([partial(_run_here, place, plan, voice) for place in places], voice)
     return end_all([partial(_run_at_a_time, places, plan, workforce, voice)], voice)
 
 
-def _run_here(place: Path, plan: _Plan, voice: Voice) -> ExitCode:
+def _run_here(place: Path, plan: _JobPlan, voice: Voice) -> ExitCode:
     return _run(plan.job(place), voice)
 
 
@@ -239,7 +240,7 @@ def _run(job: _Job, voice: Voice) -> ExitCode:
     return run_campaign(job.campaign, job.folder, job.wish, voice)
 
 
-def _run_at_a_time(places: Sequence[Path], plan: _Plan, workforce: Workforce, voice: Voice) -> ExitCode:
+def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce, voice: Voice) -> ExitCode:
     """Several campaigns at a time, their messages in the order of the call, each whole."""
     planned = [_planned(place, plan, workforce) for place in places]
     jobs = [job for job in planned if isinstance(job, _Job)]
@@ -254,7 +255,7 @@ def _run_at_a_time(places: Sequence[Path], plan: _Plan, workforce: Workforce, vo
     return gravest(codes)
 
 
-def _planned(place: Path, plan: _Plan, workforce: Workforce) -> _Job | _Told:
+def _planned(place: Path, plan: _JobPlan, workforce: Workforce) -> _Job | _Told:
     """The job for one place, or why there is none."""
     found: list[_Job] = []
     recorder = Recorder()

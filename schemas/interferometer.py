@@ -30,14 +30,14 @@ class DeadPaths(Section):
     dz: Finite = Field(0.0, description="of the channel dz")
 
 
-class Axis(Section):
+class RotationAxis(Section):
     """What an angular channel turns about."""
 
     direction: Vector | None = Field(None, description="fixed frame, of any length; absent: the channel's own axis")
     direction_sigma_rad: NotNegative = Field(0.0, description="one sigma of its angles across")
 
 
-class Beam(Axis):
+class Beam(RotationAxis):
     """How a linear channel's beam meets the platform: along a direction, at an arm from its origin."""
 
     arm_mm: Vector = Field((0.0, 0.0, 0.0), description="from the platform's origin to the point that the beam meets")
@@ -50,13 +50,13 @@ class Beams(Section):
     dx: Beam = Field(Beam(), description="the beam of dx")
     dy: Beam = Field(Beam(), description="the beam of dy")
     dz: Beam = Field(Beam(), description="the beam of dz")
-    rx: Axis = Field(Axis(), description="the axis of rx")
-    ry: Axis = Field(Axis(), description="the axis of ry")
-    rz: Axis = Field(Axis(), description="the axis of rz")
+    rx: RotationAxis = Field(RotationAxis(), description="the axis of rx")
+    ry: RotationAxis = Field(RotationAxis(), description="the axis of ry")
+    rz: RotationAxis = Field(RotationAxis(), description="the axis of rz")
 
     @field_validator(*_AXES)
     @classmethod
-    def _along_its_channel(cls, given: Axis, info: ValidationInfo) -> Axis:
+    def _along_its_channel(cls, given: RotationAxis, info: ValidationInfo) -> RotationAxis:
         if given.direction is None:
             return given
         own = given.direction[_AXES.index(str(info.field_name)) % 3]

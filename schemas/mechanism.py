@@ -185,7 +185,7 @@ _ALLOWED: dict[str, tuple[str, ...]] = {
 }
 
 
-class Element(Section):
+class SensorElement(Section):
     """One element of a sensor's leg, from the base to the platform; what it needs depends on its kind."""
 
     kind: Literal["cylinder", "leaf", "notch", "spring", "rigid", "compliance"] = Field(description="what it is")
@@ -205,7 +205,7 @@ class Element(Section):
     )
 
     @model_validator(mode="after")
-    def _keys_fit_the_kind(self) -> Element:
+    def _keys_fit_the_kind(self) -> SensorElement:
         needed, kind = _NEEDED[self.kind], f"for kind {self.kind}"
         given = {name for name in self.model_fields_set if getattr(self, name) is not None} - {"kind"}
         if lacking := [name for name in needed if name not in given]:
@@ -241,7 +241,7 @@ class SensorMechanism(MechanismSection):
     type: Literal["6-upur"] = Field(description="a force sensor of six elastic legs")
     legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6, description="six entries, in leg order")
     height_mm: Positive = Field(description="platform's origin above that of the fixed frame, unloaded")
-    elements: tuple[Element, ...] = Field((), description="of one leg, from the base to the platform")
+    elements: tuple[SensorElement, ...] = Field((), description="of one leg, from the base to the platform")
     compliance_file: Path | None = Field(None, description="the simulated compliance, 6 x 6, SI, instead of elements")
     tolerance: SensorTolerance = Field(
         SensorTolerance(), description="how well geometry and stiffness are known beforehand"

@@ -8,7 +8,7 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
-class Limits:
+class CheckLimits:
     """Plain limits that a value is held against; a campaign may set others.
 
     of: what is held against them, with its unit in ``unit``; None: no value gives that verdict. below: values below a
@@ -38,7 +38,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Rule:
+class VerdictRule:
     """Verdicts that rest on chance, whose budget is [qa] false_alarm, or on what is wrong whatever its size."""
 
     warns: str = ""
@@ -56,7 +56,7 @@ class QualityCheck:
 
     asks: str
     why: str
-    judged: Limits | Rule
+    judged: CheckLimits | VerdictRule
     to_do: str
     withholds: Literal["", "models", "poses"] = ""
 
@@ -73,7 +73,7 @@ Checks = Mapping[str, QualityCheck]
 TEMPERATURE_UNIT = QualityCheck(
     "Are recorded temperatures and [mechanism] reference_temperature_c in degrees Celsius?",
     "Kelvin or degrees Fahrenheit pass as a warming by tens or hundreds of kelvins, and everything grows by it.",
-    Rule(
+    VerdictRule(
         warns="a reference like one in another unit, with nothing to contradict it",
         fails="a column and the reference that contradict each other by a unit, or parts of a column that do",
     ),
@@ -88,7 +88,9 @@ def time_unit(row: str) -> QualityCheck:
     return QualityCheck(
         f"Can the column `time_s` be seconds, by its pace from {row} to {row} and by how far it counts?",
         "Days of a spreadsheet, hours or milliseconds turn every drift, creep and pause into one of another size.",
-        Rule(warns="a median pace below 0.2 s or above 20000 s that another unit makes likely; counts since 1970"),
+        VerdictRule(
+            warns="a median pace below 0.2 s or above 20000 s that another unit makes likely; counts since 1970"
+        ),
         'Say the unit in [files] (`units = { time_s = "d" }`, or `columns = { time_s = { scale = 1e-9 } }`). '
         "Passes without a word: minutes at a pace that seconds may have, and even paces of a clock. Not evaluated: "
         "fewer than 12 times, or times that merely count.",

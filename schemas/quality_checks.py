@@ -10,7 +10,7 @@ from truing.schemas.checks_of_loads import OF_LOADS
 from truing.schemas.checks_of_points import OF_PHOTOGRAPHS, OF_POINTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant, nearest
-from truing.schemas.quality_check import Checks, Limits
+from truing.schemas.quality_check import CheckLimits, Checks
 from truing.schemas.sections import Acceptance, SetLimits
 
 CHECKS: Mapping[str, Checks] = {
@@ -21,12 +21,12 @@ CHECKS: Mapping[str, Checks] = {
 WITHHOLDING: Checks = {name: check for checks in CHECKS.values() for name, check in checks.items() if check.withholds}
 
 
-def settable(kind: str) -> dict[str, Limits]:
+def settable(kind: str) -> dict[str, CheckLimits]:
     """The checks of a kind of campaign whose limits it may set, with those that hold otherwise."""
-    return {name: check.judged for name, check in CHECKS[kind].items() if isinstance(check.judged, Limits)}
+    return {name: check.judged for name, check in CHECKS[kind].items() if isinstance(check.judged, CheckLimits)}
 
 
-def in_force(declared: Limits, own: SetLimits) -> tuple[float | None, float | None]:
+def in_force(declared: CheckLimits, own: SetLimits) -> tuple[float | None, float | None]:
     """(warn, fail) of a check, those of the campaign before those declared."""
     return (
         declared.warn if own.warn is None else own.warn,
@@ -66,7 +66,7 @@ def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Ite
             yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
 
-def _beyond_sense(file: str, place: str, declared: Limits, own: SetLimits) -> Iterator[Fault]:
+def _beyond_sense(file: str, place: str, declared: CheckLimits, own: SetLimits) -> Iterator[Fault]:
     for key, value in (("warn", own.warn), ("fail", own.fail)):
         if value is not None and declared.most is not None and value > declared.most:
             yield Fault(file, f"at most {declared.most:g} ({declared.of})", column=f"{place}.{key}", value=f"{value:g}")

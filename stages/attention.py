@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from truing.report.numbers import listed
 from truing.schemas.near_names import alike
 from truing.stages.ingestion.tables import FITTED
-from truing.stages.prospects import Found
+from truing.stages.prospects import CampaignContents
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,7 +23,7 @@ _COSTS = "their own scatter stands in for it and is not tested"
 _READING = re.compile(r"rho\d+_mm")
 
 
-def attention(settings: Campaign, found: Found) -> Iterator[str]:
+def attention(settings: Campaign, found: CampaignContents) -> Iterator[str]:
     """Yield a sentence for everything that a person should look at before the campaign is run."""
     if settings.campaign.kind == "photogrammetry":
         yield from _of_frame(settings)
@@ -44,7 +44,7 @@ def _of_frame(settings: Campaign) -> Iterator[str]:
         )
 
 
-def _of_poses(found: Found) -> Iterator[str]:
+def _of_poses(found: CampaignContents) -> Iterator[str]:
     configurations = found.tables.get("configurations")
     if configurations is None or not found.targets:
         return
@@ -58,7 +58,7 @@ def _of_poses(found: Found) -> Iterator[str]:
         yield f"no point was measured in {_listed('pose', without)} of configurations"
 
 
-def _of_bodies(found: Found) -> Iterator[str]:
+def _of_bodies(found: CampaignContents) -> Iterator[str]:
     survey = found.tables.get("survey")
     if survey is None or not found.targets:
         return
@@ -69,7 +69,7 @@ def _of_bodies(found: Found) -> Iterator[str]:
         yield f"no survey has {_listed('body', strange)}"
 
 
-def _of_machine(settings: Campaign, found: Found) -> Iterator[str]:
+def _of_machine(settings: Campaign, found: CampaignContents) -> Iterator[str]:
     configurations = found.tables.get("configurations")
     names = [] if configurations is None else configurations.column_names
     readings = [name for name in names if _READING.fullmatch(name)]
@@ -80,7 +80,7 @@ def _of_machine(settings: Campaign, found: Found) -> Iterator[str]:
         )
 
 
-def _of_scale(settings: Campaign, found: Found) -> Iterator[str]:
+def _of_scale(settings: Campaign, found: CampaignContents) -> Iterator[str]:
     """Photographs that nothing gives a scale: every length that comes out of them stays open."""
     known = settings.photographs
     is_scaled = known.boards or known.marker_mm or found.given & _GIVE_SCALE or "survey" in found.tables
@@ -91,7 +91,7 @@ def _of_scale(settings: Campaign, found: Found) -> Iterator[str]:
         )
 
 
-def _of_undeclared_noise(settings: Campaign, found: Found) -> Iterator[str]:
+def _of_undeclared_noise(settings: Campaign, found: CampaignContents) -> Iterator[str]:
     """Channels without a standard deviation: their own scatter stands in for it, and nothing tests it."""
     keys = _KEYS_OF_MOTION if "displacement" in found.given else _KEYS_OF_READINGS
     measured = (found.tables.get(name) for name in ("readings", "signals"))
@@ -113,7 +113,7 @@ def _without_sigma(readings: pa.Table) -> list[str]:
     return sorted({channel for channel, sigma in pairs if sigma is None or sigma != sigma})
 
 
-def _of_names(found: Found) -> Iterator[str]:
+def _of_names(found: CampaignContents) -> Iterator[str]:
     """Names that differ in their spelling alone, in one table or in two that should hold the same."""
     tables, bodies = found.tables, dict.fromkeys(map(str, [*_column(found.tables.get("survey"), "body"), *found.names]))
     poses = dict.fromkeys(pose for seen in found.targets.values() for pose in seen)
@@ -132,7 +132,7 @@ def _column(table: pa.Table | None, name: str) -> list[object]:
     return [] if table is None else table.column(name).to_pylist()
 
 
-def _surveyed(found: Found, body: object) -> list[object]:
+def _surveyed(found: CampaignContents, body: object) -> list[object]:
     """The targets that the survey has of a body."""
     survey = found.tables.get("survey")
     pairs = zip(_column(survey, "body"), _column(survey, "target"), strict=True)

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.calibration.configuration_search import Judged, bounded, choose, judged, ordered, verification
+from truing.calibration.configuration_search import (
+    AssessedConfigurations,
+    bounded,
+    choose,
+    judged,
+    ordered,
+    verification,
+)
 from truing.estimation.design.pose_selection import information_of
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.configurations.chosen import Design, DesignTables, DesignWish
@@ -42,7 +49,9 @@ def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design
     with _fault_of(tables.avoid_file):
         candidates = bounded(problem, wish.poses, given, rng)
     x = choose(problem, candidates, wish.method, wish.poses, given, rng)
-    whole = Judged(measured, information_of(problem.rows_at(x), given), 0 if kept is None else kept.outside)
+    whole = AssessedConfigurations(
+        measured, information_of(problem.rows_at(x), given), 0 if kept is None else kept.outside
+    )
     existing = existing_configurations(problem, tables.existing)
     with _fault_of("--verification", str(wish.verification)):
         check = verification(problem, x, wish.verification, rng)

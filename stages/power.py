@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.inference.detectable import Sight, sights
+from truing.inference.detectable import EffectSensitivity, sights
 from truing.simulation.cause import Cause
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from truing.inference.selection import Settings
     from truing.schemas.campaign import Campaign
-    from truing.stages.diagnosis.gathered import Gathered
+    from truing.stages.diagnosis.gathered import DiagnosisData
     from truing.stages.simulated_campaigns.plan import CampaignPlan, RayPlan, ReadingPlan
 
     Plan = CampaignPlan | ReadingPlan | RayPlan
@@ -35,7 +35,7 @@ def judged_by(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Sett
     return {cause.id: cause for cause in searched_for(settings, kinds.values())}, own
 
 
-def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
     """What a diagnosis compares of a drawn campaign; raises ValueError, saying why, where the tables do not hold it."""
     from truing.stages.diagnosis.ray_points import gather_rays
     from truing.stages.diagnosis.search import gathered_of
@@ -44,7 +44,7 @@ def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> 
     return gather_rays(tables, settings)[0] if isinstance(plan, RayPlan) else gathered_of(tables, settings)
 
 
-def expected_sights(plan: Plan, gathered: Gathered, settings: Campaign) -> list[Sight]:
+def expected_sights(plan: Plan, gathered: DiagnosisData, settings: Campaign) -> list[EffectSensitivity]:
     """How well the search sees each sort of effect in a drawn campaign without any."""
     from truing.inference.fitted_model import Fitter
     from truing.inference.search import search_of
@@ -56,7 +56,7 @@ def expected_sights(plan: Plan, gathered: Gathered, settings: Campaign) -> list[
     return sights(search_of(stand, list(kinds.values()), _THRESHOLD_DRAWS, rng), rule.level)
 
 
-def completed(bare: CampaignPlan, gathered: Gathered, poses: pa.Table) -> CampaignPlan:
+def completed(bare: CampaignPlan, gathered: DiagnosisData, poses: pa.Table) -> CampaignPlan:
     """A plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them."""
     from truing.stages.simulated_campaigns.plan import full_plan
 

@@ -37,7 +37,7 @@ _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 
 
 @dataclass(frozen=True)
-class Found:
+class CampaignContents:
     """What was read of a campaign: its small tables by artifact; targets: how many each body shows, by body and pose;
     is_photographed: points come out of photographs, which have not been measured yet; given: tables of loads and of
     photographs that the campaign has files of; names: those of the targets that each body shows."""
@@ -84,7 +84,7 @@ class Prospect:
         return f"{self.stage:<12} {said}"
 
 
-def prospects(settings: Campaign, found: Found) -> Iterator[Prospect]:
+def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]:
     """Yield what each stage that measures something will evaluate, of points or of loads."""
     if (own := registered(_OF_TYPES, settings)) is not None:
         yield from (Prospect(*told) for told in own.prospects(settings, found.tables))
@@ -103,7 +103,7 @@ def prospects(settings: Campaign, found: Found) -> Iterator[Prospect]:
         yield Prospect(stage, pose.why_not or why_not, perhaps=perhaps)
 
 
-def _pose(found: Found) -> Prospect:
+def _pose(found: CampaignContents) -> Prospect:
     if found.is_photographed:
         return Prospect("pose", "", "what the photographs show, once they are adjusted")
     seen = {body: found.determined(body) for body in found.targets}
@@ -115,7 +115,7 @@ def _pose(found: Found) -> Prospect:
     return Prospect("pose", "", "; ".join(filter(None, (words, found.of_poses))))
 
 
-def _deformation(settings: Campaign, found: Found) -> str:
+def _deformation(settings: Campaign, found: CampaignContents) -> str:
     if found.is_of_poses:
         return NO_POINTS_TO_DEFORM
     if settings.mechanism.is_legged:
@@ -123,7 +123,7 @@ def _deformation(settings: Campaign, found: Found) -> str:
     return why_no_deformation_of_targets(settings.campaign.drives, found.tables)
 
 
-def _diagnosis(settings: Campaign, found: Found) -> str:
+def _diagnosis(settings: Campaign, found: CampaignContents) -> str:
     if found.is_of_poses:
         return NO_POINTS_TO_DIAGNOSE
     if settings.mechanism.is_legged:
@@ -132,7 +132,7 @@ def _diagnosis(settings: Campaign, found: Found) -> str:
     return "" if found.is_photographed else _diagnosis_of_bodies(settings, found)
 
 
-def _diagnosis_of_bodies(settings: Campaign, found: Found) -> str:
+def _diagnosis_of_bodies(settings: Campaign, found: CampaignContents) -> str:
     reference = None if settings.is_frame_fixed else settings.reference_body
     alone = reference in found.targets and not {"survey", *_UNTARGETED} & found.tables.keys()
     if alone and (why := why_reference_unseen(str(reference), max(found.targets[str(reference)].values(), default=0))):
@@ -148,14 +148,14 @@ def _diagnosis_of_bodies(settings: Campaign, found: Found) -> str:
     return why_too_few_determined(len(determined - held))
 
 
-def _too_few(found: Found) -> str:
+def _too_few(found: CampaignContents) -> str:
     """Of the poses of the table, whose points may still be too few."""
     table = found.tables.get("configurations")
     roles = [] if table is None else table.column("role").to_pylist()
     return why_too_few_poses(sum(role != HELD_OUT for role in roles))
 
 
-def _of_loads(settings: Campaign, found: Found) -> Iterator[Prospect]:
+def _of_loads(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]:
     readings, signals = found.tables.get("readings"), found.tables.get("signals")
     none = readings is None or not readings.num_rows
     yield Prospect("pose", "no readings of displacement" if none else "")
@@ -179,7 +179,7 @@ def _diagnosis_of_loads(settings: Campaign, tables: Mapping[str, pa.Table]) -> s
     return why_no_diagnosis_of_readings(tables, settings)
 
 
-def has_repeats(settings: Campaign, found: Found) -> bool:
+def has_repeats(settings: Campaign, found: CampaignContents) -> bool:
     """Whether targets were seen at poses that repeat one another: their repeatability needs no pose of a body."""
     from truing.stages.common.repeats import repeated_poses
 

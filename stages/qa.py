@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.schemas.campaign import Campaign
-    from truing.stages.quality.check import Check, Checked
+    from truing.stages.quality.check import Check, CheckResults
 
 DECLARATION = Stage(
     name="qa",
@@ -62,9 +62,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     return Outcome(artifacts, found.read, "nothing", figure, failed)
 
 
-def _checked(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
+def _checked(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     if (own := registered(_OF_TYPES, settings)) is not None:
-        found: Checked = own.checks(tables, settings)
+        found: CheckResults = own.checks(tables, settings)
         return found
     from truing.stages.quality import loading_checks, point_checks
 

@@ -22,8 +22,8 @@ from docs.experiments.marked_tables import renew, table
 from docs.experiments.sample_telescope import nominal
 from docs.experiments.telescope_report_data import published
 from truing.calibration.every_case import screened
-from truing.calibration.fits import Calibration, implicit, maximum_likelihood
-from truing.calibration.measured import BodyPoses, Gathered, Measured
+from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
+from truing.calibration.measured import CalibrationData, MeasuredPlatform, PosesWithCovariance
 from truing.calibration.question import Case
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.mechanisms.legs.closures import Legs
@@ -50,9 +50,9 @@ def run_folder(stage: str = "calibrate") -> Path:
 
 def run_sample(folder: Path, stage: str) -> None:
     """Run the sample campaign into a folder as far as a stage."""
-    from truing.pipeline.run_campaign import Selection, Wish, run_campaigns
+    from truing.pipeline.run_campaign import StageSelection, Wish, run_campaigns
 
-    wish = Wish(Selection(None, stage, False), distrust=False, accept_failed_checks=True)
+    wish = Wish(StageSelection(None, stage, False), distrust=False, accept_failed_checks=True)
     if run_campaigns([CAMPAIGN], folder, wish, quiet=True):
         raise RuntimeError("the sample campaign did not run")
 
@@ -184,7 +184,7 @@ def draw_machine(nominal: Legs, rng: np.random.Generator) -> Legs:
     )
 
 
-def measure(true: Legs, scenario: Scenario, rng: np.random.Generator) -> Measured:
+def measure(true: Legs, scenario: Scenario, rng: np.random.Generator) -> MeasuredPlatform:
     """Table 3 measured on such a machine, with the noise that the sample's poses have."""
     covariance = body_poses(pq.read_table(run_folder() / "poses.parquet"), "platform", tuple(range(1, 41))).covariance
     covariance = covariance * scenario.noise**2
@@ -192,8 +192,8 @@ def measure(true: Legs, scenario: Scenario, rng: np.random.Generator) -> Measure
     found = forward(true, rho + rng.normal(0.0, scenario.reading, rho.shape))
     error = (np.linalg.cholesky(covariance) @ rng.normal(size=(40, 6, 1)))[..., 0]
     error[: scenario.bad, 0] += 3e-4
-    poses = BodyPoses(found.p + error[:, :3], exp_so3(error[:, 3:]) @ found.R, covariance)
-    return Measured(tuple(range(1, 41)), np.full(40, "calibration", object), poses, poses, rho, {})
+    poses = PosesWithCovariance(found.p + error[:, :3], exp_so3(error[:, 3:]) @ found.R, covariance)
+    return MeasuredPlatform(tuple(range(1, 41)), np.full(40, "calibration", object), poses, poses, rho, {})
 
 
 def both_errors(scenario: Scenario, rng: np.random.Generator) -> NDArray:
@@ -203,7 +203,7 @@ def both_errors(scenario: Scenario, rng: np.random.Generator) -> NDArray:
     true = draw_machine(machine.legs, rng)
     measured = measure(true, scenario, rng)
     case = Case(RIGID, "none", machine)
-    gathered = Gathered(measured, machine, TOLERANCE, scenario.reading, {}, None, "")
+    gathered = CalibrationData(measured, machine, TOLERANCE, scenario.reading, {}, None, "")
     kept = screened(gathered, measured, case).kept
     fresh = true.rho0 + rng.uniform(-1.3e-3, 1.3e-3, (FRESH, 6))
     everything = np.ones(40, bool)
@@ -211,7 +211,7 @@ def both_errors(scenario: Scenario, rng: np.random.Generator) -> NDArray:
     return np.array([_errors(fit, true, fresh) for fit in fits])
 
 
-def _errors(fit: Calibration, true: Legs, fresh: NDArray) -> tuple[float, float, float]:
+def _errors(fit: MachineCalibration, true: Legs, fresh: NDArray) -> tuple[float, float, float]:
     there, said = forward(true, fresh), forward(fit.machine.legs, fresh)
     angle = log_so3(said.R @ np.swapaxes(there.R, -1, -2))
     joints = np.concatenate([fit.machine.legs.a - true.a, fit.machine.legs.b - true.b])

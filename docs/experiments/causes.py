@@ -34,7 +34,7 @@ from truing.simulation.mechanisms.causes.warmth import APART
 
 if TYPE_CHECKING:
     from truing.simulation.mechanisms.model import PointModel
-    from truing.stages.diagnosis.gathered import Gathered
+    from truing.stages.diagnosis.gathered import DiagnosisData
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
@@ -120,7 +120,7 @@ def catalogue_table() -> str:
 
 
 @cache
-def _gathered() -> Gathered:
+def _gathered() -> DiagnosisData:
     """Return what the diagnosis compares of the sample campaign."""
     from tests.stages.line import run_line
     from truing.schemas.campaign import read_campaign

@@ -18,7 +18,7 @@ from docs.experiments.calibration import run_folder
 from docs.experiments.marked_tables import renew, table
 
 if TYPE_CHECKING:
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"
@@ -27,7 +27,7 @@ DRAWS, SEEDS = (100, 400, 1600), 6
 
 
 @cache
-def sample() -> Diagnosis:
+def sample() -> CauseDiagnosis:
     """Return all that is decided on the sample campaign."""
     from tests.stages.line import run_line
     from truing.schemas.campaign import read_campaign

@@ -25,7 +25,7 @@ from truing.estimation.design.pose_selection import efficiency, exchange, inform
 from truing.estimation.rotation import exp_so3
 from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.legs.kinematics import forward
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
 from truing.simulation.mechanisms.pose_regressors import Placed
 from truing.simulation.mechanisms.recalibration import recalibrate
 from truing.stages.configurations.problem import design_problem, limits_of
@@ -118,7 +118,7 @@ def accuracy(placed: Placed, rng: np.random.Generator) -> tuple[float, float]:
     """
     machine = problem().regressors.machine
     legs = machine.legs.count
-    names = ParameterSet(tuple(Parameter(name, leg, "", 1.0) for name in SEVEN for leg in range(legs)))
+    names = ParameterSet(tuple(LegParameter(name, leg, "", 1.0) for name in SEVEN for leg in range(legs)))
     true = names.values(machine).reshape(len(SEVEN), legs).T
     p = placed.p + NOISE * rng.normal(size=(DRAWS, *placed.p.shape))
     R = exp_so3(NOISE / LEVER * rng.normal(size=p.shape)) @ placed.R

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.six_upur import elements
-from truing.simulation.bench.six_upur.elements import Element, leaf_compliance, universal_joint
+from truing.simulation.bench.six_upur.elements import LegElement, leaf_compliance, universal_joint
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 from truing.simulation.bench.six_upur.tolerances import sigma_of
@@ -49,7 +49,7 @@ class SensorSet:
         lower, upper = (_ring(radius, polar) for radius, polar in zip(self.radii, self.polar, strict=True))
         return joint_centres(lower, upper, self.height)
 
-    def leg(self) -> list[Element]:
+    def leg(self) -> list[LegElement]:
         """Return the elements of one leg."""
         part = leaf_compliance(LEAF_LENGTH, LEAF_WIDTH, self.thickness, *STEEL, "s1")
         joint = elements.compliance(universal_joint(part, LEAF_LENGTH))

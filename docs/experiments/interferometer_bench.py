@@ -149,7 +149,7 @@ def _probability(value: float) -> str:
     return f"{value:.2g}" if value > 1e-9 else "below 1e-9"
 
 
-def _told(found: quality.Found, scale: float = 1.0) -> list[str]:
+def _told(found: quality.LogFaults, scale: float = 1.0) -> list[str]:
     where = ", ".join(str(at) for at in found.where[:6]) + (" ..." if len(found) > 6 else "")
     sizes = dict.fromkeys(f"{scale * size:.4g}" for size in found.size)
     return [where or "nowhere", ", ".join(sizes)]

@@ -19,7 +19,7 @@ from docs.experiments.marked_tables import renew
 from docs.experiments.sample_telescope import PROJECT, nominal
 from truing.estimation.least_squares.solver import Method
 from truing.estimation.rotation import exp_so3
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, report_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, report_set
 from truing.simulation.mechanisms.recalibration import minima_from, nominal_values
 from truing.simulation.mechanisms.structures.structure import Machine
 
@@ -62,7 +62,7 @@ def sample_campaign() -> Campaign:
 def cases(campaign: Campaign) -> dict[str, tuple[Machine, ParameterSet]]:
     """Return machines and what is identified of them, by what the table calls them."""
     legs, none = campaign.nominal.legs, report_set(campaign.nominal, "none")
-    both = ParameterSet((*none.entries, *(Parameter("u_y", leg, "1", 1.0) for leg in range(legs.count))))
+    both = ParameterSet((*none.entries, *(LegParameter("u_y", leg, "1", 1.0) for leg in range(legs.count))))
     linear, matrix = Machine(legs, KAPPA * np.eye(legs.count)), Machine(legs, campaign.K)
     return {
         "κ, the rest of K known": (matrix, report_set(matrix, "matrix")),

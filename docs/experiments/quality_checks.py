@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from docs.experiments.marked_tables import renew, table
-from truing.schemas.quality_check import Checks, Limits, QualityCheck
+from truing.schemas.quality_check import CheckLimits, Checks, QualityCheck
 from truing.schemas.quality_checks import CHECKS
 
 _MARK = "settable"
@@ -26,7 +26,7 @@ def overview(checks: Checks) -> str:
             one.asks,
             one.judged.warns or "–",
             one.judged.fails or "–",
-            _MARK * isinstance(one.judged, Limits),
+            _MARK * isinstance(one.judged, CheckLimits),
             one.withholds,
         ]
         for name, one in checks.items()
@@ -52,7 +52,7 @@ def _limit(check: QualityCheck) -> str:
     verdicts = "; ".join(
         f"{verb} {words}" for verb, words in (("warns", judged.warns), ("fails", judged.fails)) if words
     )
-    if isinstance(judged, Limits):
+    if isinstance(judged, CheckLimits):
         return f"{judged.of}: {verdicts}. Settable."
     return f"{verdicts or 'none; it tells what cannot be evaluated'}."
 

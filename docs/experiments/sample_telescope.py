@@ -14,7 +14,7 @@ from docs.experiments.telescope_report_data import published
 from truing.estimation.design.observability import Observability, observe
 from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at
 from truing.stages.common.nominal_mechanism import nominal_machine
@@ -49,7 +49,7 @@ def parameters(names: tuple[str, ...]) -> ParameterSet:
     """Parameters of every leg, leg by leg."""
     units = {"u": ("1", 1.0), "k": ("1", 1.0)}
     return ParameterSet(
-        tuple(Parameter(name, leg, *units.get(name[0], ("mm", 1e-3))) for leg in LEGS for name in names)
+        tuple(LegParameter(name, leg, *units.get(name[0], ("mm", 1e-3))) for leg in LEGS for name in names)
     )
 
 
@@ -85,5 +85,5 @@ def scales(names: tuple[str, ...], wide: float = 1.0) -> NDArray:
 
 def leg_observability(names: tuple[str, ...], leg: int, wide: float = 1.0) -> Observability:
     """What is seen of a leg."""
-    labels = [Parameter(name, leg, "", 1.0).label for name in names]
+    labels = [LegParameter(name, leg, "", 1.0).label for name in names]
     return observe(leg_jacobian(names, leg), scales(names, wide), labels)

@@ -15,7 +15,7 @@ from docs.experiments.telescope_report_machine import MODEL, stand, with_deforma
 from truing.estimation.design.observability import indices, observe
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.mechanisms.legs.kinematics import inverse, inverse_jacobian, leg_vectors, reference_pose, unit
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
 from truing.simulation.mechanisms.structures.beam_model import circle_distance
 from truing.simulation.mechanisms.structures.structure import Machine
 
@@ -164,7 +164,7 @@ def sensitivity() -> Sensitivity:
 def _seven() -> ParameterSet:
     scale = {"mm": 1e-3, "1": 1.0}
     return ParameterSet(
-        tuple(Parameter(name, leg, unit, scale[unit]) for leg in range(6) for name, unit in SEVEN.items())
+        tuple(LegParameter(name, leg, unit, scale[unit]) for leg in range(6) for name, unit in SEVEN.items())
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from docs.experiments.telescope_report_data import published
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
-from truing.simulation.mechanisms.structures.structure import Machine, Section, poses_at
+from truing.simulation.mechanisms.structures.structure import BeamSection, Machine, poses_at
 
 # About 10 mm: what Table 5a and 6a say together (`telescope_report_kappa.reference_reading`).
 REFERENCE_READING = 10e-3
@@ -84,10 +84,10 @@ def flexible(of: Machine) -> Machine:
     return replace(of, flexure_length=length, flexure=_round(2e-3, 114e9, 0.34), tube=_round(12e-3, 150e9, 0.3))
 
 
-def _round(diameter: float, young: float, poisson: float) -> Section:
+def _round(diameter: float, young: float, poisson: float) -> BeamSection:
     second = np.pi * diameter**4 / 64
     shear = young / (2 * (1 + poisson))
-    return Section(young * second, young * np.pi * diameter**2 / 4, shear * 2 * second)
+    return BeamSection(young * second, young * np.pi * diameter**2 / 4, shear * 2 * second)
 
 
 class OpenError(ArithmeticError):

@@ -18,7 +18,7 @@ from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_geometry import best_shape, sigma_of_K
 from docs.experiments.telescope_report_machine import MODEL, Stand, flexible, stand, with_deformation
 from truing.estimation.rotation import log_so3
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
 from truing.simulation.mechanisms.structures.beam_model import BeamModel
 from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
@@ -71,7 +71,7 @@ def absorbed(effect: NDArray) -> NDArray:
 
 def swallowed(name: str, change: NDArray) -> NDArray:
     """Return what the fit makes of a change (6,), SI, of a parameter that it does not have, as a_z or u_x."""
-    parameters = ParameterSet(tuple(Parameter(name, leg, "1", 1.0) for leg in range(6)))
+    parameters = ParameterSet(tuple(LegParameter(name, leg, "1", 1.0) for leg in range(6)))
     machine, at = _machine(), _at()
     closing = MODEL.close(machine, at.p, at.R, at.rho, parameters.change(machine))
     # true values off by the change leave the nominal machine's closing off by minus its effect
@@ -152,7 +152,7 @@ def _in_plane(share: float) -> NDArray:
 
 
 def _joints() -> ParameterSet:
-    return ParameterSet(tuple(Parameter(f"b_{axis}", leg, "m", 1.0) for leg in range(6) for axis in "xyz"))
+    return ParameterSet(tuple(LegParameter(f"b_{axis}", leg, "m", 1.0) for leg in range(6) for axis in "xyz"))
 
 
 def _more_of_K(share: float, whole: bool) -> NDArray:

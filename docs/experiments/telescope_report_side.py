@@ -25,7 +25,7 @@ from truing.estimation.design.observability import Observability, observe
 from truing.estimation.least_squares.solver import Method, Minima, Solution, distinct_minima, least_squares
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.legs.kinematics import forward
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, report_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, deformation_set, report_set
 from truing.simulation.mechanisms.structures.structure import Machine, Structure
 
 # What the report's matrix model leaves of the measured shifts, on average (section 3.3).
@@ -71,7 +71,7 @@ def directions() -> dict[str, Fitted]:
     rest = [entry for entry in report.entries if entry.name != "u_x"]
     components = {"u_x": ["u_x"], "u_y": ["u_y"], "u_x and u_y": ["u_x", "u_y"]}
     sets = {
-        name: ParameterSet((*rest, *(Parameter(which, leg, "1", 1.0) for which in wanted for leg in range(6))))
+        name: ParameterSet((*rest, *(LegParameter(which, leg, "1", 1.0) for which in wanted for leg in range(6))))
         for name, wanted in components.items()
     }
     return {name: fit(nominal, parameters) for name, parameters in sets.items()}
@@ -80,7 +80,7 @@ def directions() -> dict[str, Fitted]:
 def with_reference() -> tuple[Fitted, Fitted]:
     """Return the Jacobian model's fit without and with rho0 among the parameters (7.1.2)."""
     nominal, report = known("none"), report_set(known("none"), "none")
-    more = ParameterSet((*report.entries, *(Parameter("rho0", leg, "mm", 1e-3) for leg in range(6))))
+    more = ParameterSet((*report.entries, *(LegParameter("rho0", leg, "mm", 1e-3) for leg in range(6))))
     return tuple(fit(nominal, parameters, STRUCTURES["b"]) for parameters in (report, more))  # type: ignore[return-value]
 
 
@@ -106,7 +106,7 @@ def stiffness_parameters() -> Observability:
     nominal = known("none")
     report = report_set(nominal, "none")
     names = [f"{body}_{kind}" for body in ("flexure", "tube") for kind in ("bending", "axial", "torsion")]
-    parameters = ParameterSet((*report.entries, *(Parameter(name, -1, "SI", 1.0) for name in names)))
+    parameters = ParameterSet((*report.entries, *(LegParameter(name, -1, "SI", 1.0) for name in names)))
     kind = np.array([entry.name for entry in parameters.entries])
     scales = np.where(kind == "u_x", 0.01, 0.5e-3)
     scales = np.where(np.isin(kind, names), parameters.values(nominal), scales)

@@ -11,7 +11,7 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.bundle.image_stability import image_stability, moved_by_settings
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
-from truing.estimation.bundle.network import State
+from truing.estimation.bundle.network import NetworkState
 from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions
 from truing.estimation.bundle.start_values import scale_ratio
 from truing.estimation.bundle.variance_components import POOLED, VarianceComponents
@@ -168,7 +168,7 @@ def _of_survey(places: dict[str, Array], survey: SurveyedPoints | None) -> list[
     return found
 
 
-def _of_known(found: AdjustedNetwork, state: State, pose: int) -> list[tuple[str, float, float]]:
+def _of_known(found: AdjustedNetwork, state: NetworkState, pose: int) -> list[tuple[str, float, float]]:
     """Known points that the rays do not contradict by their shape."""
     network = found.adjustment.network
     here = network.point_pose[network.known.point] == pose

@@ -16,13 +16,13 @@ from truing.calibration.accuracy import (
     ARCSEC,
     ESTIMATOR,
     MODEL,
+    AssessedCalibration,
     Extended,
-    Judged,
     error_figures,
     errors_at,
     identifiable,
 )
-from truing.calibration.measured import Gathered, Measured
+from truing.calibration.measured import CalibrationData, MeasuredPlatform
 from truing.inference.pulls import pulls
 from truing.simulation.mechanisms.extended_model import ExtendedModel, name_and_leg, read_model, some_of
 from truing.stages.calibration.model_rows import accuracy_rows, add_correlations, add_figures, requirement_rows
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 def extended_of(
-    text: str, tables: Mapping[str, pa.Table], measured: Measured, fitted: NDArray, *, is_main: bool = False
+    text: str, tables: Mapping[str, pa.Table], measured: MeasuredPlatform, fitted: NDArray, *, is_main: bool = False
 ) -> Extended:
     """The model that a model.toml describes, held against measured poses; fitted (B,): poses that it was fitted to."""
     found = read_model(text)
@@ -45,7 +45,7 @@ def extended_of(
     return Extended(found, errors_at(found, conditions, measured, fitted), is_main)
 
 
-def _conditions(found: ExtendedModel, configurations: pa.Table, measured: Measured) -> Conditions:
+def _conditions(found: ExtendedModel, configurations: pa.Table, measured: MeasuredPlatform) -> Conditions:
     """Conditions of the measured poses; what depends on the order in time is told by all poses."""
     every = pose_ids(configurations)
     whole = pose_conditions(configurations, every, found.model.nominal.count, found.model.known.reading_sigma)
@@ -129,7 +129,7 @@ def extended_correlations(extended: Extended) -> Rows:
     return rows
 
 
-def compared_rows(chosen: Judged, extended: Extended, fitted: NDArray) -> Rows:
+def compared_rows(chosen: AssessedCalibration, extended: Extended, fitted: NDArray) -> Rows:
     """Errors of the chosen calibration and of the extended model at the poses that nothing was fitted to.
 
     fitted (B,): the others; where all poses were fitted, the errors at those.
@@ -170,7 +170,12 @@ def compared_rows(chosen: Judged, extended: Extended, fitted: NDArray) -> Rows:
 
 
 def add_extended(
-    rows: Mapping[str, Rows], extended: Extended, asked: Requirement, gathered: Gathered, fitted: NDArray, why_not: str
+    rows: Mapping[str, Rows],
+    extended: Extended,
+    asked: Requirement,
+    gathered: CalibrationData,
+    fitted: NDArray,
+    why_not: str,
 ) -> None:
     """Add the extended model to the tables of the calibrations; it was fitted to other data, and is not chosen from.
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from truing.calibration.accuracy import (
     ARCSEC,
+    AssessedCalibration,
     Decision,
     Figure,
     Interval,
-    Judged,
     PoseErrors,
     deciding,
     error_figures,
@@ -21,11 +21,11 @@ from truing.calibration.accuracy import (
     fit_figures,
     nominal_errors,
 )
-from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.calibration.knowledge import absorbed, observe_legs, observe_model
-from truing.calibration.measured import Gathered, Measured
+from truing.calibration.measured import CalibrationData, MeasuredPlatform
 from truing.estimation.design.observability import Observability, choose_identifiable, indices, inseparable
-from truing.estimation.held_out import Choice
+from truing.estimation.held_out import ContenderChoice
 from truing.simulation.mechanisms.structures.catalogue import departure, structures
 from truing.simulation.mechanisms.structures.structure import Machine
 from truing.stages.common.rows import Rows
@@ -39,7 +39,7 @@ LEAST_CORRELATION = 0.05  # pairs of parameters less correlated than this are no
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def parameter_rows(artifact: str, calibrations: Sequence[Calibration]) -> Rows:
+def parameter_rows(artifact: str, calibrations: Sequence[MachineCalibration]) -> Rows:
     """Every identified parameter of every calibration, in the units of the tables."""
     rows = Rows(artifact)
     for calibration in calibrations:
@@ -61,7 +61,7 @@ def parameter_rows(artifact: str, calibrations: Sequence[Calibration]) -> Rows:
     return rows
 
 
-def correlation_rows(calibrations: Sequence[Calibration]) -> Rows:
+def correlation_rows(calibrations: Sequence[MachineCalibration]) -> Rows:
     """The correlated pairs of every calibration's parameters."""
     rows = Rows("correlations")
     for calibration in calibrations:
@@ -86,7 +86,7 @@ def add_correlations(rows: Rows, key: Key, names: Sequence[tuple[str, int | None
     )
 
 
-def choice_rows(judged: Sequence[Judged], roles: NDArray, made: Choice) -> Rows:
+def choice_rows(judged: Sequence[AssessedCalibration], roles: NDArray, made: ContenderChoice) -> Rows:
     """The figures of every calibration; ``made`` concerns those by maximum likelihood, which come first."""
     rows = Rows("model_choice")
     for i, one in enumerate(judged):
@@ -104,7 +104,7 @@ def add_figures(rows: Rows, key: Key, estimator: str, figures: Sequence[Figure])
         rows.add(model=key[0], deformation=key[1], estimator=estimator, figure=name, value=value, unit=unit)
 
 
-def add_uncalibrated(rows: Rows, machine: Machine, measured: Measured) -> None:
+def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -> None:
     """Add the figures of the machine before any calibration, and how far every other model of its structure departs
     from rigid legs over the campaign's own readings."""
     rigid, *others = structures(machine)
@@ -121,7 +121,7 @@ def add_uncalibrated(rows: Rows, machine: Machine, measured: Measured) -> None:
             add_figures(rows, (structure.name, "none"), "nominal", figures)
 
 
-def accuracy_rows(artifact: str, told: Sequence[tuple[Key, PoseErrors]], measured: Measured) -> Rows:
+def accuracy_rows(artifact: str, told: Sequence[tuple[Key, PoseErrors]], measured: MeasuredPlatform) -> Rows:
     """The errors of all models as rows of accuracy.parquet or its like."""
     rows = Rows(artifact)
     parts = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
@@ -211,7 +211,7 @@ def _requirement_words(found: Interval | None, verdict: str, limit: float, unit:
     return f"{told}, asked for {limit:g} {unit}: {verdict}"
 
 
-def observability_rows(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Rows:
+def observability_rows(gathered: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Rows:
     """What the data can know: leg by leg of the rigid legs with all their numbers, and of the chosen model."""
     rows = Rows("observability")
     for leg, found in enumerate(observe_legs(gathered, fitted)):
@@ -246,7 +246,9 @@ def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, fo
             rows.add(**common, figure="unidentifiable", value=value, combination=text)
 
 
-def absorption_rows(gathered: Gathered, fitted: Measured, calibrations: Sequence[Calibration]) -> Rows:
+def absorption_rows(
+    gathered: CalibrationData, fitted: MeasuredPlatform, calibrations: Sequence[MachineCalibration]
+) -> Rows:
     """What the parameters of models with less deformation take over of K, predicted and as the fits did it."""
     rows = Rows("absorption")
     known = gathered.deformations.get("matrix")
@@ -260,7 +262,13 @@ def absorption_rows(gathered: Gathered, fitted: Measured, calibrations: Sequence
     return rows
 
 
-def _absorbed(rows: Rows, gathered: Gathered, fitted: Measured, calibration: Calibration, whole: Calibration) -> None:
+def _absorbed(
+    rows: Rows,
+    gathered: CalibrationData,
+    fitted: MeasuredPlatform,
+    calibration: MachineCalibration,
+    whole: MachineCalibration,
+) -> None:
     entries, units = calibration.parameters.entries, calibration.parameters.units
     found = absorbed(gathered, fitted, calibration, whole)
     rows.add(

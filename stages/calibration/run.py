@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.belonging.relation import State
-from truing.calibration.accuracy import Extended, Judged, choice, doubts, shortcoming
+from truing.belonging.relation import RelationState
+from truing.calibration.accuracy import AssessedCalibration, Extended, choice, doubts, shortcoming
 from truing.calibration.every_case import LEAST_LEGS, OFF, Screened, calibrations, judged, screened_poses
-from truing.calibration.measured import Gathered
+from truing.calibration.measured import CalibrationData
 from truing.calibration.question import Case, cases
 from truing.estimation.rotation import log_so3
 from truing.report.numbers import count as counted
@@ -79,7 +79,7 @@ def incomplete_picture(tables: Mapping[str, pa.Table]) -> str:
 
     known = {name: tables[name].to_pandas() for name in ("diagnosis", "adequacy", "prediction") if name in tables}
     verdict = adequacy_verdict(known, {})
-    return verdict.explanation if verdict is not None and verdict.state == State.FAILS else ""
+    return verdict.explanation if verdict is not None and verdict.state == RelationState.FAILS else ""
 
 
 def nothing_calibrated(why: str) -> Outcome:
@@ -87,7 +87,7 @@ def nothing_calibrated(why: str) -> Outcome:
     return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in LEAVES}, why)
 
 
-def _too_little(gathered: Gathered) -> str:
+def _too_little(gathered: CalibrationData) -> str:
     """Why these poses say too little of any machine; empty where they do not."""
     platform = gathered.measured.platform
     away = np.concatenate([platform.p - platform.p[0], log_so3(platform.R @ platform.R[0].T)], -1)
@@ -97,7 +97,7 @@ def _too_little(gathered: Gathered) -> str:
     return ""
 
 
-def _unreached(gathered: Gathered) -> str:
+def _unreached(gathered: CalibrationData) -> str:
     """Why the nominal mechanism cannot be calibrated at these readings; empty where it can."""
     legs, rho, platform = gathered.machine.legs, gathered.measured.rho, gathered.measured.platform
     if 2 * np.isfinite(inverse(legs, platform.p, platform.R)).all(1).sum() < len(rho):
@@ -112,7 +112,7 @@ def _unreached(gathered: Gathered) -> str:
 
 
 def _calibrated(
-    gathered: Gathered,
+    gathered: CalibrationData,
     fitted: NDArray,
     asked: Requirement,
     extended: Extended | None,
@@ -196,12 +196,12 @@ def _words(case: Case) -> str:
     return f"{case.structure.name}, {_DEFORMATION[case.deformation]}"
 
 
-def _accuracy(artifact: str, judged: list[Judged], gathered: Gathered) -> Rows:
+def _accuracy(artifact: str, judged: list[AssessedCalibration], gathered: CalibrationData) -> Rows:
     told = [(one.calibration.case.key, one.errors) for one in judged if one.errors is not None]
     return accuracy_rows(artifact, told, gathered.measured)
 
 
-def _figure(best: Judged, count: int, held: NDArray) -> str:
+def _figure(best: AssessedCalibration, count: int, held: NDArray) -> str:
     said = f"{_words(best.calibration.case)} chosen of {counted(count, 'model')}"
     against = f"; {told}" if (told := doubts(best)) else ""
     if best.errors is None:

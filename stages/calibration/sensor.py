@@ -24,7 +24,7 @@ from truing.estimation.sensor.calibration import (
 )
 from truing.estimation.sensor.contenders import HeldOut, SensorCalibrations, calibrations, predicted_loads
 from truing.estimation.sensor.error_classes import CREEP_S, ErrorClass, axis_errors
-from truing.estimation.sensor.load_table import Recorded
+from truing.estimation.sensor.load_table import RecordedLoads
 from truing.report.numbers import count as counted
 from truing.report.numbers import listed, percent
 from truing.schemas.artifacts import ARTIFACTS
@@ -75,7 +75,7 @@ def leg_matrix(
 class Beside:
     """The calibrations that are not the main ones: with the loads as recorded, or as they act by the findings."""
 
-    found: Recorded
+    found: RecordedLoads
     fitted: SensorCalibrations
 
 
@@ -278,7 +278,7 @@ def _beside(tables: Mapping[str, pa.Table], settings: Campaign) -> Beside | None
         return None
 
 
-def compared_rows(found: Recorded, fitted: SensorCalibrations, beside: Beside) -> Rows:
+def compared_rows(found: RecordedLoads, fitted: SensorCalibrations, beside: Beside) -> Rows:
     """Errors of held-out loads of the main calibration, and of the one beside it.
 
     ``rms_unchanged`` is over the load steps that both have and that no finding changes.
@@ -311,19 +311,19 @@ def compared_rows(found: Recorded, fitted: SensorCalibrations, beside: Beside) -
     return rows
 
 
-def _steps(found: Recorded) -> list[tuple[int | str, int]]:
+def _steps(found: RecordedLoads) -> list[tuple[int | str, int]]:
     """The load steps (B,) by run and step."""
     return list(zip([found.steps.runs[run] for run in found.steps.run], found.steps.step.tolist(), strict=True))
 
 
-def _held_out_steps(found: Recorded) -> list[tuple[int | str, int]]:
+def _held_out_steps(found: RecordedLoads) -> list[tuple[int | str, int]]:
     """Those that calibrate, in the order of their held-out errors."""
     return list(compress(_steps(found), (~found.steps.held_out).tolist()))
 
 
 def _fitted(
     tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress
-) -> tuple[Recorded | None, SensorCalibrations | None, str]:
+) -> tuple[RecordedLoads | None, SensorCalibrations | None, str]:
     """The signals and their calibrations, or why there are none."""
     if "signals" not in tables or not tables["signals"].num_rows:
         return None, None, "the campaign holds no signals"
@@ -337,7 +337,7 @@ def _fitted(
         return None, None, str(error)
 
 
-def _figure_of_sensor(found: Recorded, fitted: SensorCalibrations, ranges: np.ndarray) -> str:
+def _figure_of_sensor(found: RecordedLoads, fitted: SensorCalibrations, ranges: np.ndarray) -> str:
     held = 100.0 * fitted.choice.chosen.rms / ranges
     worst = int(np.nanargmax(held))
     return (
@@ -353,7 +353,7 @@ def nothing_of_sensor(why: str) -> Outcome:
     return Outcome.not_evaluated(empty, why)
 
 
-def choice_rows(found: Recorded, fitted: SensorCalibrations) -> Rows:
+def choice_rows(found: RecordedLoads, fitted: SensorCalibrations) -> Rows:
     """The figures of every contender, and why others could not contend."""
     rows = Rows("sensor_choice")
     equal = fitted.choice.choice.indistinguishable
@@ -395,7 +395,7 @@ def _add_figure(rows: Rows, one: HeldOut, figure: str, subject: str | None, valu
     rows.add(model=one.fit.model.name, figure=figure, subject=subject, value=finite, unit=unit)
 
 
-def error_class_rows(found: Recorded, fitted: SensorCalibrations, ranges: Array) -> Rows:
+def error_class_rows(found: RecordedLoads, fitted: SensorCalibrations, ranges: Array) -> Rows:
     """Every class of every axis that was loaded by itself; ranges (6,) N and N m, NaN where an axis has none."""
     rows = Rows("error_classes")
     every = found.table(np.ones(len(found.steps.run), bool), found.steps.run)

@@ -10,7 +10,7 @@ from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, angular_rows, linear_rows
 
 if TYPE_CHECKING:
-    from truing.schemas.interferometer import Axis, Beams
+    from truing.schemas.interferometer import Beams, RotationAxis
 
 _MM = 1e-3
 LINEAR = 3  # channels ahead of the angular ones
@@ -29,6 +29,6 @@ def channel_rows(beams: Beams) -> Array:
     return np.stack(found)
 
 
-def beam_direction(k: int, beam: Axis) -> Array:
+def beam_direction(k: int, beam: RotationAxis) -> Array:
     """The direction (3,) in which a channel, by number, counts positive."""
     return np.eye(LINEAR)[k % LINEAR] if beam.direction is None else np.array(beam.direction)

@@ -8,7 +8,7 @@ from dataclasses import asdict
 
 import pyarrow as pa
 
-from truing.belonging.relation import Slip, Tested
+from truing.belonging.relation import RecordSlip, Tested
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.checks_of_axes import OF_POSITIONS
 from truing.schemas.quality_checks import WITHHOLDING
@@ -38,7 +38,7 @@ def _row(tested: Tested, accepted: str | None) -> dict[str, object]:
     }
 
 
-def _json(slips: Sequence[Slip]) -> str:
+def _json(slips: Sequence[RecordSlip]) -> str:
     return json.dumps([asdict(slip) for slip in slips])
 
 

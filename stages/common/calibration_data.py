@@ -11,7 +11,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from truing.calibration.measured import BodyPoses, Deformation, Gathered, Measured, Shifts, SurveyedAttachments
+from truing.calibration.measured import (
+    CalibrationData,
+    Deformation,
+    MeasuredPlatform,
+    PosesWithCovariance,
+    SurveyedAttachments,
+    SurveyShifts,
+)
 from truing.estimation.measured_numbers import NetworkErrors, pose_numbers, shift_number
 from truing.estimation.rigid_poses.points import SurveyPoints
 from truing.estimation.rotation import exp_so3
@@ -113,7 +120,7 @@ def _root(covariance: NDArray) -> NDArray:
     return np.asarray(scale[:, None] * vectors[:, told] * np.sqrt(values[told]))
 
 
-def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationData:
     """Return what a calibration compares; raises ValueError, saying why, where the campaign does not hold it."""
     section_ = cast("LeggedMechanism", settings.mechanism)
     count = len(section_.legs)
@@ -130,10 +137,10 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
     roles = _roles(tables["configurations"], poses)
     seen = {"platform": platform} | {f"leg{leg + 1}": found for leg, found in carrying.items()}
     network = network_errors(tables, poses, {name: found.covariance for name, found in seen.items()}, count)
-    measured = Measured(poses, roles, base, platform, rho, carrying, shifts, network).chosen(usable)
+    measured = MeasuredPlatform(poses, roles, base, platform, rho, carrying, shifts, network).chosen(usable)
     if not usable.any():
         raise ValueError("no pose has both readings and a pose of the platform in the base")
-    return Gathered(
+    return CalibrationData(
         measured,
         replace(machine, legs=facing(machine.legs, tables["poses"])),
         _tolerances(section_),
@@ -150,7 +157,7 @@ def _rests_on_attachments(platform: SurveyPoints) -> bool:
     return bool(np.any(platform.frame & (platform.leg > 0)))
 
 
-def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent: str = "base") -> BodyPoses:
+def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent: str = "base") -> PosesWithCovariance:
     """The default poses of a body in its parent, in the given order; NaN where there is none or its fit failed."""
     own = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), parent))
     good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
@@ -159,7 +166,7 @@ def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent:
     found, covariance = np.full((len(poses), 6), np.nan), np.full((len(poses), 6, 6), np.nan)
     kept = place >= 0
     found[place[kept]], covariance[place[kept]] = pose_vectors(rows)[kept], pose_covariances(rows)[kept]
-    return BodyPoses(found[:, :3], exp_so3(np.nan_to_num(found[:, 3:])), covariance)
+    return PosesWithCovariance(found[:, :3], exp_so3(np.nan_to_num(found[:, 3:])), covariance)
 
 
 def _readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int) -> NDArray:
@@ -169,13 +176,13 @@ def _readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int)
     return readings
 
 
-def _shifts(table: pa.Table | None, poses: tuple[int | str, ...], legs: int) -> Shifts | None:
+def _shifts(table: pa.Table | None, poses: tuple[int | str, ...], legs: int) -> SurveyShifts | None:
     if table is None or not table.num_rows or "own_sigma_um" not in table.schema.names:
         return None
     rows = table.filter(pc.invert(table.column("rejected")))
     place = positions(rows.column("pose"), poses), number_column(rows, "leg").astype(int) - 1
     kept = place[0] >= 0
-    found = Shifts(np.full((len(poses), legs), np.nan), np.full((len(poses), legs), np.nan))
+    found = SurveyShifts(np.full((len(poses), legs), np.nan), np.full((len(poses), legs), np.nan))
     for target, name in ((found.shift, "delta_bz_um"), (found.sigma, "own_sigma_um")):
         target[place[0][kept], place[1][kept]] = number_column(rows, name)[kept] * 1e-6
     return found

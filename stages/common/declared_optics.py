@@ -13,7 +13,7 @@ from truing.simulation.bench.known_readings import Optics
 from truing.stages.common.beam_rows import LINEAR, beam_direction, channel_rows
 
 if TYPE_CHECKING:
-    from truing.schemas.interferometer import Axis, Beams, Interferometer
+    from truing.schemas.interferometer import Beams, Interferometer, RotationAxis
 
 
 _MM = 1e-3
@@ -37,7 +37,7 @@ def beam_optics(beams: Beams) -> Optics:
     return Optics(channel_rows(beams), np.stack(changes) if changes else plain.by_angle, plain.growth)
 
 
-def _changes(k: int, beam: Axis) -> list[Array]:
+def _changes(k: int, beam: RotationAxis) -> list[Array]:
     """How the rows (6, 6) change per sigma of a channel's angles across its direction, and of its arm across it."""
     direction = beam_direction(k, beam)
     across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)

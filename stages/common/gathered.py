@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered
+from truing.formats.gather import CollectedRows
 from truing.formats.units import UnknownUnit, conversion
 from truing.schemas.column import SIGMA_BOUNDS
 from truing.schemas.faults import Fault
@@ -20,24 +20,24 @@ from truing.schemas.faults import Fault
 _ROUNDING = 1e-9
 
 
-def numbers(found: Gathered, name: str) -> Array:
+def numbers(found: CollectedRows, name: str) -> Array:
     """A column (N,) of numbers, NaN where it has none."""
     return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
 
 
-def texts(found: Gathered, name: str) -> NDArray[np.object_]:
+def texts(found: CollectedRows, name: str) -> NDArray[np.object_]:
     """A column (N,) as it stands."""
     return np.asarray(found.table.column(name).to_pylist(), dtype=object)
 
 
-def numbered(found: Gathered, *names: str) -> Index:
+def numbered(found: CollectedRows, *names: str) -> Index:
     """(N,) a number for every combination of values in these columns, in order of appearance."""
     rows = list(zip(*(found.table.column(name).to_pylist() for name in names), strict=True))
     place = {key: number for number, key in enumerate(dict.fromkeys(rows))}
     return np.array([place[key] for key in rows], dtype=np.int64)
 
 
-def unit_factors(found: Gathered, name: str, kind: str, wanted: Mapping[str, str], log: FaultLog) -> Array:
+def unit_factors(found: CollectedRows, name: str, kind: str, wanted: Mapping[str, str], log: FaultLog) -> Array:
     """(N,) what brings a column into the unit that the value of ``kind`` in each row wants.
 
     A unit of another dimension concerns other rows: kN says nothing of torques, nm nothing of angles. One that no row
@@ -70,12 +70,12 @@ def _factors(unit: str, wanted: Mapping[str, str]) -> dict[str, float]:
     return found
 
 
-def declared_missing(found: Gathered) -> Mask:
+def declared_missing(found: CollectedRows) -> Mask:
     """(N,) rows of files whose mapping says which values mean missing."""
     return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in found.parts])
 
 
-def without(found: Gathered, rows: Mask, reason: str) -> Gathered:
+def without(found: CollectedRows, rows: Mask, reason: str) -> CollectedRows:
     """The table without some rows (N,), which are counted as left out."""
     if not rows.any():
         return found
@@ -90,7 +90,7 @@ def without(found: Gathered, rows: Mask, reason: str) -> Gathered:
 
 
 def check_sigma(
-    found: Gathered, values: Array, name: str, unit: str, log: FaultLog, *, or_zero: bool = False, cure: str = ""
+    found: CollectedRows, values: Array, name: str, unit: str, log: FaultLog, *, or_zero: bool = False, cure: str = ""
 ) -> None:
     """Note rows whose standard deviation (N,), in ``unit``, is 0 or beyond ``SIGMA_BOUNDS``; NaN is none given.
 
@@ -102,7 +102,7 @@ def check_sigma(
     found.fault(log, np.asarray(too_small | (values > most), dtype=bool), name, expected)
 
 
-def check_variance(found: Gathered, values: Array, name: str, unit: str, log: FaultLog) -> None:
+def check_variance(found: CollectedRows, values: Array, name: str, unit: str, log: FaultLog) -> None:
     """Note rows whose variance (N,), in ``unit`` squared, is 0 or beyond the squares of ``SIGMA_BOUNDS``."""
     least, most = (bound**2 for bound in SIGMA_BOUNDS[unit])
     wrong = (values < least * (1.0 - _ROUNDING)) | (values > most * (1.0 + _ROUNDING))
@@ -110,7 +110,7 @@ def check_variance(found: Gathered, values: Array, name: str, unit: str, log: Fa
 
 
 def sigmas(
-    found: Gathered, columns: Sequence[str], declared: float | None, key: str, what: str, log: FaultLog
+    found: CollectedRows, columns: Sequence[str], declared: float | None, key: str, what: str, log: FaultLog
 ) -> Array:
     """Standard deviations (N, K) in the columns' unit, the declared one where a cell or column is missing.
 
@@ -146,7 +146,7 @@ class SmallTable:
     file: str = field(default="", kw_only=True)
 
 
-def once(found: Gathered, log: FaultLog, *key: str, cure: str = "") -> None:
+def once(found: CollectedRows, log: FaultLog, *key: str, cure: str = "") -> None:
     """A fault at every row whose key stood in a row before; cure: what to do where that is meant."""
     if any(name not in found.table.column_names for name in key):
         return

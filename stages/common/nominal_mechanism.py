@@ -13,7 +13,7 @@ from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import unit
 from truing.simulation.mechanisms.structures.beams import section
-from truing.simulation.mechanisms.structures.structure import Machine, Section
+from truing.simulation.mechanisms.structures.structure import BeamSection, Machine
 from truing.stages.common.point_arrays import pose_vectors
 from truing.stages.common.why_not import NO_CHOICE
 
@@ -67,7 +67,7 @@ def nominal_machine(mechanism: LeggedMechanism) -> Machine:
     )
 
 
-def _section(rod: RodSection | None) -> Section | None:
+def _section(rod: RodSection | None) -> BeamSection | None:
     return None if rod is None else section(rod.diameter_mm * 1e-3, rod.youngs_gpa * 1e9, rod.poisson)
 
 

@@ -34,7 +34,7 @@ def point_errors(
         return None
     poses, points = pose_ids(observations), tuple(dict.fromkeys(observations.column("point").to_pylist()))
     pose = positions(observations.column("pose"), poses)
-    of_row = _Rows(pose * len(points) + positions(observations.column("point"), points), poses, points)
+    of_row = _ObservationRows(pose * len(points) + positions(observations.column("point"), points), poses, points)
     first, second = of_row.find(correlations, "point"), of_row.find(correlations, "other_point")
     known = (first >= 0) & (second >= 0)
     order = np.flatnonzero(known)[np.argsort(pose[first[known]], kind="stable")]
@@ -46,7 +46,7 @@ def point_errors(
     return PointErrors(pose, sigma, own, first, second, between, start, parameters, effect)
 
 
-def _same_rows(object_points: pa.Table, of_row: _Rows) -> pa.Table:
+def _same_rows(object_points: pa.Table, of_row: _ObservationRows) -> pa.Table:
     """The object points in the order of the observations."""
     found = of_row.find(object_points, "point")
     order = np.empty(len(of_row.code), np.int64)
@@ -55,7 +55,7 @@ def _same_rows(object_points: pa.Table, of_row: _Rows) -> pa.Table:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _ObservationRows:
     """Which row of observations has which pose and point, by code (N,) = pose * points + point."""
 
     code: Index
@@ -71,7 +71,7 @@ class _Rows:
         return np.where(self.code[order][place] == wanted, order[place], -1)
 
 
-def _effects(table: pa.Table | None, of_row: _Rows, count: int) -> tuple[tuple[str, ...], Array]:
+def _effects(table: pa.Table | None, of_row: _ObservationRows, count: int) -> tuple[tuple[str, ...], Array]:
     if table is None or not table.num_rows:
         return (), np.zeros((count, 3, 0))
     parameters = tuple(dict.fromkeys(table.column("parameter").to_pylist()))

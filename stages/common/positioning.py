@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array
-from truing.estimation.interferometry.iso230 import Instrument
+from truing.estimation.interferometry.iso230 import InstrumentUncertainty
 from truing.estimation.interferometry.recorded_steps import REFERENCE_C
 from truing.stages.common.point_arrays import number_column
 
@@ -27,12 +27,12 @@ def deviations(rows: pa.Table) -> tuple[Array, Array]:
     return target, off.reshape(shape) * _UM
 
 
-def instrument(rows: pa.Table, optics: Interferometer) -> Instrument:
+def instrument(rows: pa.Table, optics: Interferometer) -> InstrumentUncertainty:
     """What the correction to 20 degrees C leaves uncertain of the axis' length; nothing where none was made."""
     axis, spread = optics.material.axis, optics.surroundings_sigma
     if axis is None:
-        return Instrument()
-    return Instrument(
+        return InstrumentUncertainty()
+    return InstrumentUncertainty(
         expansion=axis.expansion_per_k,
         expansion_sigma=axis.expansion_sigma_per_k,
         temperature_sigma=0.0 if spread is None else spread.material_temperature_c,

@@ -15,7 +15,7 @@ from truing.simulation.photographs.ray_poses import RayParameter
 from truing.stages.common.point_arrays import number_column, positions
 
 if TYPE_CHECKING:
-    from truing.estimation.bundle.network import Network, State
+    from truing.estimation.bundle.network import Network, NetworkState
     from truing.estimation.bundle.normal_equations import Observed
     from truing.estimation.bundle.ray_statistics import RayStatistics, SharedNumber
 
@@ -23,7 +23,7 @@ _MM = 1e3
 
 
 def ray_tables(
-    observed: Observed, state: State, poses: Sequence[int | str], points: Sequence[str], bars: Sequence[str]
+    observed: Observed, state: NetworkState, poses: Sequence[int | str], points: Sequence[str], bars: Sequence[str]
 ) -> dict[str, pa.Table]:
     """The artifacts ray_statistics, ray_information and ray_effects of an adjusted network.
 

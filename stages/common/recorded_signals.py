@@ -11,7 +11,7 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import run_curves
-from truing.estimation.sensor.load_table import Recorded, zeros_of_runs
+from truing.estimation.sensor.load_table import RecordedLoads, zeros_of_runs
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, put_right
 from truing.stages.common.applied_findings import applied_findings
 from truing.stages.common.overruled import decided, without_excluded
@@ -25,7 +25,7 @@ MV = 1e-3
 TEMPERATURES = ("material_temperature_c", "air_temperature_c")
 
 
-def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
+def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoads:
     """The signals of a campaign with the loads as recorded, or as they act by the findings that the campaign applies.
 
     Raises ValueError where no step has a reading of every channel.
@@ -34,7 +34,7 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded:
     return _recorded(tables, settings, findings.text if findings.is_main else None)
 
 
-def recorded_beside(tables: Mapping[str, pa.Table], settings: Campaign) -> Recorded | None:
+def recorded_beside(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoads | None:
     """The same signals with the loads that `recorded` does not take; None where no finding changes a load."""
     findings = applied_findings(tables)
     other = _recorded(tables, settings, findings.text)
@@ -43,7 +43,9 @@ def recorded_beside(tables: Mapping[str, pa.Table], settings: Campaign) -> Recor
     return _recorded(tables, settings, None) if findings.is_main else other
 
 
-def recorded_elsewhere(tables: Mapping[str, pa.Table], settings: Campaign, model: str | None, tared: bool) -> Recorded:
+def recorded_elsewhere(
+    tables: Mapping[str, pa.Table], settings: Campaign, model: str | None, tared: bool
+) -> RecordedLoads:
     """The signals of another campaign of the same sensor; model: whose lasting effects make other loads act, if any.
 
     tared: whether signals are counted from each run's unloaded readings. Raises ValueError as `recorded`.
@@ -58,7 +60,7 @@ def _recorded(
     *,
     elsewhere: bool = False,
     tared: bool | None = None,
-) -> Recorded:
+) -> RecordedLoads:
     """The signals beside the loads as recorded; with the text of a model, beside those that act by its effects."""
     steps = load_steps({name: tables[name] for name in ("signals", "readings") if name in tables})
     steps, out = without_excluded(steps, settings)
@@ -80,7 +82,7 @@ def _recorded(
     kept = steps.chosen(good)
     noise = settings.noise
     load, causes = _acting(model, kept)
-    return Recorded(
+    return RecordedLoads(
         kept,
         load,
         (*dict.fromkeys(f"{cause.id} of {cause.subject}" for cause in exchanged), *causes),
@@ -131,7 +133,7 @@ def _covariates(steps: RecordedSteps, reference_c: float) -> tuple[Array, tuple[
     return np.empty((len(steps.run), 0)), ()
 
 
-def ranges_of(settings: Campaign, found: Recorded) -> np.ndarray:
+def ranges_of(settings: Campaign, found: RecordedLoads) -> np.ndarray:
     """The range (6,) of every axis: as [loading] has it, else its largest load; NaN where it was never loaded."""
     largest = np.abs(found.steps.load).max(axis=0)
     stated = [getattr(settings.loading, name) for name in LOAD_COLUMNS]

@@ -17,7 +17,7 @@ from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.schemas.mechanism import Element, SensorMechanism
+    from truing.schemas.mechanism import SensorElement, SensorMechanism
 
 _MM = 1e-3
 
@@ -52,7 +52,7 @@ def declared_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> A
     return None if elastic is None else elastic.compliance
 
 
-def _element(one: Element) -> elements.Element:
+def _element(one: SensorElement) -> elements.LegElement:
     length = None if one.length_mm is None else one.length_mm * _MM
     if one.kind == "cylinder":
         return elements.cylinder(length or 0.0, _si(one.diameter_mm, _MM), *_modulus(one))
@@ -69,7 +69,7 @@ def _element(one: Element) -> elements.Element:
     return elements.rigid(length)
 
 
-def _modulus(one: Element) -> tuple[float, float]:
+def _modulus(one: SensorElement) -> tuple[float, float]:
     return _si(one.youngs_gpa, 1e9), float(one.poisson or 0.0)
 
 

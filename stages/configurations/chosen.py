@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.calibration.configuration_search import Bounded, DesignProblem, Judged
+from truing.calibration.configuration_search import AssessedConfigurations, Bounded, DesignProblem
 from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder
 from truing.estimation.design.pose_selection import efficiency
 from truing.estimation.interferometry.recorded_steps import LOADS
@@ -67,9 +67,9 @@ class Design:
     problem: DesignProblem
     wish: DesignWish
     placed: Placed
-    whole: Judged
-    kept: Judged | None
-    existing: Judged | None
+    whole: AssessedConfigurations
+    kept: AssessedConfigurations | None
+    existing: AssessedConfigurations | None
     candidates: Bounded
     order: PoseOrder
     table: pa.Table = field(repr=False)

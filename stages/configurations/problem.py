@@ -10,13 +10,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.calibration.configuration_search import DesignProblem, Limits, identifiable_parameters
+from truing.calibration.configuration_search import ConfigurationLimits, DesignProblem, identifiable_parameters
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
 from truing.simulation.mechanisms.pose_regressors import PoseRegressors, pose_regressors
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.stages.common.nominal_mechanism import FILE, plain_machine
@@ -33,7 +33,7 @@ _FREE = {"mm": 1e-3, "1": 1e-2}
 
 
 def design_problem(
-    settings: Campaign, limits: Limits, parameters: Sequence[str], survey: pa.Table | None
+    settings: Campaign, limits: ConfigurationLimits, parameters: Sequence[str], survey: pa.Table | None
 ) -> DesignProblem:
     """Return the problem of choosing configurations for some parameters of each leg, or for all that can be told apart.
 
@@ -65,7 +65,7 @@ def design_problem(
     return replace(problem, regressors=narrowed, names=chosen_names, tolerance=tolerance[kept], held=held)
 
 
-def limits_of(settings: Campaign, *, pose_too: bool, avoid: pa.Table | None, avoid_file: str) -> Limits:
+def limits_of(settings: Campaign, *, pose_too: bool, avoid: pa.Table | None, avoid_file: str) -> ConfigurationLimits:
     """Return the limits of [workspace], those of the pose only where wanted, and the boxes of a table to avoid.
 
     Raises CampaignFaults where the table holds no such boxes.
@@ -80,7 +80,7 @@ def limits_of(settings: Campaign, *, pose_too: bool, avoid: pa.Table | None, avo
     )
     if avoid is not None:
         _fill_boxes(bounds, avoid, legs.rho0, avoid_file)
-    return Limits(pose, readings, *bounds)
+    return ConfigurationLimits(pose, readings, *bounds)
 
 
 def _fill_boxes(bounds: NDArray, avoid: pa.Table, rho0: NDArray, file: str) -> None:
@@ -115,13 +115,13 @@ def _check_boxes(bounds: NDArray, file: str) -> None:
         raise CampaignFaults(Fault(file, expected, row=int(row) + 2) for row in empty)
 
 
-def _tolerance(section: Tolerance, entry: Parameter) -> float:
+def _tolerance(section: Tolerance, entry: LegParameter) -> float:
     """Return one sigma of manufacturing, SI."""
     given = {"a": section.a_mm, "b": section.b_mm, "l": section.length_mm, "u": section.u}[entry.name[0]]
     return given * entry.si if given else _FREE[entry.unit]
 
 
-def _named(names: tuple[Parameter, ...], wanted: Sequence[str]) -> list[int]:
+def _named(names: tuple[LegParameter, ...], wanted: Sequence[str]) -> list[int]:
     known = [entry.name for entry in names]
     strange = [name for name in wanted if name not in known]
     if strange:

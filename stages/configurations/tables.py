@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from truing.calibration.configuration_search import DesignProblem, Judged, judged
+from truing.calibration.configuration_search import AssessedConfigurations, DesignProblem, judged
 from truing.estimation.design.pose_order import PoseOrder
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.common.point_arrays import number_columns
@@ -35,7 +35,7 @@ def readings_of(table: pa.Table, legs: int, file: str) -> NDArray:
     return values
 
 
-def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> Judged | None:
+def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> AssessedConfigurations | None:
     """The campaign's own calibration poses as judged by the same measure; None where they cannot be."""
     if table is None:
         return None

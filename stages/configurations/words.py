@@ -8,7 +8,7 @@ from truing.estimation.design.pose_selection import efficiency
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.report.numbers import count as counted
 from truing.report.numbers import percent
-from truing.simulation.mechanisms.parameters import Parameter
+from truing.simulation.mechanisms.parameters import LegParameter
 from truing.stages.configurations.chosen import Design, LoadPlan
 from truing.stages.configurations.tables import RUN
 
@@ -75,7 +75,7 @@ def _sigmas(design: Design) -> list[str]:
     return lines + [_sigma_line(design, k, entry) for k, entry in enumerate(design.problem.names)]
 
 
-def _sigma_line(design: Design, k: int, entry: Parameter) -> str:
+def _sigma_line(design: Design, k: int, entry: LegParameter) -> str:
     tolerance = design.problem.tolerance[k]
     sigma = design.whole.sigma[:, k] * tolerance / entry.si
     best, worst = int(np.argmin(sigma)), int(np.argmax(sigma))

@@ -15,10 +15,10 @@ from truing.stages.diagnosis.search import kinds_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.simulation.cause import Cause
-    from truing.stages.diagnosis.gathered import Gathered
+    from truing.stages.diagnosis.gathered import DiagnosisData
 
 _ACCEPTED = (FOUND, SUSPECTED)  # verdicts whose effects the extended model holds
 
@@ -42,7 +42,7 @@ def choices_table(
 
 
 def applied_model(
-    diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign, choices: pa.Table | None
+    diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign, choices: pa.Table | None
 ) -> str | None:
     """The extended model with the applied causes alone; None where none is applied, or all that were found are."""
     rows = [] if choices is None else choices.to_pylist()

@@ -21,16 +21,18 @@ from truing.stages.diagnosis.search import rule_beside_rays, rule_of
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
-    from truing.inference.selection import Diagnosis, Settings
+    from truing.inference.selection import CauseDiagnosis, Settings
     from truing.schemas.campaign import Campaign
-    from truing.stages.diagnosis.gathered import Gathered, Shown
+    from truing.stages.diagnosis.gathered import DiagnosisData, Shown
     from truing.stages.diagnosis.ray_findings import RayFindings
 
 # Fewer platform targets off the attachments leave their shifts free by a plane.
 _FRAMING = 3
 
 
-def outcome(diagnosis: Diagnosis, gathered: Gathered[Any], rays: RayFindings | None, settings: Campaign) -> Outcome:
+def outcome(
+    diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], rays: RayFindings | None, settings: Campaign
+) -> Outcome:
     """What the stage made of points or readings, with what rays tell before them."""
     rule = rule_of(settings)
     artifacts = artifacts_of(diagnosis, gathered, rule if rays is None else rule_beside_rays(rule), settings)
@@ -71,7 +73,7 @@ def with_choices(artifacts: dict[str, Any], choices: pa.Table | None) -> dict[st
 
 
 def artifacts_of(
-    diagnosis: Diagnosis, gathered: Gathered[Any], rule: Settings, settings: Campaign
+    diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], rule: Settings, settings: Campaign
 ) -> dict[str, pa.Table | str]:
     """Tables and text by artifact."""
     diagnosis = replace(diagnosis, verdicts=assessed(diagnosis.verdicts, diagnosis.search, rule.level))
@@ -90,7 +92,7 @@ def artifacts_of(
     return {name: artifact for name, artifact in left.items() if artifact is not None}
 
 
-def _remark(gathered: Gathered[Any], final: FittedModel) -> str:
+def _remark(gathered: DiagnosisData[Any], final: FittedModel) -> str:
     """What limits all statements."""
     said = []
     if gathered.framing is not None and gathered.framing < _FRAMING:
@@ -103,14 +105,14 @@ def _remark(gathered: Gathered[Any], final: FittedModel) -> str:
     return " ".join(said)
 
 
-def _read(gathered: Gathered[Any], shown: Shown) -> str:
+def _read(gathered: DiagnosisData[Any], shown: Shown) -> str:
     held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
     seen = int(gathered.calibration.measured.seen.sum())
     used = counted(len(gathered.calibration.conditions.readings), shown.epoch)
     return f"{counted(seen, shown.what)} of {used}, {counted(held, shown.epoch)} held out"
 
 
-def _figure(table: pa.Table, diagnosis: Diagnosis, shown: Shown, rule: Settings) -> str:
+def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: Shown, rule: Settings) -> str:
     final = diagnosis.final
     rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
     left = f"{two_decimals(rms)} {shown.unit} rms, noise alone leaves {two_decimals(floor)}"

@@ -19,12 +19,12 @@ from truing.simulation.axis.rows import AxisRows
 from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
 from truing.stages.common.blocks import chosen, groupings_of, labels_of
-from truing.stages.diagnosis.gathered import Channels, Gathered, Left
+from truing.stages.diagnosis.gathered import Channels, DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.left_tables import errors_by_role, identified_table
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import AxisMechanism
     from truing.schemas.sections import Overrule
@@ -36,7 +36,7 @@ _WIDE = 1e3
 _SCATTER = "Send the axis to one command ten times over from the same side: the scatter is the true noise."
 
 
-def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[AxisModel]:
+def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[AxisModel]:
     """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     if why := why_no_diagnosis(tables, settings):
         raise ValueError(why)
@@ -64,7 +64,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[AxisM
 
     own, known = rows.chosen(fitted), chosen(labels_of(table, rows.poses), fitted)
     groupings = groupings_of(own.readings, own.time_s, own.direction[:, None], known)
-    return Gathered(
+    return DiagnosisData(
         model,
         replace(poses(fitted), repeats=alike(np.round(own.readings, 12)), groupings=groupings),
         poses(held) if held.any() else None,
@@ -104,15 +104,15 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_axis(extended_axis(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """How far each reading is missed, and the extended model."""
     section = cast("AxisMechanism", settings.mechanism)
     assert isinstance(gathered.shown, Channels)
     errors = _errors(diagnosis, gathered.shown, section.unit)
-    return Left({"axis_errors": errors, "model": _model_text(diagnosis.final, settings)})
+    return InstrumentResults({"axis_errors": errors, "model": _model_text(diagnosis.final, settings)})
 
 
-def _errors(diagnosis: Diagnosis, channels: Channels, unit: str) -> pa.Table:
+def _errors(diagnosis: CauseDiagnosis, channels: Channels, unit: str) -> pa.Table:
     """Rows of axis_errors.parquet: every reading without and with what was found."""
     floor = np.sqrt(diagnosis.final.floor.square) / channels.si
     rows: list[dict[str, Any]] = []

@@ -19,9 +19,9 @@ from truing.schemas.verdict import Relation
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
 from truing.simulation.bodies.measured_bodies import (
     FEWEST_TARGETS,
+    BodyPlaces,
     BodyTargets,
     MeasuredBodies,
-    Standing,
     frame_is_common,
     measured_body,
     not_standing,
@@ -42,11 +42,11 @@ from truing.stages.common.point_arrays import (
     survey_points,
 )
 from truing.stages.common.why_not import HELD_OUT, NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
-from truing.stages.diagnosis.gathered import Gathered, Left
+from truing.stages.diagnosis.gathered import DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.left_tables import prediction_table
 
 if TYPE_CHECKING:
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ _MOVED = 1e-3
 _MOST_NUMBERS, _COURSES = 6_000_000, 16
 
 
-def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[BodyModel]:
+def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[BodyModel]:
     """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     if any(name not in tables or not tables[name].num_rows for name in ("observations", "poses", "residuals")):
         raise ValueError("needs measured points of bodies")
@@ -88,7 +88,7 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathere
     time, known = covariates.get("time_s"), chosen(labels_of(table, poses), fitted)
     approach = np.column_stack(came) if came else None
     groupings = groupings_of(asked, None if time is None else time[fitted], approach, known)
-    return Gathered(
+    return DiagnosisData(
         model.at(model.conditions.chosen(fitted)),
         replace(
             bodies.epochs(model.conditions, fitted),
@@ -154,7 +154,7 @@ def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoint
     return median_places(places, np.where(trusted.any(0), trusted, known))
 
 
-def _standing(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> Standing:
+def _standing(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> BodyPlaces:
     """How a body stands: still where it is the reference and hardly moves, or where campaign.toml says so.
 
     A body that campaign.toml names stands still where the drives do: in one place for every combination of them.
@@ -237,6 +237,6 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
     ]
 
 
-def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """How far each pose is missed."""
-    return Left({"prediction": prediction_table(diagnosis, gathered)})
+    return InstrumentResults({"prediction": prediction_table(diagnosis, gathered)})

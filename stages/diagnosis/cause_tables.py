@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pyarrow as pa
 
-from truing.inference.detectable import POWER, Sight, sight, sights
+from truing.inference.detectable import POWER, EffectSensitivity, sight, sights
 from truing.inference.linear_problem import EARLIER, INPUTS, OBSERVATIONS, PLAUSIBLE, WIDE
 from truing.report.diagnosis.findings import detectable_words as in_words
 from truing.schemas.artifacts import ARTIFACTS
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from truing.inference.linear_problem import Contribution
     from truing.inference.search import Search
     from truing.inference.search_end import EndOfSearch
-    from truing.inference.selection import Diagnosis, Settings
+    from truing.inference.selection import CauseDiagnosis, Settings
     from truing.simulation.cause import Cause
 
 # Sources in words, by how a model calls its kinds of unknowns.
@@ -79,7 +79,7 @@ def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: 
     return words
 
 
-def _row(own: Sight, legs: int) -> dict[str, Any]:
+def _row(own: EffectSensitivity, legs: int) -> dict[str, Any]:
     smallest = own.smallest()
     size = told_size(cast("Cause", own.cause), 1.0 if smallest is None else smallest, legs)
     return {
@@ -99,7 +99,7 @@ def _ordered(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(listed, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))
 
 
-def adequacy_table(diagnosis: Diagnosis, rule: Settings, subject: str) -> pa.Table:
+def adequacy_table(diagnosis: CauseDiagnosis, rule: Settings, subject: str) -> pa.Table:
     """Rows of every test of the final model, of what could not be tested, and of how the search stopped; ``subject`` is
     what was measured."""
     rows, adequacy, level = Rows("adequacy"), diagnosis.adequacy, rule.doubted_level
@@ -143,7 +143,7 @@ def _end_row(end: EndOfSearch[Any], level: float) -> dict[str, Any]:
     }
 
 
-def uncertainty_table(diagnosis: Diagnosis, legs: int) -> pa.Table:
+def uncertainty_table(diagnosis: CauseDiagnosis, legs: int) -> pa.Table:
     """Rows of every number with a sigma of every cause that was found and named, by source."""
     rows, final = Rows("cause_uncertainty"), diagnosis.final
     for verdict in diagnosis.verdicts:

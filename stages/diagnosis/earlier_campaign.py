@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.changes import Comparison, compare
+from truing.inference.changes import NumberComparison, compare
 from truing.inference.fit import fit_model
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.schemas.faults import CampaignFaults, Fault
@@ -29,14 +29,14 @@ from truing.stages.common.rows import Rows
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.stages.diagnosis.gathered import Gathered
+    from truing.stages.diagnosis.gathered import DiagnosisData
 
 ModelT = TypeVar("ModelT", bound=EffectsModel)
 
 _UNNAMED = "the earlier campaign"
 
 
-def started(gathered: Gathered[Any], text: str, seed: int) -> Gathered[Any]:
+def started(gathered: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any]:
     """What is compared, with the effects and the knowledge of an earlier model.
 
     Numbers that have changed since are let free, and all of them where the machine is another one. Raises
@@ -78,7 +78,7 @@ def with_earlier(model: ModelT, earlier: CampaignPrior) -> ModelT:
     return replace(model, prior_campaign=earlier).with_causes(())
 
 
-def _compared(earlier: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> Comparison:
+def _compared(earlier: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> NumberComparison:
     """The earlier numbers against those of a model that was fitted without the earlier campaign's knowledge."""
     now = _now(earlier, model, shared, covariance)
     return compare(earlier.mean, earlier.covariance, *now, earlier.shared, earlier.frames)
@@ -90,7 +90,7 @@ def _now(earlier: CampaignPrior, model: EffectsModel, shared: NDArray, covarianc
     return earlier.values(model, shared), slopes @ covariance[np.ix_(own, own)] @ slopes.T
 
 
-def _words(campaign: str, earlier: CampaignPrior, model: EffectsModel, compared: Comparison) -> str:
+def _words(campaign: str, earlier: CampaignPrior, model: EffectsModel, compared: NumberComparison) -> str:
     changed = compared.changed()
     if changed is None:
         return (

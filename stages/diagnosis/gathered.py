@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
     from truing.inference.observations import Epochs
     from truing.inference.prediction import NoiseFloor, PredictionError
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.report.wordings.claim import Advice
     from truing.schemas.campaign import Campaign
     from truing.simulation.cause import Cause
@@ -138,7 +138,7 @@ class Channels:
 
 
 @dataclass(frozen=True)
-class Left:
+class InstrumentResults:
     """What an instrument leaves: tables and text by artifact, None where not; by a cause's key what to measure next."""
 
     artifacts: Mapping[str, Any]
@@ -146,7 +146,7 @@ class Left:
 
 
 @dataclass(frozen=True)
-class Gathered(Generic[M]):
+class DiagnosisData(Generic[M]):
     """Measured values by role, the model of the plain simulation, and what was left out, in words.
 
     ``leaves`` is what its instrument leaves beside what all do; ``relation`` what its model relates.
@@ -156,7 +156,7 @@ class Gathered(Generic[M]):
     calibration: Epochs
     held_out: Epochs | None
     left_out: str
-    leaves: Callable[[Diagnosis, Gathered[Any], Campaign], Left]
+    leaves: Callable[[CauseDiagnosis, DiagnosisData[Any], Campaign], InstrumentResults]
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
     shown: Shown | Channels = POINTS
     model_text: Callable[[FittedModel[Any], Campaign], str] | None = None  # what stands in model.toml of a fit

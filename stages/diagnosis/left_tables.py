@@ -20,8 +20,8 @@ from truing.stages.common.why_not import HELD_OUT
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel, ScreenedValue
     from truing.inference.prediction import PredictionError
-    from truing.inference.selection import Diagnosis
-    from truing.stages.diagnosis.gathered import Gathered
+    from truing.inference.selection import CauseDiagnosis
+    from truing.stages.diagnosis.gathered import DiagnosisData
 
 _GROSS = "gross error: its residual is far outside those of its target"
 _UM = 1e6
@@ -29,7 +29,7 @@ _UM = 1e6
 PullName = tuple[int | None, str]  # the leg, None for all, and the parameter
 
 
-def errors_by_role(diagnosis: Diagnosis) -> Iterator[tuple[str, PredictionError, PredictionError]]:
+def errors_by_role(diagnosis: CauseDiagnosis) -> Iterator[tuple[str, PredictionError, PredictionError]]:
     """Yield the role of epochs, and what predictions miss of them without and with what was found."""
     plain, final = diagnosis.plain, diagnosis.final
     yield "calibration", plain.error, final.error
@@ -43,7 +43,7 @@ def identified_table(artifact: str, rows: list[dict[str, Any]], key: str, presen
     return pa.Table.from_pylist(rows, schema=ARTIFACTS[artifact].arrow_schema(identifier, present=tuple(present)))
 
 
-def prediction_table(diagnosis: Diagnosis, gathered: Gathered[Any]) -> pa.Table:
+def prediction_table(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any]) -> pa.Table:
     """Rows of prediction.parquet: every pose without and with what was found."""
     poses = {"calibration": gathered.calibration.conditions.poses}
     poses |= {} if gathered.held_out is None else {HELD_OUT: gathered.held_out.conditions.poses}
@@ -62,7 +62,7 @@ def prediction_table(diagnosis: Diagnosis, gathered: Gathered[Any]) -> pa.Table:
     return identified_table("prediction", rows, "pose")
 
 
-def left_out_table(diagnosis: Diagnosis, gathered: Gathered[Any]) -> pa.Table:
+def left_out_table(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any]) -> pa.Table:
     """Rows of diagnosis_left_out.parquet: what was taken out as a gross error, of which there is something."""
     rows = [
         {
@@ -79,7 +79,7 @@ def left_out_table(diagnosis: Diagnosis, gathered: Gathered[Any]) -> pa.Table:
     return identified_table("diagnosis_left_out", rows, where[0], where)
 
 
-def _place(one: ScreenedValue, gathered: Gathered[Any]) -> dict[str, Any]:
+def _place(one: ScreenedValue, gathered: DiagnosisData[Any]) -> dict[str, Any]:
     """The pose, or the run and step, by name."""
     poses = gathered.held_out if one.held_out else gathered.calibration
     conditions: Any = poses.conditions if poses is not None else None
@@ -93,7 +93,7 @@ def plain_number(name: Any) -> Any:
     return name.item() if hasattr(name, "item") else name
 
 
-def _subject(one: ScreenedValue, diagnosis: Diagnosis) -> str:
+def _subject(one: ScreenedValue, diagnosis: CauseDiagnosis) -> str:
     """Body and target, or the channel."""
     model = diagnosis.final.model
     name = model.channel_names[one.channel]

@@ -36,20 +36,20 @@ from truing.stages.common.point_arrays import (
 from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.common.why_not import HELD_OUT, why_no_diagnosis_of_mechanism
 from truing.stages.diagnosis.earlier_campaign import changes_table
-from truing.stages.diagnosis.gathered import Gathered, Left
+from truing.stages.diagnosis.gathered import DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.left_tables import prediction_table, pull_tables
 from truing.stages.diagnosis.next_measurement import next_of
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
 
 _FEWEST_POSES = 3
 
 
-def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[PointModel]:
+def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[PointModel]:
     """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     section = cast("LeggedMechanism", settings.mechanism)
     if why := why_no_diagnosis_of_mechanism(section, settings.noise.point_mm, tables):
@@ -78,7 +78,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Point
     repeats = repeats_of(tables["configurations"], poses, (), settings.noise.actuator_mm)
     own, known = some_of(conditions, fitted), chosen(labels_of(tables["configurations"], poses), fitted)
     groupings = groupings_of(own.readings, own.covariates.get(TIME), own.covariates.get(APPROACH), known)
-    return Gathered(
+    return DiagnosisData(
         model,
         replace(
             bodies.epochs(conditions, base, fitted),
@@ -170,7 +170,7 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_model(extended(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """How far each pose is missed, the extended model, the geometry's pulls, what has changed, what to measure next."""
     final = diagnosis.final
     following = next_of(diagnosis, settings)
@@ -181,4 +181,4 @@ def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> 
         "changes": changes_table(final),
         "next_poses": following.table,
     }
-    return Left(left, following.advice)
+    return InstrumentResults(left, following.advice)

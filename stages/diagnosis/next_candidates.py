@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.design.rival_design import Candidates, Fitted, Instrument, candidates
+from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseCandidates, candidates
 from truing.report.numbers import duration
 from truing.schemas.covariates import own_name
 from truing.simulation.bodies.causes.terms import CAME_FROM
@@ -54,7 +54,7 @@ class Possible:
     words: tuple[str, ...]
     matters: tuple[str, ...]
     repeats: tuple[int | str | None, ...]
-    instrument: Instrument
+    instrument: PointInstrument
     pace_s: float | None
     pause_s: NDArray
 
@@ -70,7 +70,7 @@ class Possible:
         named = [name for name in self.matters if name not in (TIME, ORDER) and not name.startswith(CAME_FROM)]
         return tuple(name for name in named if self.conditions.covariates[name].ndim == 1)
 
-    def seen(self, fitted: Fitted) -> Candidates:
+    def seen(self, fitted: Fitted) -> PoseCandidates:
         """Return the candidates as a fitted model sees them."""
         return candidates(fitted, self.conditions, self.instrument)
 
@@ -100,7 +100,7 @@ class Possible:
         return self.pace_s * sum(times.values()) + float(pause)
 
 
-def possible(settings: Campaign, models: Sequence[Fitted], instrument: Instrument) -> Possible:
+def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInstrument) -> Possible:
     """Return what could be measured next, to judge models by."""
     rng = np.random.default_rng(0)
     measured, finest = models[0].model.conditions, _finest(settings)
@@ -274,7 +274,7 @@ def _movements(name: str, legs: int, step: float) -> list[Level]:
 
 
 def _matters(
-    models: Sequence[Fitted], corner: NDArray, levels: Mapping[str, list[Level]], instrument: Instrument
+    models: Sequence[Fitted], corner: NDArray, levels: Mapping[str, list[Level]], instrument: PointInstrument
 ) -> tuple[str, ...]:
     """Return the covariates that any of the models depends on at a corner of what can be reached."""
     usual = {name: found[0].value for name, found in levels.items()}

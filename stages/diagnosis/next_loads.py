@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.design.rival_design import Candidates, Fitted, Readout, Runs, run_candidates
+from truing.estimation.design.rival_design import Fitted, PoseCandidates, Readout, Runs, run_candidates
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.load_cases import LoadLimits, bench_loads
 from truing.report.numbers import duration
-from truing.simulation.bench.known_readings import ReadingConditions, Zeros
+from truing.simulation.bench.known_readings import ChannelZeros, ReadingConditions
 from truing.simulation.bench.model import ReadingModel
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 
@@ -73,7 +73,7 @@ class PossibleRuns:
     between: ClassVar[str] = "; "
     pace: ClassVar[str] = "of loading"
 
-    def seen(self, fitted: Fitted) -> Candidates:
+    def seen(self, fitted: Fitted) -> PoseCandidates:
         """Return the candidates as a fitted model sees them."""
         return run_candidates(fitted, self.runs, self.readout)
 
@@ -126,7 +126,7 @@ def next_run(stand: FittedModel) -> Fitted:
     """The fit of a bench as further runs see it: the zeros of runs that are over do not matter to them."""
     model = stand.model
     assert isinstance(model, ReadingModel)
-    none = Zeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
+    none = ChannelZeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
     kept = np.setdiff1d(np.arange(model.shared_size), np.arange(model.shared_size)[model.layout["zero"]])
     later = replace(model, known=replace(model.known, zeros=none))
     return Fitted(later, stand.fit.shared[kept], stand.covariance()[np.ix_(kept, kept)])

@@ -11,7 +11,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.design.rival_design import Candidates, Choice, Fitted, Instrument, narrowed, told_apart
+from truing.estimation.design.rival_design import (
+    ChosenPoses,
+    Fitted,
+    PointInstrument,
+    PoseCandidates,
+    narrowed,
+    told_apart,
+)
 from truing.inference.observations import Frames, Observations
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import about, count, rough
@@ -27,7 +34,7 @@ from truing.stages.diagnosis.rows import claim_of
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
 
 ODDS = 20.0
@@ -51,7 +58,7 @@ class Options(Protocol):
     between: ClassVar[str]  # of several in a sentence
     pace: ClassVar[str]  # behind how long they take
 
-    def seen(self, fitted: Fitted) -> Candidates:
+    def seen(self, fitted: Fitted) -> PoseCandidates:
         """Return the candidates as a fitted model sees them."""
 
     def named(self, k: int) -> str:
@@ -72,13 +79,13 @@ Reach = Callable[[Sequence[Fitted]], Options]
 
 
 @dataclass(frozen=True)
-class Plan:
+class MeasurementPlan:
     """Candidates chosen for a purpose, what each adds as columns of the table, and what all of them give, in words."""
 
     purpose: str
     need: Need
     options: Options
-    choice: Choice
+    choice: ChosenPoses
     expected: tuple[dict[str, Any], ...]
     given: str
 
@@ -138,7 +145,7 @@ class Plan:
         return f"{again}: {amount}" if amount else again
 
 
-def plan_table(artifact: str, plans: Sequence[Plan]) -> pa.Table:
+def plan_table(artifact: str, plans: Sequence[MeasurementPlan]) -> pa.Table:
     """Return the candidates of all plans that lead somewhere, the most urgent need first, each in its order."""
     leading = sorted((plan for plan in plans if plan.leads), key=lambda plan: plan.need.rank)
     rows = [row for plan in leading for row in plan.rows()]
@@ -147,19 +154,19 @@ def plan_table(artifact: str, plans: Sequence[Plan]) -> pa.Table:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredPoints:
     """What was measured for the fit: its noise is that expected of further poses."""
 
     points: Observations
     frames: Frames
 
-    def instrument(self) -> Instrument:
+    def instrument(self) -> PointInstrument:
         """Return how further poses would be measured: with the mean noise of each target."""
         turned = np.swapaxes(self.frames.R, 1, 2)[:, None] @ self.points.covariance @ self.frames.R[:, None]
         seen = self.points.seen[..., None, None]
         count = seen.sum(0)
         mean = np.sum(np.where(seen, turned, 0.0), 0) / np.maximum(count, 1)
-        return Instrument(np.where(count > 0, mean, np.eye(3) * _UNSEEN_M2), self.frames.free)
+        return PointInstrument(np.where(count > 0, mean, np.eye(3) * _UNSEEN_M2), self.frames.free)
 
 
 @dataclass(frozen=True)
@@ -187,13 +194,13 @@ class Next:
     advice: dict[str, Advice]
 
 
-def next_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
+def next_of(diagnosis: CauseDiagnosis, settings: Campaign) -> Next:
     """Return what to measure after a diagnosis of poses."""
     final = diagnosis.final
-    return next_measurements(settings, Measured(final.measured, final.fit.frames), *_asked(diagnosis, _fitted))
+    return next_measurements(settings, MeasuredPoints(final.measured, final.fit.frames), *_asked(diagnosis, _fitted))
 
 
-def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
+def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> Next:
     """Return which loads to apply after a diagnosis of a bench.
 
     What was found alone keeps the words of its cause, which ask for more than more loads; these are in the table.
@@ -209,7 +216,7 @@ def next_loads_of(diagnosis: Diagnosis, settings: Campaign) -> Next:
     return Next(plan_table("next_loads", plans), {**advice, **own})
 
 
-def _beside(another: Advice, plan: Plan | None) -> Advice:
+def _beside(another: Advice, plan: MeasurementPlan | None) -> Advice:
     """Another kind of measurement first, then what a plan gives without it."""
     if plan is None:
         return another
@@ -217,7 +224,7 @@ def _beside(another: Advice, plan: Plan | None) -> Advice:
 
 
 def _asked(
-    diagnosis: Diagnosis, fitted: Callable[[FittedModel], Fitted]
+    diagnosis: CauseDiagnosis, fitted: Callable[[FittedModel], Fitted]
 ) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those that cannot be told from their rivals."""
     accepted = {v.cause.key: v for v in diagnosis.verdicts if v.verdict in ("found", "suspected")}
@@ -237,7 +244,7 @@ def _fitted(stand: FittedModel) -> Fitted:
 
 
 def next_measurements(
-    settings: Campaign, measured: Measured, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
+    settings: Campaign, measured: MeasuredPoints, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
 ) -> Next:
     """Return which configurations to measure next; as `planned`."""
     instrument = measured.instrument()
@@ -247,14 +254,14 @@ def next_measurements(
 
 def planned(
     reach: Reach, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
-) -> tuple[list[Plan], dict[str, Advice]]:
+) -> tuple[list[MeasurementPlan], dict[str, Advice]]:
     """Return what to measure next, and the advice on it by a cause's key: for each found cause without rivals, and
     for each pair of rivals.
 
     ``found`` are causes with the model that holds them, of which the largest parameter is to be known better, or the
     least known. A cause with several rivals is told the hardest of them.
     """
-    plans: list[Plan] = []
+    plans: list[MeasurementPlan] = []
     advice: dict[str, Advice] = {}
     judged = [(_apart(reach, pair), pair) for pair in rivals]
     for plan, pair in sorted(judged, key=lambda found: found[0].effort):
@@ -272,7 +279,7 @@ def planned(
     return plans, advice
 
 
-def _apart(reach: Reach, pair: Rivals) -> Plan:
+def _apart(reach: Reach, pair: Rivals) -> MeasurementPlan:
     both = pair.fitted, pair.other_fitted
     options = reach(both)
     rivals = options.seen(both[0]), options.seen(both[1])
@@ -284,7 +291,7 @@ def _apart(reach: Reach, pair: Rivals) -> Plan:
     )
     expected = tuple({"expected": f"odds of {_odds(value)}", "odds_expected": value} for value in choice.values)
     purpose = f"{_name(pair.cause, pair.legs)} against {_name(pair.other, pair.legs)}"
-    return Plan(purpose, Need.RIVAL, options, choice, expected, given)
+    return MeasurementPlan(purpose, Need.RIVAL, options, choice, expected, given)
 
 
 def _own(fitted: Fitted, other: Fitted) -> NDArray:
@@ -293,7 +300,7 @@ def _own(fitted: Fitted, other: Fitted) -> NDArray:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
-def _told_apart(plan: Plan, own: Any, other: Any, legs: int) -> Advice:
+def _told_apart(plan: MeasurementPlan, own: Any, other: Any, legs: int) -> Advice:
     both, by_another = f"{_called(own, legs)} from {_called(other, legs)}", _confirming(other, legs).words
     if plan.choice.is_enough:
         return plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
@@ -317,7 +324,7 @@ def _confirming(cause: Any, legs: int) -> Advice:
     return confirming(claim_of(cause, legs), cause.confirm)
 
 
-def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, Advice]:
+def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[MeasurementPlan, Advice]:
     """Return what narrows down a parameter."""
     options = reach((fitted,))
     choice = narrowed(options.seen(fitted), largest.direction, _HALF, _MOST)
@@ -327,7 +334,9 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Plan, Adv
     )
     expected = tuple(largest.columns(value) for value in choice.values)
     purpose = f"{_name(largest.cause, legs)}: {name}"
-    plan = Plan(purpose, Need.PRECISION, options, choice, expected, f"The uncertainty of {name} then {falls}.")
+    plan = MeasurementPlan(
+        purpose, Need.PRECISION, options, choice, expected, f"The uncertainty of {name} then {falls}."
+    )
     called = f"{name} ({cause_words(largest.cause.id)})"
     if plan.leads:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To know {called} better")

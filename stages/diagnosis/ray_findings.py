@@ -30,14 +30,14 @@ from truing.stages.common.point_arrays import number_column
 from truing.stages.common.point_errors import point_errors
 from truing.stages.common.ray_statistics import effects_on_points
 from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
-from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.gathered import DiagnosisData
 from truing.stages.diagnosis.ray_points import gather_rays, scale_height
 from truing.stages.diagnosis.rows import Words, diagnosis_table, ranked_table
 from truing.stages.diagnosis.search import decided_of_rays, rule_of_rays
 
 if TYPE_CHECKING:
     from truing.inference.observations import Epochs
-    from truing.inference.selection import Diagnosis, Settings
+    from truing.inference.selection import CauseDiagnosis, Settings
     from truing.schemas.campaign import Campaign
     from truing.stages.declaration import Progress
 
@@ -55,8 +55,8 @@ class RayFindings:
     """The diagnosis of rays, what was compared, and by point (pose, name): how far it was found from where it is
     (N, 3), m, and how it follows the errors that all poses share (N, 3, Q), m per standard deviation."""
 
-    diagnosis: Diagnosis
-    gathered: Gathered[RayModel]
+    diagnosis: CauseDiagnosis
+    gathered: DiagnosisData[RayModel]
     points: Mapping[tuple[Any, str], int]
     off: Array
     common: Array
@@ -122,8 +122,8 @@ def corrected(tables: Mapping[str, pa.Table], rays: RayFindings) -> dict[str, pa
 
 
 def with_shared_errors(
-    gathered: Gathered[Recorded], tables: Mapping[str, pa.Table], rays: RayFindings
-) -> Gathered[Recorded]:
+    gathered: DiagnosisData[Recorded], tables: Mapping[str, pa.Table], rays: RayFindings
+) -> DiagnosisData[Recorded]:
     """What is compared of points, with the errors that all poses share, and those that the points of a pose do, among
     its unknowns and not in its noise."""
     table = tables["observations"]

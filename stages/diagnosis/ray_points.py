@@ -20,10 +20,10 @@ from truing.stages.common.point_arrays import default_motions, number_column, po
 from truing.stages.common.ray_statistics import information_and_score, shared_numbers
 from truing.stages.common.why_not import HELD_OUT
 from truing.stages.diagnosis.body_points import known_of_poses
-from truing.stages.diagnosis.gathered import RAYS, Gathered, Left
+from truing.stages.diagnosis.gathered import RAYS, DiagnosisData, InstrumentResults
 
 if TYPE_CHECKING:
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
 
 # Poses that must tell of their rays before they can be held against each other.
@@ -38,7 +38,7 @@ def has_rays(tables: Mapping[str, pa.Table]) -> bool:
     return all(name in tables for name in names) and len(pose_ids(tables["ray_statistics"])) >= _FEWEST_POSES
 
 
-def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gathered[RayModel], RayPoses]:
+def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[DiagnosisData[RayModel], RayPoses]:
     """What the diagnosis compares of rays, and all poses with rays."""
     poses = pose_ids(tables["ray_statistics"])
     numbers = shared_numbers(tables["ray_statistics"])
@@ -62,7 +62,7 @@ def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Gat
     model, table = RayModel.of(some_poses(whole, ~held)), tables.get("configurations")
     asked = readings_of(table, poses, settings.campaign.drives)[~held]
     groupings = groupings_of(asked, None if time is None else time[~held], None, chosen(labels_of(table, poses), ~held))
-    gathered = Gathered(
+    gathered = DiagnosisData(
         model,
         replace(_poses(whole, channels, ~held), groupings=groupings),
         _poses(whole, channels, held) if held.any() else None,
@@ -99,9 +99,9 @@ def _vertical(table: pa.Table, poses: tuple[int | str, ...], body: str | None) -
     return found if np.isfinite(found).all() else None
 
 
-def _nothing_more(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+def _nothing_more(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """No table of rays alone: what they tell stands among that of points."""
-    return Left({})
+    return InstrumentResults({})
 
 
 def scale_height(tables: Mapping[str, pa.Table], poses: Epochs) -> float:

@@ -37,13 +37,13 @@ from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.overruled import decided, excluded_words, without_excluded
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
 from truing.stages.diagnosis.earlier_campaign import changes_table
-from truing.stages.diagnosis.gathered import Channels, Gathered, Left
+from truing.stages.diagnosis.gathered import Channels, DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.left_tables import errors_by_role, identified_table, plain_number, sensor_pull_tables
 from truing.stages.diagnosis.next_measurement import next_loads_of
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import SensorMechanism
     from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
@@ -64,7 +64,7 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> Reading
     return ReadingModel(_known(sensor, steps, points, seen, sigma, told, settings), _conditions(steps, told))
 
 
-def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered:
+def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
     """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     steps, out = without_excluded(load_steps(tables), settings)
     sensor = simulated_sensor(tables, settings, steps)
@@ -82,7 +82,7 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathe
     applied, loaded = np.round(steps.load[fitted], 9) + 0.0, {BlockKind.RUN: steps.run[fitted]}
     groupings = groupings_of(applied, steps.time_s[fitted], None, loaded)
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
-    return Gathered(
+    return DiagnosisData(
         model,
         replace(
             _poses(steps, points, seen, sigma, fitted), kept=kept[fitted], repeats=alike(applied), groupings=groupings
@@ -248,7 +248,7 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_sensor(extended_sensor(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> Left:
+def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """How far each reading is missed, the extended model, the sensor's pulls, what has changed, what to apply next."""
     assert isinstance(gathered.shown, Channels)
     final, following = diagnosis.final, next_loads_of(diagnosis, settings)
@@ -260,10 +260,10 @@ def _left(diagnosis: Diagnosis, gathered: Gathered[Any], settings: Campaign) -> 
         "changes": changes_table(final),
         "next_loads": following.table,
     }
-    return Left(left, following.advice)
+    return InstrumentResults(left, following.advice)
 
 
-def _errors_table(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> pa.Table:
+def _errors_table(diagnosis: CauseDiagnosis, channels: Channels, settings: Campaign) -> pa.Table:
     """Rows of reading_errors.parquet: every reading without and with what was found."""
     floor = _floors(diagnosis, channels, settings)
     rows: list[dict[str, Any]] = []
@@ -286,7 +286,7 @@ def _errors_table(diagnosis: Diagnosis, channels: Channels, settings: Campaign) 
     return identified_table("reading_errors", rows, "run", ("noise_floor",))
 
 
-def _floors(diagnosis: Diagnosis, channels: Channels, settings: Campaign) -> dict[str, float]:
+def _floors(diagnosis: CauseDiagnosis, channels: Channels, settings: Campaign) -> dict[str, float]:
     """What declared noise alone leaves in the errors of each channel, in its unit; without signals of undeclared noise.
 
     One zero per run and the fitted numbers are taken out of it, and the noise of loads is in it, as in the errors.

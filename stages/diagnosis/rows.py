@@ -20,7 +20,7 @@ from truing.report.diagnosis.findings import (
 )
 from truing.report.diagnosis.judged import REMAINDER
 from truing.report.wordings.catalogue import cause_words, clause, confirming, own_clause
-from truing.report.wordings.claim import Advice, Claim, Size
+from truing.report.wordings.claim import Advice, Claim, ParameterSize
 from truing.report.wordings.followed import remainder_advice, remainder_explanation
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
     from truing.inference.noise import NoiseDependence, NoiseLevel
     from truing.inference.scatter import FoundScatter
-    from truing.inference.selection import Diagnosis
+    from truing.inference.selection import CauseDiagnosis
     from truing.inference.verdicts import Verdict
     from truing.simulation.cause import Cause
 
@@ -50,7 +50,7 @@ class Words:
     relation: Relation = Relation.READINGS_POSES
 
 
-def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> pa.Table:
+def diagnosis_table(diagnosis: CauseDiagnosis, words: Words, noise_level: float) -> pa.Table:
     """Rows of the verdicts in their order, noise that is larger than declared behind what was found.
 
     ``noise_level`` is the p-value below which it is.
@@ -63,7 +63,7 @@ def diagnosis_table(diagnosis: Diagnosis, words: Words, noise_level: float) -> p
     return ranked_table([{**row, "relation": words.relation.value} for row in rows])
 
 
-def _missing_rows(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
+def _missing_rows(diagnosis: CauseDiagnosis) -> Iterator[dict[str, Any]]:
     """Yield a row per cause that could not be tested because something was not recorded or varied."""
     for cause in cast("tuple[Cause, ...]", diagnosis.unasked):
         if missing := cause.lacks(diagnosis.plain.scene):
@@ -90,7 +90,7 @@ def ranked_table(rows: list[dict[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(ranked, schema=artifact.arrow_schema(present=artifact.optional))
 
 
-def _row(verdict: Verdict, diagnosis: Diagnosis, words: Words) -> dict[str, Any]:
+def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: Words) -> dict[str, Any]:
     cause, legs = verdict.cause, diagnosis.plain.model.part_count
     shown, claim = words.shown.concerned(verdict.before, verdict.after), claim_of(verdict.cause, legs)
     facts = _facts(verdict, diagnosis, words, claim)
@@ -131,7 +131,7 @@ def _errors(shown: Shown, verdict: Verdict) -> dict[str, Any]:
     }
 
 
-def _left_out(verdict: Verdict, diagnosis: Diagnosis) -> dict[str, Any]:
+def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
     """What was left out block by block of what was found, and what it gained there."""
     if not verdict.blocks_asked:
         return {}
@@ -152,7 +152,7 @@ def _advised(advice: Advice) -> dict[str, Any]:
     }
 
 
-def _facts(verdict: Verdict, diagnosis: Diagnosis, words: Words, claim: Claim) -> Facts:
+def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: Words, claim: Claim) -> Facts:
     """What a sentence on a verdict tells."""
     cause, shown = verdict.cause, words.shown.concerned(verdict.before, verdict.after)
     return Facts(
@@ -211,14 +211,14 @@ def told_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
     return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in told}
 
 
-def _odds(verdict: Verdict, diagnosis: Diagnosis) -> float | None:
+def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
     """How much more probable the found cause is than one that cannot be told from it."""
     rival = None if verdict.rival is None else verdict.rival.key
     other = next((one for one in diagnosis.verdicts if one.cause.key == rival), None)
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
-def _noise_rows(diagnosis: Diagnosis, shown: Shown | Channels, level: float) -> list[dict[str, Any]]:
+def _noise_rows(diagnosis: CauseDiagnosis, shown: Shown | Channels, level: float) -> list[dict[str, Any]]:
     """Noise that is larger in places, that of single channels, and where none has its own that of all."""
     final = diagnosis.final
     whole = shown.whole(final.error)
@@ -232,7 +232,7 @@ def _noise_rows(diagnosis: Diagnosis, shown: Shown | Channels, level: float) -> 
     return rows
 
 
-def _attributed_rows(diagnosis: Diagnosis, shown: Shown | Channels) -> Iterator[dict[str, Any]]:
+def _attributed_rows(diagnosis: CauseDiagnosis, shown: Shown | Channels) -> Iterator[dict[str, Any]]:
     """Inputs that predict what the simulation misses, and that no effect without a name follows already."""
     final, legs = diagnosis.final, diagnosis.plain.model.part_count
     unnamed = [one.cause for one in diagnosis.verdicts if one.verdict == "found" and not one.cause.catalogued]
@@ -303,7 +303,7 @@ def _row_of_cause(
     legs = final.model.part_count
     value, sigma = size
     values = cause.reported(np.array([value]), np.array([[sigma**2]]), legs)
-    sizes = tuple(Size(one.name, one.value, one.sigma, one.unit) for one in values)
+    sizes = tuple(ParameterSize(one.name, one.value, one.sigma, one.unit) for one in values)
     claim = replace(claim_of(cause, legs), sizes=sizes)
     said = clause(claim)
     return _without_mean_effect(p_value, final, shown) | {

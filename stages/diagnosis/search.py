@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.simulation.catalogue import (
@@ -27,7 +27,7 @@ from truing.stages.declaration import registered
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.stages.declaration import Progress
-    from truing.stages.diagnosis.gathered import Gathered
+    from truing.stages.diagnosis.gathered import DiagnosisData
 
 # What assembles the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
 _OF_TYPES = {"axis": "truing.stages.diagnosis.axis_points"}
@@ -37,17 +37,17 @@ DRAWS = 400
 SHARE_OF_RAYS = 1.0 / 3.0
 
 
-def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Any]:
+def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
     """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
     gathered = _gathered_of(tables, settings)
     return replace(gathered, given=tuple(searched_for(settings, gathered.given)))
 
 
-def _gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Any]:
+def _gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
     if "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
     if (own := registered(_OF_TYPES, settings)) is not None:
-        gathered: Gathered[Any] = own.gather(tables, settings)
+        gathered: DiagnosisData[Any] = own.gather(tables, settings)
         return gathered
     if settings.mechanism.is_legged:
         from truing.stages.diagnosis.mechanism_points import gather
@@ -62,7 +62,7 @@ def _gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered
     return gather_bodies(tables, settings)
 
 
-def _started(gathered: Gathered[Any], tables: Mapping[str, pa.Table], settings: Campaign) -> Gathered[Any]:
+def _started(gathered: DiagnosisData[Any], tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
     """What is compared, with what the model tells that the campaign starts from."""
     if "start" not in tables:
         return gathered
@@ -115,7 +115,7 @@ def rule_beside_rays(rule: Settings) -> Settings:
     return replace(rule, false_alarm=(1.0 - SHARE_OF_RAYS) * rule.false_alarm)
 
 
-def decided(gathered: Gathered[Any], settings: Campaign, progress: Progress) -> Diagnosis:
+def decided(gathered: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
     """All that the search over the catalogue decides."""
     rule = rule_of(settings)
     photographed = isinstance(gathered.model, RecordedModel) and gathered.model.photographed is not None
@@ -123,16 +123,16 @@ def decided(gathered: Gathered[Any], settings: Campaign, progress: Progress) -> 
     return _searched(gathered, rule_beside_rays(rule) if photographed else rule, kinds, progress)
 
 
-def decided_of_rays(gathered: Gathered[Any], settings: Campaign, progress: Progress) -> Diagnosis:
+def decided_of_rays(gathered: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
     """All that the search for causes of rays decides."""
     kinds = searched_for(settings, catalogue_of_rays().values())
     return _searched(gathered, rule_of_rays(rule_of(settings)), kinds, progress, "rays: ")
 
 
 def _searched(
-    gathered: Gathered[Any], rule: Settings, kinds: Sequence[Cause], progress: Progress, of: str = ""
-) -> Diagnosis:
-    search = Acceptance(
+    gathered: DiagnosisData[Any], rule: Settings, kinds: Sequence[Cause], progress: Progress, of: str = ""
+) -> CauseDiagnosis:
+    search = CauseSelection(
         gathered.model,
         gathered.calibration,
         gathered.held_out,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
+from truing.formats.gather import CollectedRows, gather
 from truing.formats.shapes import CAMERAS, COORDINATE_SIGMAS, IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
 from truing.formats.source import OF_IMAGES, CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
@@ -105,7 +105,7 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
     return SmallTable(_as_artifact("known_points", table), dict(found.left_out))
 
 
-def lacks(found: Gathered, required: tuple[str, ...]) -> bool:
+def lacks(found: CollectedRows, required: tuple[str, ...]) -> bool:
     """Whether columns are missing, which was told when the file was read."""
     return any(name not in found.table.column_names for name in required)
 
@@ -126,7 +126,7 @@ def _as_artifact(name: str, table: pa.Table) -> pa.Table:
     return table.select(schema.names).cast(pa.schema([field.with_nullable(True) for field in schema]))
 
 
-def check_codes(found: Gathered, boards: tuple[str, ...], log: FaultLog) -> None:
+def check_codes(found: CollectedRows, boards: tuple[str, ...], log: FaultLog) -> None:
     """A fault at every family that no photograph is searched for, and at every code that its family does not have."""
     families = [family or "" for family in found.table.column("family").to_pylist()]
     codes = [code or "" for code in found.table.column("code").to_pylist()]

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from truing.arrays import Array
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
+from truing.formats.gather import CollectedRows, gather
 from truing.formats.shapes import IMAGE_POINTS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
@@ -91,7 +91,7 @@ def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table
     return RayTables(image_points, photographs, none, dict(found.left_out), _without_sigma(found))
 
 
-def _names(found: Gathered, targets: pa.Table | None) -> tuple[Names, Names, Names]:
+def _names(found: CollectedRows, targets: pa.Table | None) -> tuple[Names, Names, Names]:
     point, body, target = own_names(_text(found, "point"), targets)
     given_body, given_target = _text(found, "body"), _text(found, "target")
     told = given_target != ""
@@ -102,13 +102,13 @@ def _names(found: Gathered, targets: pa.Table | None) -> tuple[Names, Names, Nam
     return named, own_body, np.where(told, given_target, target)
 
 
-def _text(found: Gathered, name: str, otherwise: str = "") -> Names:
+def _text(found: CollectedRows, name: str, otherwise: str = "") -> Names:
     if name not in found.table.column_names:
         return np.full(len(found.table), otherwise, dtype=object)
     return np.array([value or otherwise for value in found.table.column(name).to_pylist()], dtype=object)
 
 
-def _once(found: Gathered, log: FaultLog, point: Names) -> None:
+def _once(found: CollectedRows, log: FaultLog, point: Names) -> None:
     """No image shows a point twice."""
     seen: set[tuple[object, object, object]] = set()
     again = np.zeros(len(point), dtype=bool)
@@ -120,7 +120,7 @@ def _once(found: Gathered, log: FaultLog, point: Names) -> None:
     found.fault(log, again, column, "each point once in an image")
 
 
-def _one_camera(found: Gathered, log: FaultLog, camera: Names) -> None:
+def _one_camera(found: CollectedRows, log: FaultLog, camera: Names) -> None:
     """An image was taken by one camera."""
     first: dict[tuple[object, object], object] = {}
     keys = zip(found.table.column("pose").to_pylist(), _text(found, "image"), strict=True)
@@ -128,7 +128,7 @@ def _one_camera(found: Gathered, log: FaultLog, camera: Names) -> None:
     found.fault(log, other, "camera", "one camera for all points of an image")
 
 
-def _within_format(found: Gathered, camera: Names, formats: Formats, log: FaultLog) -> None:
+def _within_format(found: CollectedRows, camera: Names, formats: Formats, log: FaultLog) -> None:
     """No ray lies outside the format that its camera is given, but for a hundredth of it."""
     for side, name in (("width_px", "x_px"), ("height_px", "y_px")):
         at = numbers(found, name)
@@ -138,7 +138,7 @@ def _within_format(found: Gathered, camera: Names, formats: Formats, log: FaultL
                 found.fault(log, outside, name, f"a place within the format of camera {one}, {side} {size}")
 
 
-def _covariance(found: Gathered, settings: Any, log: FaultLog) -> Array:
+def _covariance(found: CollectedRows, settings: Any, log: FaultLog) -> Array:
     """xx, xy, yy (N, 3) in px^2: as given, else of the sigmas, else as declared."""
     names = found.table.column_names
     declared = settings.noise.image_px
@@ -165,7 +165,7 @@ def _covariance(found: Gathered, settings: Any, log: FaultLog) -> Array:
     return np.asarray(out)
 
 
-def _without_sigma(found: Gathered) -> int:
+def _without_sigma(found: CollectedRows) -> int:
     """How many rays have no standard deviation of their own."""
     own = np.zeros(len(found.table), dtype=bool)
     for name in ("sigma_x_px", _COVARIANCE[0]):
@@ -174,7 +174,9 @@ def _without_sigma(found: Gathered) -> int:
     return int(np.count_nonzero(~own))
 
 
-def _photographs(image_points: pa.Table, formats: Formats, found: Gathered, log: FaultLog, identifier: str) -> pa.Table:
+def _photographs(
+    image_points: pa.Table, formats: Formats, found: CollectedRows, log: FaultLog, identifier: str
+) -> pa.Table:
     """One row per image, in order of appearance, with the format that its camera is given."""
     keys = ("pose", "image", "camera")
     images = list(dict.fromkeys(zip(*(image_points.column(key).to_pylist() for key in keys), strict=True)))

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
 from truing.formats.image_files import read_grey
-from truing.formats.photographs import Photograph, Photographs, list_photographs
+from truing.formats.photographs import Photograph, PhotographFiles, list_photographs
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count as counted
@@ -56,7 +56,7 @@ def opened(source: CampaignFiles, settings: Any) -> str:
     return said + (f"; left out {'; '.join(left_out)}" if left_out else "")
 
 
-def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> Photographs:
+def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> PhotographFiles:
     """The photographs, each opened whole; what is wrong with any goes into ``log``."""
     photographs = list_photographs(source, settings.photographs.sensor_width_mm, log)
     for one in photographs.found:
@@ -145,7 +145,7 @@ def target_plan(wanted: Any, targets: pa.Table | None) -> TargetPlan:
 
 
 def _measured(
-    photographs: Photographs, plan: TargetPlan, progress: Progress, each: Each | None
+    photographs: PhotographFiles, plan: TargetPlan, progress: Progress, each: Each | None
 ) -> Iterator[PhotographTargets | Unusable]:
     pieces = [Piece(photograph, plan) for photograph in photographs.found]
     pixels = sum(one.head.width_px * one.head.height_px for one in photographs.found)
@@ -157,7 +157,7 @@ def _measured(
         yield measure(piece)
 
 
-def _whose(photographs: Photographs, counts: Sequence[int]) -> dict[str, list[Any]]:
+def _whose(photographs: PhotographFiles, counts: Sequence[int]) -> dict[str, list[Any]]:
     """The columns pose, image and camera of so many rows of each photograph."""
     rows = [one for one, count in zip(photographs.found, counts, strict=True) for _ in range(count)]
     poses = [int(one.pose) if photographs.poses_are_numbers else one.pose for one in rows]
@@ -165,7 +165,7 @@ def _whose(photographs: Photographs, counts: Sequence[int]) -> dict[str, list[An
 
 
 def _image_points(
-    photographs: Photographs, measured: Sequence[PhotographTargets], targets: pa.Table | None
+    photographs: PhotographFiles, measured: Sequence[PhotographTargets], targets: pa.Table | None
 ) -> pa.Table:
     names, kinds, xy, cov, ellipse, contrast = (
         np.concatenate([getattr(one, name) for one in measured])
@@ -186,7 +186,7 @@ def _image_points(
     return _table("image_points", columns, photographs)
 
 
-def _photographs(photographs: Photographs, measured: Sequence[PhotographTargets]) -> pa.Table:
+def _photographs(photographs: PhotographFiles, measured: Sequence[PhotographTargets]) -> pa.Table:
     heads = [one.head for one in photographs.found]
     of_heads = ("width_px", "height_px", "principal_distance_px", "principal_distance_from", "taken_at")
     columns = {
@@ -200,7 +200,7 @@ def _photographs(photographs: Photographs, measured: Sequence[PhotographTargets]
     return _table("photographs", columns, photographs)
 
 
-def _rejections(photographs: Photographs, measured: Sequence[PhotographTargets]) -> pa.Table:
+def _rejections(photographs: PhotographFiles, measured: Sequence[PhotographTargets]) -> pa.Table:
     whose = _whose(photographs, [len(one.rejected) for one in measured])
     rows = [(kind, reason, count) for one in measured for (kind, reason), count in sorted(one.rejected.items())]
     columns = {name: whose[name] for name in ("pose", "image")}
@@ -208,7 +208,7 @@ def _rejections(photographs: Photographs, measured: Sequence[PhotographTargets])
     return _table("image_rejections", columns, photographs)
 
 
-def _table(name: str, columns: Mapping[str, Any], photographs: Photographs) -> pa.Table:
+def _table(name: str, columns: Mapping[str, Any], photographs: PhotographFiles) -> pa.Table:
     return artifact_table(name, columns, "int64" if photographs.poses_are_numbers else "string")
 
 

@@ -174,7 +174,7 @@ def _covariance(found: ColmapNetwork) -> tuple[Array, float]:
     from truing.estimation.bundle.adjustment import adjust
     from truing.estimation.bundle.camera import PARAMETERS, Camera
     from truing.estimation.bundle.determinable import determinable
-    from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
+    from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays
 
     rows: list[Any] = found.cameras
     cameras = tuple(
@@ -198,7 +198,7 @@ def _covariance(found: ColmapNetwork) -> tuple[Array, float]:
     )
     names = ("focal_px", "x0_px", "y0_px", *PARAMETERS[3:])
     interior = np.array([[row[name] for name in names] for row in rows], dtype=float)
-    state = State(interior, found.R, found.centre, found.points, np.empty(0))
+    state = NetworkState(interior, found.R, found.centre, found.points, np.empty(0))
     adjusted = adjust(network, state, "free", used=determinable(network).rays)
     if not adjusted.redundancy > 0:
         raise ValueError(f"found redundancy {adjusted.redundancy}, expected more than none")

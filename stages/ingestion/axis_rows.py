@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
-from truing.formats.shapes import Shape
+from truing.formats.gather import CollectedRows, gather
+from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
 from truing.schemas.faults import Fault
@@ -26,7 +26,9 @@ from truing.stages.ingestion.tables import (
     left_out_words,
 )
 
-ROWS = Shape("configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of", "event"), covariates=True)
+ROWS = TableShape(
+    "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of", "event"), covariates=True
+)
 _OTHER = {"deg": "mm", "mm": "deg"}
 
 
@@ -52,7 +54,7 @@ def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
     )
 
 
-def _check_columns(found: Gathered, columns: AxisColumns, settings: Any, log: FaultLog) -> None:
+def _check_columns(found: CollectedRows, columns: AxisColumns, settings: Any, log: FaultLog) -> None:
     """Note columns that are named and missing, commands that are no number, encoders without noise or readings."""
     names, file = found.table.column_names, found.first_file
     for what, column in settings.mechanism.columns.items():

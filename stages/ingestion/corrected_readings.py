@@ -20,7 +20,7 @@ from truing.estimation.interferometry.recorded_steps import (
     less_growth,
 )
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered
+from truing.formats.gather import CollectedRows
 from truing.schemas.faults import Fault
 from truing.simulation.air import ciddor_index, edlen_slopes, index_sigma, saturation_vapour_pressure_pa
 from truing.stages.common.gathered import numbered, numbers, texts
@@ -56,7 +56,9 @@ def _largest(values: Array) -> float | None:
     return float(known.max()) if len(known) else None
 
 
-def corrected(found: Gathered, reading: Array, settings: Interferometer, log: FaultLog) -> tuple[Array, Corrections]:
+def corrected(
+    found: CollectedRows, reading: Array, settings: Interferometer, log: FaultLog
+) -> tuple[Array, Corrections]:
     """Displacements (N,) of readings (N,), um or arcsec as the readings are, and what was done to them.
 
     The air and the temperature at the zero are those of the run's first step.
@@ -75,7 +77,7 @@ def corrected(found: Gathered, reading: Array, settings: Interferometer, log: Fa
     return value, told
 
 
-def _check(found: Gathered, names: Sequence[str], why: str, log: FaultLog) -> None:
+def _check(found: CollectedRows, names: Sequence[str], why: str, log: FaultLog) -> None:
     for name in names:
         if name not in found.table.column_names:
             log.add(Fault(found.first_file, f"a column {name}, as {why}", column=name))
@@ -83,7 +85,7 @@ def _check(found: Gathered, names: Sequence[str], why: str, log: FaultLog) -> No
             found.fault(log, np.isnan(numbers(found, name)), name, f"a number in every row, as {why}")
 
 
-def _at_zero(found: Gathered, values: Array) -> Array:
+def _at_zero(found: CollectedRows, values: Array) -> Array:
     """Values (N,) as they were at the first step of each row's run."""
     run, step = numbered(found, "run"), numbers(found, "step")
     order = np.lexsort((step, run))
@@ -92,7 +94,7 @@ def _at_zero(found: Gathered, values: Array) -> Array:
 
 
 def _in_air(
-    found: Gathered, reading: Array, channel: NDArray[np.object_], settings: Interferometer, told: Corrections
+    found: CollectedRows, reading: Array, channel: NDArray[np.object_], settings: Interferometer, told: Corrections
 ) -> Array:
     """Readings less what the air does; compensated ones as they came, with what their air leaves uncertain."""
     known = all(name in found.table.column_names for name in AIR)
@@ -126,7 +128,7 @@ def _in_air(
 
 
 def _without_growth(
-    found: Gathered, reading: Array, rows: Mask, growth: Any, settings: Interferometer, told: Corrections
+    found: CollectedRows, reading: Array, rows: Mask, growth: Any, settings: Interferometer, told: Corrections
 ) -> Array:
     """Readings of one channel's rows (N,) less what its material grew since the start of each run."""
     celsius = numbers(found, MATERIAL)
@@ -150,7 +152,9 @@ def _read_with(spread: SurroundingsSigma | None) -> float:
     return 0.0 if spread is None else spread.material_temperature_c
 
 
-def positions_at_reference(found: Gathered, settings: Interferometer, log: FaultLog) -> tuple[Gathered, Corrections]:
+def positions_at_reference(
+    found: CollectedRows, settings: Interferometer, log: FaultLog
+) -> tuple[CollectedRows, Corrections]:
     """Positions of an axis, mm, as they are at 20 degrees C, where [interferometer.material] says how it grows."""
     told, axis = Corrections(), settings.material.axis
     if axis is None:

@@ -13,14 +13,14 @@ import pyarrow as pa
 from truing.arrays import Array, Mask
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
+from truing.formats.gather import CollectedRows, gather
 from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES, RESURVEYS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.stages.common.gathered import SmallTable, numbers, once, sigmas, texts
-from truing.stages.ingestion.relabelling import PoseOrder, Relabel, Relabelling, window
+from truing.stages.ingestion.relabelling import PoseTimes, Relabel, Relabelling, window
 from truing.stages.ingestion.tables import check_legs, legs_of
 
 _FILE = "campaign.toml"
@@ -57,7 +57,7 @@ class LaterSurveys:
 
 
 def read_later_surveys(
-    source: CampaignFiles, settings: Any, first: SmallTable | None, order: PoseOrder, log: FaultLog
+    source: CampaignFiles, settings: Any, first: SmallTable | None, order: PoseTimes, log: FaultLog
 ) -> LaterSurveys | None:
     """The later surveys, compared one after the other; None where there are none."""
     found = gather(source, RESURVEYS, log)
@@ -113,7 +113,7 @@ def _in_time(wished: dict[str, _Wish]) -> list[str]:
     return sorted(wished, key=lambda name: (1 << 62) if (w := wished[name].window) is None else w[0])
 
 
-def _wishes(settings: Any, found: Gathered, order: PoseOrder, log: FaultLog) -> dict[str, _Wish]:
+def _wishes(settings: Any, found: CollectedRows, order: PoseTimes, log: FaultLog) -> dict[str, _Wish]:
     names = [str(name) for name in dict.fromkeys(texts(found, "survey"))]
     wished = {name: _Wish() for name in names}
     since: dict[int, str] = {}
@@ -141,13 +141,13 @@ def _wishes(settings: Any, found: Gathered, order: PoseOrder, log: FaultLog) -> 
     return wished
 
 
-def _covariances(found: Gathered, declared: float | None, log: FaultLog) -> Array:
+def _covariances(found: CollectedRows, declared: float | None, log: FaultLog) -> Array:
     """(N, 3, 3) in m^2 of the rows, by their sigmas or by the declared noise."""
     sigma = sigmas(found, COORDINATE_SIGMAS, declared, "noise.point_mm", "the points", log)
     return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)
 
 
-def _seen(found: Gathered, cov: Array, rows: Mask) -> dict[str, Place]:
+def _seen(found: CollectedRows, cov: Array, rows: Mask) -> dict[str, Place]:
     """The targets of one body in one survey."""
     points = _MM * np.column_stack([numbers(found, name) for name in COORDINATES])[rows]
     has_legs = "leg" in found.table.column_names
@@ -249,7 +249,7 @@ def _new_row(of: tuple[str, str], target: str, status: str, holds_as: str | None
     }
 
 
-def relabelling_of(found: LaterSurveys | None, order: PoseOrder) -> Relabelling:
+def relabelling_of(found: LaterSurveys | None, order: PoseTimes) -> Relabelling:
     """The targets that are others from a pose on, as later surveys say."""
     rules: Iterator[Relabel] = iter(()) if found is None else (rule for rule in found.rules if rule.first <= rule.last)
     return Relabelling(order, tuple(rules))

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index, Mask
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered
+from truing.formats.gather import CollectedRows
 from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
 from truing.stages.common.gathered import declared_missing, numbered, numbers, once, texts, unit_factors, without
@@ -27,14 +27,14 @@ _OF_A_STEP = ("run", "step", "channel")
 _EMPTY_SAMPLE = "a number in every sample; an empty cell has to be declared by missing"
 
 
-def with_known_loads(found: Gathered) -> Gathered:
+def with_known_loads(found: CollectedRows) -> CollectedRows:
     """The rows whose loads were all written down, of files whose mapping says which values mean missing."""
     names = [name for name in (*WRENCH, "load") if name in found.table.column_names]
     unknown = np.any([np.isnan(numbers(found, name)) for name in names], axis=0) if names else np.zeros(1, bool)
     return without(found, unknown & declared_missing(found), "a load that was not written down") if names else found
 
 
-def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
+def six_loads(found: CollectedRows, loading: Any, log: FaultLog) -> Array:
     """The loads (N, 6) in N and N m; a component without a value beside others is 0. Notes what cannot be."""
     names = found.table.column_names
     six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
@@ -61,7 +61,7 @@ def six_loads(found: Gathered, loading: Any, log: FaultLog) -> Array:
     return loads
 
 
-def _check_range(found: Gathered, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
+def _check_range(found: CollectedRows, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
     for k, name in enumerate(WRENCH):
         limit = loading.allowed(name)
         if limit is not None:
@@ -78,7 +78,7 @@ def _cure(share: float) -> str:
     return f"; of an overload test, [loading] overload = {math.ceil(share * 100.0 - _ROUNDED) / 100.0:g} allows it"
 
 
-def check_one_load(found: Gathered, step: Index, loads: Array, log: FaultLog) -> None:
+def check_one_load(found: CollectedRows, step: Index, loads: Array, log: FaultLog) -> None:
     """A fault at every row whose load is not that of the first row of its step; step (N,) numbers the steps."""
     rows = np.flatnonzero(found.sound("run", "step", "load_axis", "load", *WRENCH))
     _, first, at = np.unique(step[rows], return_index=True, return_inverse=True)
@@ -88,7 +88,7 @@ def check_one_load(found: Gathered, step: Index, loads: Array, log: FaultLog) ->
     found.fault(log, apart, _load_column(found), "one load per step, on the same axis in all of its rows")
 
 
-def check_same_loads(found: Gathered, loads: Array, other: Array, log: FaultLog) -> None:
+def check_same_loads(found: CollectedRows, loads: Array, other: Array, log: FaultLog) -> None:
     """A fault at every row whose loads (N, 6) are not those (N, 6) that the readings have for this step; NaN: none."""
     with np.errstate(invalid="ignore"):
         apart = np.any(np.abs(loads - other) > _allowed(np.concatenate([loads, other])), axis=1)
@@ -101,12 +101,12 @@ def _allowed(loads: Array) -> Array:
     return _ONE_LOAD * np.nan_to_num(np.abs(loads)).max(axis=0, initial=0.0)
 
 
-def _load_column(found: Gathered) -> str:
+def _load_column(found: CollectedRows) -> str:
     """The column to name where loads do not agree."""
     return next((name for name in ("load", *WRENCH) if name in found.table.column_names), "load")
 
 
-def check_times(found: Gathered, log: FaultLog) -> None:
+def check_times(found: CollectedRows, log: FaultLog) -> None:
     """A fault at every row that was not taken after the step before it in its run."""
     if "time_s" not in found.table.column_names:
         return
@@ -121,7 +121,7 @@ def check_times(found: Gathered, log: FaultLog) -> None:
     found.fault(log, wrong, "time_s", "a time after that of the step before: steps are in the order taken")
 
 
-def check_roles(found: Gathered, log: FaultLog) -> None:
+def check_roles(found: CollectedRows, log: FaultLog) -> None:
     """A fault at every row whose role is not that of its run's first row."""
     if "role" not in found.table.column_names:
         return
@@ -133,7 +133,7 @@ def check_roles(found: Gathered, log: FaultLog) -> None:
     found.fault(log, other, "role", "one role for all of a run: it is held out as a whole, or not")
 
 
-def without_transit(found: Gathered) -> Gathered:
+def without_transit(found: CollectedRows) -> CollectedRows:
     """The table without the samples that were taken on the way to the next load, which are counted as left out."""
     if TRANSIT not in found.table.column_names:
         return found
@@ -141,7 +141,7 @@ def without_transit(found: Gathered) -> Gathered:
     return replace(kept, table=kept.table.drop_columns([TRANSIT]))
 
 
-def averaged(found: Gathered, log: FaultLog) -> Gathered:
+def averaged(found: CollectedRows, log: FaultLog) -> CollectedRows:
     """One row per run, step and channel: the mean of every column of real numbers over the samples with a reading.
 
     A mean reading at the load, time or temperature of one of its samples would tilt the response on every ramp. Notes
@@ -168,13 +168,13 @@ def _is_averaged(table: pa.Table, name: str) -> bool:
     return name not in _OF_A_STEP and bool(pa.types.is_floating(table.schema.field(name).type))
 
 
-def _with_reading(found: Gathered, at: Index) -> Mask:
+def _with_reading(found: CollectedRows, at: Index) -> Mask:
     """(N,) samples that count: those with a reading; all of a step without any, whose row tells that it was there."""
     there = np.isfinite(numbers(found, "reading"))
     return np.asarray(there | (np.bincount(at, there)[at] == 0.0), dtype=bool)
 
 
-def _sampled(found: Gathered, name: str) -> Array:
+def _sampled(found: CollectedRows, name: str) -> Array:
     """A column (N,) of numbers; a component of the wrench without a value beside others is 0."""
     values = numbers(found, name)
     return np.nan_to_num(values) if name in WRENCH else values
@@ -187,7 +187,7 @@ def _means(values: Array, counts: Mask, at: Index) -> Array:
     return np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
 
 
-def _check_samples(found: Gathered, log: FaultLog) -> None:
+def _check_samples(found: CollectedRows, log: FaultLog) -> None:
     """A fault at every sample without a load, or with an empty reading that nothing declares missing."""
     names = found.table.column_names
     six = [name for name in WRENCH if name in names]
@@ -198,7 +198,7 @@ def _check_samples(found: Gathered, log: FaultLog) -> None:
     found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY_SAMPLE)
 
 
-def _check_alike(found: Gathered, first: Index, log: FaultLog) -> None:
+def _check_alike(found: CollectedRows, first: Index, log: FaultLog) -> None:
     """A fault at every sample that says in words, or in whole numbers, something else than the first of its step."""
     for name in found.table.column_names:
         if name not in _OF_A_STEP and not _is_averaged(found.table, name):
@@ -207,8 +207,8 @@ def _check_alike(found: Gathered, first: Index, log: FaultLog) -> None:
 
 
 def checked_steps(
-    found: Gathered, key: Sequence[str], loading: Any, log: FaultLog, cure: str = ""
-) -> tuple[Gathered, Array]:
+    found: CollectedRows, key: Sequence[str], loading: Any, log: FaultLog, cure: str = ""
+) -> tuple[CollectedRows, Array]:
     """The rows of load steps that count, and their loads (N, 6); notes what keys, times, roles and loads break."""
     found = with_known_loads(without_transit(found))
     once(found, log, *key, cure=cure)

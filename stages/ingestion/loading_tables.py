@@ -13,7 +13,7 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.formats.faultlog import FaultLog, discreet
-from truing.formats.gather import Gathered, gather
+from truing.formats.gather import CollectedRows, gather
 from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles, RawFile
 from truing.report.numbers import count
@@ -284,7 +284,7 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
     return PositionTable(as_artifact("positions", table.take(order)), dict(found.left_out), corrections)
 
 
-def _check_whole(found: Gathered, log: FaultLog) -> None:
+def _check_whole(found: CollectedRows, log: FaultLog) -> None:
     """Note runs whose targets were not all approached in the same cycles, from either side, twice at least."""
     runs = texts(found, "run")
     for run in dict.fromkeys(runs):

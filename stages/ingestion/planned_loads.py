@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
+from truing.formats.gather import CollectedRows, gather
 from truing.formats.shapes import DISPLACEMENT, MOTION, PLANNED, SIGNALS
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
@@ -57,25 +57,25 @@ def planned_loads(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Tab
     return {name: table for name, table in found.items() if table is not None}
 
 
-def _measured(found: Gathered | None, names: Sequence[str]) -> bool:
+def _measured(found: CollectedRows | None, names: Sequence[str]) -> bool:
     """Whether any of these columns has a value."""
     if found is None:
         return False
     return any(bool(np.isfinite(numbers(found, name)).any()) for name in names if name in found.table.column_names)
 
 
-def _signals(found: Gathered | None) -> list[str]:
+def _signals(found: CollectedRows | None) -> list[str]:
     return [] if found is None else [name for name in found.table.column_names if SIGNAL.fullmatch(name)]
 
 
-def _with_zeros(found: Gathered, names: Sequence[str]) -> Gathered:
+def _with_zeros(found: CollectedRows, names: Sequence[str]) -> CollectedRows:
     table = found.table.drop_columns([name for name in names if name in found.table.column_names])
     for name in names:
         table = table.append_column(name, pa.array(np.zeros(len(table))))
     return replace(found, table=table)
 
 
-def _readings(found: Gathered, shape: str, settings: Campaign, log: FaultLog) -> pa.Table | None:
+def _readings(found: CollectedRows, shape: str, settings: Campaign, log: FaultLog) -> pa.Table | None:
     by_channel = "channel" in found.table.column_names  # without, all are read at every step
     named = [name for name in MOTION if name in found.table.column_names] or list(MOTION)
     # what is drawn is as compensated and corrected
@@ -100,7 +100,7 @@ def _check_noise(readings: pa.Table, keys: dict[str, str], log: FaultLog) -> Non
             log.add(Fault("campaign.toml", expected, column=f"noise.{key}"))
 
 
-def _planned_signals(found: Gathered, settings: Campaign, readings: pa.Table | None, log: FaultLog) -> Any:
+def _planned_signals(found: CollectedRows, settings: Campaign, readings: pa.Table | None, log: FaultLog) -> Any:
     names = _signals(found) or [f"v{leg}_mv" for leg in range(1, _LEGS + 1)]
     needed = {
         "signals.sensitivity_mv_per_n": settings.signals.sensitivity_mv_per_n,

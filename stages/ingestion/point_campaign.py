@@ -20,9 +20,9 @@ from truing.stages.declaration import Outcome, Progress
 from truing.stages.ingestion.adjusted_points import AdjustedPoints, EstimatedCovariance, in_inner_datum
 from truing.stages.ingestion.dense_scans import DenseScans, identifier_of, read_scans
 from truing.stages.ingestion.later_surveys import LaterSurveys, read_later_surveys, relabelling_of
-from truing.stages.ingestion.points import Expected, Geometry, Points
-from truing.stages.ingestion.pose_table import MeasuredPoses, check_bodies, read_poses
-from truing.stages.ingestion.relabelling import PoseOrder, Relabelling, declared, relabelled_table
+from truing.stages.ingestion.points import ExpectedPoints, Geometry, Points
+from truing.stages.ingestion.pose_table import PoseTable, check_bodies, read_poses
+from truing.stages.ingestion.relabelling import PoseTimes, Relabelling, declared, relabelled_table
 from truing.stages.ingestion.tables import (
     all_left_out,
     check_any_fitted,
@@ -44,7 +44,7 @@ class _Parts:
     survey: SmallTable | None
     start: str | None
     later: LaterSurveys | None = None
-    measured: MeasuredPoses | None = None
+    measured: PoseTable | None = None
     scans: DenseScans | None = None
 
     def artifacts(self) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def ingest_points(
         return parts.outcome(count(len(parts.configurations.table), "configuration"), "points are not adjusted yet")
     if adjusted is None:
         _check_any_points(source, log)
-    order = PoseOrder.of(parts.configurations.table)
+    order = PoseTimes.of(parts.configurations.table)
     parts.later = read_later_surveys(source, settings, parts.survey, order, log)
     if parts.survey is not None and parts.later is not None:
         parts.survey = replace(parts.survey, table=parts.later.survey(parts.survey.table))
@@ -108,7 +108,7 @@ def _first_tables(settings: Any, source: CampaignFiles, adjusted: AdjustedPoints
     return _Parts(configurations, survey, start)
 
 
-def _without_points(parts: _Parts, expected: Expected, log: FaultLog) -> Outcome:
+def _without_points(parts: _Parts, expected: ExpectedPoints, log: FaultLog) -> Outcome:
     """The outcome of a campaign of measured poses or dense scans alone."""
     if parts.measured is not None:
         check_bodies(parts.measured, expected.without(set() if parts.scans is None else parts.scans.bodies), log)
@@ -188,9 +188,9 @@ def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchRead
 
 def _expected(
     settings: Any, configurations: pa.Table, survey: pa.Table | None, renamed: tuple[Relabelling, ...]
-) -> Expected:
+) -> ExpectedPoints:
     legs = tuple(f"leg{leg + 1}" for leg in range(len(legs_of(settings))))
-    return Expected(
+    return ExpectedPoints(
         poses=configurations.column("pose").combine_chunks().unique(),
         always=(("platform",) if settings.is_frame_fixed else ("base", "platform")) if legs else (),
         bodies=("base", "platform", *legs) if legs else (),

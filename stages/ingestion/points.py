@@ -98,7 +98,7 @@ def _size(points: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedPoints:
     """What the rest of the campaign says of its points.
 
     ``poses`` are all there may be, ``always`` the bodies that every pose has to show, ``bodies`` all there may be
@@ -114,7 +114,7 @@ class Expected:
     survey: pa.Table | None
     relabelled: tuple[Relabelling, ...] = ()
 
-    def without(self, scanned: set[str]) -> Expected:
+    def without(self, scanned: set[str]) -> ExpectedPoints:
         """The same where some bodies are known from scans of their surface, and need no targets."""
         always = tuple(body for body in self.always if body not in scanned)
         return replace(self, always=always, reference=None if self.reference in scanned else self.reference)
@@ -126,7 +126,7 @@ class Points:
 
     source: CampaignFiles
     log: FaultLog
-    expected: Expected
+    expected: ExpectedPoints
     progress: Progress
     adjusted: AdjustedPoints | None = None
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)

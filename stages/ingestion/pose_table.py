@@ -13,7 +13,7 @@ import pyarrow as pa
 from truing.arrays import Array, Mask
 from truing.estimation.rotation import euler_axes, exp_so3, left_jacobian_so3, log_so3
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
+from truing.formats.gather import CollectedRows, gather
 from truing.formats.shapes import (
     COORDINATE_SIGMAS,
     COORDINATES,
@@ -31,7 +31,7 @@ from truing.stages.common.gathered import check_variance, declared_missing, numb
 
 if TYPE_CHECKING:
     from truing.formats.source import CampaignFiles
-    from truing.stages.ingestion.points import Expected
+    from truing.stages.ingestion.points import ExpectedPoints
 
 ROTATION = tuple(f"m{i}{j}" for i in range(3) for j in range(3))
 LAST_ROW = ("m30", "m31", "m32", "m33")
@@ -51,7 +51,7 @@ _VECTOR_SIGMAS = tuple(f"sigma_{name}" for name in ROTATION_VECTOR)
 _EULER_SIGMAS = tuple(f"sigma_{name}" for name in EULER)
 
 
-def rotation_columns(found: Gathered, log: FaultLog) -> tuple[str, ...] | None:
+def rotation_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
     """The columns that say how bodies are turned; None, with a fault, where there are none, or several kinds."""
     names = set(found.table.column_names)
     begun = {words: columns for words, columns in _FAMILIES.items() if names & set(columns)}
@@ -67,7 +67,7 @@ def rotation_columns(found: Gathered, log: FaultLog) -> tuple[str, ...] | None:
     return None if missing else columns
 
 
-def rotations(found: Gathered, columns: Sequence[str], euler: str | None, log: FaultLog) -> Array:
+def rotations(found: CollectedRows, columns: Sequence[str], euler: str | None, log: FaultLog) -> Array:
     """Rotation (N, 3, 3) of every row, body to parent; NaN where what the row says is none, which is a fault."""
     values = np.column_stack([numbers(found, name) for name in columns])
     if tuple(columns) == QUATERNION:
@@ -79,7 +79,7 @@ def rotations(found: Gathered, columns: Sequence[str], euler: str | None, log: F
     return _of_matrices(found, values.reshape(-1, 3, 3), log)
 
 
-def _of_quaternions(found: Gathered, q: Array, log: FaultLog) -> Array:
+def _of_quaternions(found: CollectedRows, q: Array, log: FaultLog) -> Array:
     from scipy.spatial.transform import Rotation
 
     norm = np.linalg.norm(q, axis=1)
@@ -91,7 +91,7 @@ def _of_quaternions(found: Gathered, q: Array, log: FaultLog) -> Array:
     return R
 
 
-def _of_vectors(found: Gathered, vectors: Array, log: FaultLog) -> Array:
+def _of_vectors(found: CollectedRows, vectors: Array, log: FaultLog) -> Array:
     length = np.linalg.norm(vectors, axis=1)
     wrong = length > _FULL_TURN
     degrees = ", ".join(f'{name} = "deg"' for name in ROTATION_VECTOR)
@@ -105,7 +105,7 @@ def _of_vectors(found: Gathered, vectors: Array, log: FaultLog) -> Array:
     return R
 
 
-def _of_euler(found: Gathered, angles: Array, order: str | None, log: FaultLog) -> Array:
+def _of_euler(found: CollectedRows, angles: Array, order: str | None, log: FaultLog) -> Array:
     from scipy.spatial.transform import Rotation
 
     R = np.full((len(angles), 3, 3), np.nan)
@@ -121,7 +121,7 @@ def _of_euler(found: Gathered, angles: Array, order: str | None, log: FaultLog) 
     return R
 
 
-def _of_matrices(found: Gathered, M: Array, log: FaultLog) -> Array:
+def _of_matrices(found: CollectedRows, M: Array, log: FaultLog) -> Array:
     known = np.asarray(np.isfinite(M).all(axis=(1, 2)))
     M = np.where(known[:, None, None], M, np.eye(3))
     off = np.abs(np.swapaxes(M, 1, 2) @ M - np.eye(3)).max(axis=(1, 2))
@@ -135,7 +135,7 @@ def _of_matrices(found: Gathered, M: Array, log: FaultLog) -> Array:
     return np.where(good[:, None, None], U @ Vt, np.nan)
 
 
-def check_last_row(found: Gathered, log: FaultLog) -> None:
+def check_last_row(found: CollectedRows, log: FaultLog) -> None:
     """The last row of a 4x4 matrix is 0 0 0 1; where translations stand in it, the matrix is transposed."""
     names = found.table.column_names
     for name in (name for name in LAST_ROW if name in names):
@@ -146,7 +146,7 @@ def check_last_row(found: Gathered, log: FaultLog) -> None:
 
 
 @dataclass(frozen=True)
-class MeasuredPoses:
+class PoseTable:
     """The artifact's table, the bodies that it holds, the files it came from, and rows left out by (file, reason)."""
 
     table: pa.Table
@@ -166,7 +166,7 @@ class MeasuredPoses:
         return f"poses of {', '.join(self.bodies[:12])}, no points"
 
 
-def read_poses(source: CampaignFiles, settings: Any, expected: Expected, log: FaultLog) -> MeasuredPoses | None:
+def read_poses(source: CampaignFiles, settings: Any, expected: ExpectedPoints, log: FaultLog) -> PoseTable | None:
     """The poses of the campaign's table; None where it has none. What is wrong goes into ``log``."""
     if not source.entries("poses"):
         return None
@@ -186,10 +186,10 @@ def read_poses(source: CampaignFiles, settings: Any, expected: Expected, log: Fa
     covariance = _covariance(found, columns, R, settings, log)
     files = tuple(dict.fromkeys(file.raw.name for file, _ in found.parts))
     bodies = tuple(dict.fromkeys(found.table.column("body").to_pylist()))
-    return MeasuredPoses(_table(found, p, R, covariance, expected), bodies, files, found.left_out)
+    return PoseTable(_table(found, p, R, covariance, expected), bodies, files, found.left_out)
 
 
-def _check_names(found: Gathered, expected: Expected, log: FaultLog) -> None:
+def _check_names(found: CollectedRows, expected: ExpectedPoints, log: FaultLog) -> None:
     known = set(map(str, expected.poses.to_pylist()))
     unknown = np.array([str(pose) not in known for pose in found.table.column("pose").to_pylist()], dtype=bool)
     if unknown.any():
@@ -201,7 +201,7 @@ def _check_names(found: Gathered, expected: Expected, log: FaultLog) -> None:
         found.fault(log, other, "body", f"a body of the mechanism; there are {', '.join(expected.bodies)}{near}")
 
 
-def check_bodies(poses: MeasuredPoses, expected: Expected, log: FaultLog) -> None:
+def check_bodies(poses: PoseTable, expected: ExpectedPoints, log: FaultLog) -> None:
     """Where nothing but measured poses says where bodies are: those that have to be there are, in every pose."""
     for body in dict.fromkeys((*expected.always, *filter(None, (expected.reference,)))):
         own = {str(p) for p, b in zip(*map(_listed(poses), ("pose", "body")), strict=True) if b == body}
@@ -216,11 +216,11 @@ def check_bodies(poses: MeasuredPoses, expected: Expected, log: FaultLog) -> Non
             log.add(Fault(poses.files[0], said, column="body", value=f"none in pose {lost[0]}", more=len(lost) - 1))
 
 
-def _listed(poses: MeasuredPoses) -> Any:
+def _listed(poses: PoseTable) -> Any:
     return lambda name: poses.table.column(name).to_pylist()
 
 
-def _place_columns(found: Gathered, log: FaultLog) -> tuple[str, ...] | None:
+def _place_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
     names = set(found.table.column_names)
     places = next((kind for kind in (COORDINATES, _TRANSLATIONS) if names & set(kind)), COORDINATES)
     missing = [name for name in places if name not in names]
@@ -229,7 +229,7 @@ def _place_columns(found: Gathered, log: FaultLog) -> tuple[str, ...] | None:
     return None if missing else places
 
 
-def _without_missing(found: Gathered, columns: tuple[str, ...], log: FaultLog) -> Gathered:
+def _without_missing(found: CollectedRows, columns: tuple[str, ...], log: FaultLog) -> CollectedRows:
     """The table without rows of which a number is missing, where the mapping declares that; else each is a fault."""
     empty = {name: np.isnan(numbers(found, name)) & found.sound(name) for name in columns}
     declared = declared_missing(found)
@@ -242,7 +242,7 @@ def _without_missing(found: Gathered, columns: tuple[str, ...], log: FaultLog) -
 # -- covariance -------------------------------------------------------------------------------------------
 
 
-def _covariance(found: Gathered, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog) -> Array:
+def _covariance(found: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog) -> Array:
     """Covariance (N, 6, 6), SI, order (p, theta): as the file gives it, else by its sigmas, else as declared."""
     names = set(found.table.column_names)
     if names & set(POSE_COVARIANCE):
@@ -257,7 +257,7 @@ def _covariance(found: Gathered, columns: tuple[str, ...], R: Array, settings: A
 
 
 def _turn_sigmas(
-    found: Gathered, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog
+    found: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog
 ) -> tuple[Array, Array]:
     """Sigmas (N, 3) in rad, and the axes (N, 3, 3) in the parent frame that they are about, a column each."""
     names = set(found.table.column_names)
@@ -284,7 +284,7 @@ def _turn_sigmas(
     return sigma, own
 
 
-def _given_covariance(found: Gathered, log: FaultLog) -> Array:
+def _given_covariance(found: CollectedRows, log: FaultLog) -> Array:
     names = set(found.table.column_names)
     for name in sorted(names & {*COORDINATE_SIGMAS, *_VECTOR_SIGMAS, *_EULER_SIGMAS}):
         log.add(Fault(found.first_file, "either covariances cov_i_j or standard deviations, not both", column=name))
@@ -309,7 +309,7 @@ def _given_covariance(found: Gathered, log: FaultLog) -> Array:
     return covariance
 
 
-def _table(found: Gathered, p: Array, R: Array, covariance: Array, expected: Expected) -> pa.Table:
+def _table(found: CollectedRows, p: Array, R: Array, covariance: Array, expected: ExpectedPoints) -> pa.Table:
     known = np.isfinite(R).all(axis=(1, 2)) & np.isfinite(p).all(axis=1)
     vectors = np.full((len(R), 3), np.nan)
     vectors[known] = log_so3(R[known])

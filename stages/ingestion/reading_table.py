@@ -24,7 +24,7 @@ from truing.estimation.interferometry.quadrature import (
 )
 from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
+from truing.formats.gather import CollectedRows, gather
 from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
@@ -66,11 +66,11 @@ class Lengths:
     """Signals that became readings: one row per run, step and channel with a column ``reading``, and a table of what
     became of every channel's ellipse."""
 
-    readings: Gathered
+    readings: CollectedRows
     channels: pa.Table
 
 
-def lengths(found: Gathered, settings: Any, log: FaultLog) -> Lengths | None:
+def lengths(found: CollectedRows, settings: Any, log: FaultLog) -> Lengths | None:
     """Vacuum lengths since the first step of each run, um; several samples of a step are averaged, as are
     their loads and times.
 
@@ -102,7 +102,7 @@ def lengths(found: Gathered, settings: Any, log: FaultLog) -> Lengths | None:
     return None if log else Lengths(readings, table)
 
 
-def _signals(found: Gathered, step: float | None, log: FaultLog) -> Array:
+def _signals(found: CollectedRows, step: float | None, log: FaultLog) -> Array:
     """Signals (N, 2), given as such or as phase and radius; whole steps of a converter where its step is known."""
     given = next((names for names in _SIGNALS if all(name in found.table.column_names for name in names)), None)
     if given is None:
@@ -160,7 +160,7 @@ def _followed(signals: Array, run: Index, settings: Any) -> _Followed:
     return _Followed(fit, length, _UM * per_rad * sigma, facts)
 
 
-def _by_step(found: Gathered, value: Array, sigma: Array, log: FaultLog) -> Gathered:
+def _by_step(found: CollectedRows, value: Array, sigma: Array, log: FaultLog) -> CollectedRows:
     """One row per run, step and channel, with the mean of its samples as reading, and the sigma of one of them.
 
     Samples in transit were needed to count fringes; they enter no mean. Readings are since the first step that has one.
@@ -181,7 +181,7 @@ def _by_step(found: Gathered, value: Array, sigma: Array, log: FaultLog) -> Gath
     return replace(made, table=table.append_column("time_s", pa.array(time)))
 
 
-def _first_of_run(found: Gathered) -> Index:
+def _first_of_run(found: CollectedRows) -> Index:
     """(N,) the row of the first step with a reading of each row's run and channel."""
     pair = numbered(found, "run", "channel")
     order = np.lexsort((numbers(found, "step"), ~np.isfinite(numbers(found, "reading")), pair))
@@ -249,7 +249,7 @@ def _check_whole(optics: Interferometer, log: FaultLog) -> None:
             log.add(Fault("campaign.toml", expected, column=f"interferometer.{name}"))
 
 
-def reading_table(found: Gathered, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
+def reading_table(found: CollectedRows, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
     """The readings of a gathered table, a row per step and channel or a row per step; None where faults were noted."""
     key = ("run", "step", "channel") if by_channel else ("run", "step")
     found, loads = checked_steps(found, key, settings.loading, log, _SAMPLES if by_channel else "")
@@ -264,7 +264,7 @@ def reading_table(found: Gathered, settings: Any, log: FaultLog, *, by_channel: 
     return ReadingTable(table, left_out, corrections=readings.corrections)
 
 
-def _of_interferometer(found: Gathered, settings: Any, log: FaultLog) -> _Readings:
+def _of_interferometer(found: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
     channel, given = texts(found, "channel"), numbers(found, "reading")
     there = ~np.isnan(given)
     empty = np.asarray(found.table.column("reading").is_null())
@@ -292,7 +292,7 @@ def _or_nan(value: float | None) -> float:
     return np.nan if value is None else float(value)
 
 
-def _of_displacement(found: Gathered, settings: Any, log: FaultLog) -> _Readings:
+def _of_displacement(found: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
     """A component without a column, or without a value, was not measured."""
     given = [k for k, name in enumerate(MOTION) if name in found.table.column_names]
     if not given:
@@ -317,7 +317,7 @@ def _size_expected(unit: str) -> str:
     return "less than a metre; is the unit right?" if unit == "um" else "less than a radian; is the unit right?"
 
 
-def _table(found: Gathered, loads: Array, readings: _Readings) -> pa.Table:
+def _table(found: CollectedRows, loads: Array, readings: _Readings) -> pa.Table:
     """The long table, ordered by run as they come, step and channel."""
     run, step = numbered(found, "run")[readings.row], numbers(found, "step")[readings.row]
     channel = np.array([CHANNELS.index(name) for name in readings.channel], dtype=np.int64)

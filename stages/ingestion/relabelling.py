@@ -23,14 +23,14 @@ _FILE = "campaign.toml"
 
 
 @dataclass(frozen=True)
-class PoseOrder:
+class PoseTimes:
     """The poses (B) as text, and the place (B,) of each in the order of time."""
 
     names: tuple[str, ...]
     place: Index
 
     @classmethod
-    def of(cls, configurations: pa.Table) -> PoseOrder:
+    def of(cls, configurations: pa.Table) -> PoseTimes:
         """The order in which the poses of a table were taken."""
         names = tuple(str(pose) for pose in configurations.column("pose").to_pylist())
         time = np.asarray(configurations.column("time_s").to_numpy(zero_copy_only=False), dtype=float)
@@ -69,7 +69,7 @@ class Relabel:
 class Relabelling:
     """What is called otherwise, all at once; count: how many points each of the rules concerned so far."""
 
-    order: PoseOrder
+    order: PoseTimes
     rules: tuple[Relabel, ...] = ()
     count: list[int] = field(default_factory=list)
 
@@ -118,7 +118,7 @@ def _has(batch: TableBatch, rule: Relabel) -> bool:
     return rule.body in bodies and rule.called in targets
 
 
-def window(order: PoseOrder, from_pose: object, to_pose: object, column: str, log: FaultLog) -> tuple[int, int] | None:
+def window(order: PoseTimes, from_pose: object, to_pose: object, column: str, log: FaultLog) -> tuple[int, int] | None:
     """The places in time of the first and the last pose; None, with a fault, where there is no such pose between."""
     first = 0 if from_pose is None else order.of_pose(from_pose)
     last = len(order.names) - 1 if to_pose is None else order.of_pose(to_pose)
@@ -135,7 +135,7 @@ def window(order: PoseOrder, from_pose: object, to_pose: object, column: str, lo
     return first, last
 
 
-def declared(settings: Any, order: PoseOrder, survey: pa.Table | None, log: FaultLog) -> Relabelling:
+def declared(settings: Any, order: PoseTimes, survey: pa.Table | None, log: FaultLog) -> Relabelling:
     """What [[renamed]] says; notes what contradicts itself, the survey or the poses."""
     found = []
     for number, entry in enumerate(settings.renamed, 1):

@@ -12,7 +12,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import times_from_order
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
+from truing.formats.gather import CollectedRows, gather
 from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.columns import COLUMNS
@@ -38,7 +38,7 @@ def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None
     return table
 
 
-def signal_table(found: Gathered, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
+def signal_table(found: CollectedRows, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The signals of a gathered table, a row per step; None where faults were noted."""
     found, loads = checked_steps(found, ("run", "step"), settings.loading, log)
     if any(name in found.table.column_names for name in SHOWN):
@@ -66,7 +66,7 @@ def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
     return table
 
 
-def _check_channels(found: Gathered, sensitivity: Any, log: FaultLog) -> None:
+def _check_channels(found: CollectedRows, sensitivity: Any, log: FaultLog) -> None:
     names = [name for name in found.table.column_names if SIGNAL.fullmatch(name)]
     wanted = [f"v{number + 1}_mv" for number in range(max(len(names), 1))]
     if sorted(names) != sorted(wanted) or not all(COLUMNS["signal"].matches(name) for name in wanted):
@@ -79,7 +79,7 @@ def _check_channels(found: Gathered, sensitivity: Any, log: FaultLog) -> None:
         )
 
 
-def _same_step(found: Gathered, readings: pa.Table | None) -> Index:
+def _same_step(found: CollectedRows, readings: pa.Table | None) -> Index:
     """(N,) the first row of the readings with the same run and step; -1 where there is none."""
     if readings is None:
         return np.full(len(found.table), -1)
@@ -98,7 +98,7 @@ def _where_known(values: Array, same: Index) -> Array:
     return known
 
 
-def _times(found: Gathered, readings: pa.Table | None, same: Index) -> Array:
+def _times(found: CollectedRows, readings: pa.Table | None, same: Index) -> Array:
     own = numbers(found, "time_s") if "time_s" in found.table.column_names else np.full(len(found.table), np.nan)
     if readings is not None and len(readings):
         theirs = _where_known(readings.column("time_s").to_numpy(), same)
@@ -106,7 +106,7 @@ def _times(found: Gathered, readings: pa.Table | None, same: Index) -> Array:
     return times_from_order(numbered(found, "run"), numbers(found, "step"), own)
 
 
-def with_leg_signals(found: Gathered, settings: Any, log: FaultLog) -> Gathered:
+def with_leg_signals(found: CollectedRows, settings: Any, log: FaultLog) -> CollectedRows:
     """The table with signals v1_mv .. v6_mv in place of the wrench shown: its leg forces times the sensitivity."""
     names = found.table.column_names
     signals = [name for name in names if COLUMNS["signal"].matches(name)]

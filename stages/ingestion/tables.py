@@ -13,10 +13,10 @@ import pyarrow.compute as pc
 
 from truing.arrays import Array, Mask
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import Gathered, gather
-from truing.formats.point_ledger import Names
+from truing.formats.gather import CollectedRows, gather
+from truing.formats.point_ledger import NameNumbers
 from truing.formats.read import read_table
-from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, TARGETS, Shape
+from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, TARGETS, TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
@@ -26,7 +26,7 @@ from truing.schemas.near_names import meant
 from truing.schemas.settings_text import parsed_toml, read_settings_text
 from truing.stages.common.gathered import SmallTable, filled, numbers, once
 
-POSES = tuple(Shape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
+POSES = tuple(TableShape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
 _COLUMN = "mechanism.model"
 _WRITTEN = "a model.toml that a run has written"
@@ -82,7 +82,7 @@ def _in_order_of_appearance(source: CampaignFiles, adjusted: pa.Table | None) ->
 
 def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[object], bool]:
     """Poses in order of appearance, and whether any is text; what is wrong is said when the points are read."""
-    poses: Names[object] = Names()
+    poses: NameNumbers[object] = NameNumbers()
     any_text = False
     for shape in POSES:
         for _, batch in read_table(source, shape, FaultLog(), poses_as_text=as_text):
@@ -93,7 +93,7 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
     return poses.values, any_text
 
 
-def check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:
+def check_times(found: CollectedRows, log: FaultLog, *, required: bool) -> None:
     """A fault at every row whose time stood in a row before, or where times are required and there are none."""
     if "time_s" not in found.table.column_names:
         if required:
@@ -102,7 +102,7 @@ def check_times(found: Gathered, log: FaultLog, *, required: bool) -> None:
     found.fault(log, _repeated(numbers(found, "time_s")), "time_s", "a time of its own for every row")
 
 
-def _check_repeats(found: Gathered, log: FaultLog) -> None:
+def _check_repeats(found: CollectedRows, log: FaultLog) -> None:
     """A pose repeats another one of the table, or none."""
     names = found.table.column_names
     if "repeat_of" not in names or "pose" not in names:
@@ -123,7 +123,7 @@ def _repeated(values: Array) -> Mask:
     return again
 
 
-def _check_readings(found: Gathered, log: FaultLog, settings: Any) -> None:
+def _check_readings(found: CollectedRows, log: FaultLog, settings: Any) -> None:
     legs = legs_of(settings)
     if not legs:
         return
@@ -136,7 +136,7 @@ def _check_readings(found: Gathered, log: FaultLog, settings: Any) -> None:
             log.add(Fault(file, f"a column {name}, the reading of leg {leg}", column=name))
 
 
-def _check_drives(found: Gathered, log: FaultLog, drives: tuple[str, ...]) -> None:
+def _check_drives(found: CollectedRows, log: FaultLog, drives: tuple[str, ...]) -> None:
     names = found.table.column_names
     for drive in drives:
         if drive not in names:
@@ -177,7 +177,7 @@ def check_survey_noise(survey: SmallTable, log: FaultLog) -> None:
         log.lacks("noise.point_mm", "a standard deviation of surveyed targets", survey.file)
 
 
-def check_legs(found: Gathered, log: FaultLog, legs: int) -> None:
+def check_legs(found: CollectedRows, log: FaultLog, legs: int) -> None:
     """A fault at every leg that there is not, or that a body without attachments gives."""
     if "leg" not in found.table.column_names or not legs:
         return

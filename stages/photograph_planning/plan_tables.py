@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.estimation.bundle.photograph_plan import PhotographPlan
-from truing.estimation.bundle.planning import Prediction, body_motion, largest_sigma
+from truing.estimation.bundle.planning import PredictedPrecision, body_motion, largest_sigma
 from truing.report.numbers import count as counted
 
 _FEW_RAYS = 4  # a target with fewer of them shows no gross error
@@ -46,7 +46,7 @@ def targets_table(plan: PhotographPlan) -> pa.Table:
     return pa.table(columns)
 
 
-def limits_of(prediction: Prediction) -> list[str]:
+def limits_of(prediction: PredictedPrecision) -> list[str]:
     """What each target's standard deviation comes from most: rays that are few or narrow, the camera, the scale, the
     noise."""
     whole = prediction.sigma**2

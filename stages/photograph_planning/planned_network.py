@@ -10,8 +10,8 @@ import numpy as np
 from truing.arrays import Array
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Bars
-from truing.estimation.bundle.photograph_plan import Targets
-from truing.estimation.bundle.planning import Layout, PlannedNetwork
+from truing.estimation.bundle.photograph_plan import PlannedTargets
+from truing.estimation.bundle.planning import PlannedNetwork, PlannedObject
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.legs.kinematics import forward
 from truing.stages.common.nominal_mechanism import nominal_legs
@@ -34,7 +34,7 @@ def planned_network(
     normals: pa.Table | None,
     camera: str | None,
     noise_px: Mapping[str, float],
-) -> tuple[PlannedNetwork, Targets, tuple[str, ...]]:
+) -> tuple[PlannedNetwork, PlannedTargets, tuple[str, ...]]:
     """The network, its targets, and what of the campaign could not be part of it; raises CampaignFaults.
 
     tables: survey, and where there are any cameras_given, scale_bars, image_targets; noise_px: that of an image
@@ -72,7 +72,7 @@ def _camera(given: pa.Table | None, wanted: str | None) -> tuple[Camera | Fault,
 
 def _targets(
     settings: Any, tables: Mapping[str, pa.Table], normals: pa.Table | None
-) -> tuple[Targets, tuple[str, ...]]:
+) -> tuple[PlannedTargets, tuple[str, ...]]:
     """The surveyed targets in one frame: that of the base of a mechanism in its middle, else that of the survey."""
     rows = tables["survey"].to_pylist()
     legged = settings.mechanism.is_legged
@@ -86,10 +86,10 @@ def _targets(
         moves = np.array([row["body"] == "platform" for row in kept])
         points[moves] = points[moves] @ reached.R.T + reached.p
         directions[moves] = directions[moves] @ reached.R.T
-    layout = Layout(points, directions, _diameters(settings, tables.get("image_targets"), kept))
+    layout = PlannedObject(points, directions, _diameters(settings, tables.get("image_targets"), kept))
     left_out = sorted({row["body"] for row in rows} - {row["body"] for row in kept})
     said = (f"Not planned for, because nothing tells where they are: {', '.join(left_out)}.",) if left_out else ()
-    return Targets(tuple(row["body"] for row in kept), tuple(row["target"] for row in kept), layout), said
+    return PlannedTargets(tuple(row["body"] for row in kept), tuple(row["target"] for row in kept), layout), said
 
 
 def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[tuple[str, str], Array]:
@@ -123,7 +123,7 @@ def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[st
     return np.array([np.nan if value is None else 1e-3 * value for value in own])
 
 
-def _bars(table: pa.Table | None, targets: Targets) -> tuple[Bars, tuple[str, ...]]:
+def _bars(table: pa.Table | None, targets: PlannedTargets) -> tuple[Bars, tuple[str, ...]]:
     """The scale bars between targets of the plan, and what is said of others."""
     place = {f"{body}/{name}": i for i, (body, name) in enumerate(zip(targets.body, targets.name, strict=True))}
     rows = [] if table is None else [row for row in table.to_pylist() if row["serves"] == "scale"]

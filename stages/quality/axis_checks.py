@@ -13,7 +13,7 @@ from truing.arrays import Array
 from truing.report.numbers import count, listed
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma
 from truing.stages.common.point_arrays import number_column
-from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, Checked, without
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, CheckResults, without
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -37,12 +37,14 @@ _FEWEST = 3
 _COARSE = 0.5
 
 
-def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
+def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     """Every check of the rows of an axis."""
     table = tables["configurations"]
     columns = columns_of(settings, table)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    return Checked(_checks(table, columns, command_sigma(settings), limits), f"{count(len(table), 'row')} of an axis")
+    return CheckResults(
+        _checks(table, columns, command_sigma(settings), limits), f"{count(len(table), 'row')} of an axis"
+    )
 
 
 def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignLimits) -> Iterator[Check]:

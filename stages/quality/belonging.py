@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array, Index, Mask
-from truing.belonging.plausible_slips import Column
+from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.points_of_bodies import (
     AsAnother,
     BodyPoints,
@@ -19,13 +19,13 @@ from truing.belonging.points_of_bodies import (
     relate_survey,
     together,
 )
-from truing.belonging.reading_hypotheses import Motion
-from truing.belonging.readings_of_poses import READINGS, Names, relate_readings
-from truing.belonging.relation import DISPLACEMENT_UNITS, FRINGE_SHARES, ROTATION_UNITS, State, Tested
+from truing.belonging.reading_hypotheses import MeasuredMotion
+from truing.belonging.readings_of_poses import READINGS, ReadingNames, relate_readings
+from truing.belonging.relation import DISPLACEMENT_UNITS, FRINGE_SHARES, ROTATION_UNITS, RelationState, Tested
 from truing.belonging.relations_of_loads import MILLIVOLT, KnownBench, relate_loads
 from truing.estimation.covariance import relative
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
-from truing.quality.bodies import BodyView, Surroundings
+from truing.quality.bodies import BodyView, PoseSurroundings
 from truing.report.belonging import message
 from truing.schemas.columns import COLUMNS
 from truing.schemas.interferometer import LINEAR
@@ -44,7 +44,12 @@ if TYPE_CHECKING:
 Groups = tuple[tuple[str, tuple[str, ...]], ...]
 
 _ROWS_OF_A_GROUP = 3  # at least, on average: numbers that vary from row to row make no groups
-_VERDICTS = {State.OK: PASS, State.ATTENTION: WARN, State.FAILS: FAIL, State.NOT_TESTED: NOT_EVALUATED}
+_VERDICTS = {
+    RelationState.OK: PASS,
+    RelationState.ATTENTION: WARN,
+    RelationState.FAILS: FAIL,
+    RelationState.NOT_TESTED: NOT_EVALUATED,
+}
 _LEGS = 6
 _SINGULAR = 1e12  # condition of the legs' influence, from which on legs do not carry every load
 
@@ -59,7 +64,7 @@ def belonging_checks(tested: Iterable[Tested]) -> Iterator[Check]:
 
 def without_contradiction(checks: Iterable[Check], tested: Iterable[Tested]) -> Iterator[Check]:
     """Yield checks; exchanged rows are not told of signals that do not belong to their loads as they stand."""
-    apart = any(one.relation == "signals-against-loads" and one.state == State.FAILS for one in tested)
+    apart = any(one.relation == "signals-against-loads" and one.state == RelationState.FAILS for one in tested)
     deferred = False
     for check in checks:
         if not apart or check.check != "exchanged-rows":
@@ -70,7 +75,7 @@ def without_contradiction(checks: Iterable[Check], tested: Iterable[Tested]) -> 
 
 
 def relations_of_points(
-    bodies: Sequence[BodyView], around: Surroundings, tables: Mapping[str, pa.Table], settings: Campaign
+    bodies: Sequence[BodyView], around: PoseSurroundings, tables: Mapping[str, pa.Table], settings: Campaign
 ) -> tuple[Tested, ...]:
     """Return the tested relations of a campaign of object points."""
     surveyed = set(tables["survey"].column("body").to_pylist()) if "survey" in tables else set()
@@ -96,7 +101,7 @@ def relations_of_points(
     )
 
 
-def _file_order(configurations: pa.Table | None, around: Surroundings) -> Index:
+def _file_order(configurations: pa.Table | None, around: PoseSurroundings) -> Index:
     """The poses in the order of their file; without one, as they came."""
     if configurations is None:
         return np.arange(len(around.poses))
@@ -105,7 +110,7 @@ def _file_order(configurations: pa.Table | None, around: Surroundings) -> Index:
 
 
 def _points(
-    body: BodyView, others: tuple[AsAnother, ...], around: Surroundings, order: Index, groups: Groups
+    body: BodyView, others: tuple[AsAnother, ...], around: PoseSurroundings, order: Index, groups: Groups
 ) -> BodyPoints:
     """The targets that make the body's frame, poses in the order of the file."""
     frame = body.frame
@@ -124,7 +129,7 @@ def _points(
 
 
 def _as_others(
-    body: BodyView, bodies: Sequence[BodyView], observed: pa.Table, around: Surroundings, order: Index
+    body: BodyView, bodies: Sequence[BodyView], observed: pa.Table, around: PoseSurroundings, order: Index
 ) -> tuple[AsAnother, ...]:
     """What a body's rows would be as points of each other one: by the names of targets, and by their places."""
     found = []
@@ -138,7 +143,7 @@ def _as_others(
     return tuple(found)
 
 
-def _copies(bodies: Sequence[BodyView], around: Surroundings) -> Tested:
+def _copies(bodies: Sequence[BodyView], around: PoseSurroundings) -> Tested:
     points = np.concatenate([body.points.points for body in bodies], axis=1)
     seen = np.concatenate([body.points.seen for body in bodies], axis=1)
     sigma = np.concatenate([body.measured_sigma.mean(axis=2) for body in bodies], axis=1)
@@ -148,7 +153,7 @@ def _copies(bodies: Sequence[BodyView], around: Surroundings) -> Tested:
 
 def _readings(
     bodies: Sequence[BodyView],
-    around: Surroundings,
+    around: PoseSurroundings,
     configurations: pa.Table | None,
     surveyed: set[str],
     settings: Campaign,
@@ -156,15 +161,15 @@ def _readings(
 ) -> tuple[Tested, ...]:
     """Actuator readings against the poses of the platform, but for those (B,) whose points hold a slip of their own."""
     if not settings.mechanism.is_legged:
-        return (Tested(READINGS, State.NOT_TESTED, "no-mechanism"),)
+        return (Tested(READINGS, RelationState.NOT_TESTED, "no-mechanism"),)
     if not {"base", "platform"} <= surveyed:
-        return (Tested(READINGS, State.NOT_TESTED, "no-survey"),)
+        return (Tested(READINGS, RelationState.NOT_TESTED, "no-survey"),)
     by_name = {body.name: body for body in bodies}
     section = cast("LeggedMechanism", settings.mechanism)
     columns = tuple(f"rho{leg + 1}_mm" for leg in range(len(section.legs)))
     missing = configurations is None or not {"base", "platform"} <= by_name.keys()
     if configurations is None or missing or not set(columns) <= set(configurations.column_names):
-        return (Tested(READINGS, State.NOT_TESTED, "no-readings"),)
+        return (Tested(READINGS, RelationState.NOT_TESTED, "no-readings"),)
     found = _in_order(configurations, columns, around)
     base, platform = by_name["base"].fit, by_name["platform"].fit
     R, p, covariance = relative(base.R, base.t, base.covariance, platform.R, platform.t, platform.covariance)
@@ -172,7 +177,7 @@ def _readings(
     at = found.pose[usable]
     spread = np.trace(covariance[at][:, :3, :3], axis1=1, axis2=2)
     noise = float(np.sqrt(np.median(spread))) if len(at) else 0.0
-    motion = Motion(
+    motion = MeasuredMotion(
         _legs(section, p[at]),
         _tolerances(section),
         p[at],
@@ -182,11 +187,11 @@ def _readings(
         _drivers(around, at),
     )
     poses = tuple(str(around.poses[pose]) for pose in at)
-    return relate_readings(motion, Names(columns, poses, _groups(configurations, found.row[usable])))
+    return relate_readings(motion, ReadingNames(columns, poses, _groups(configurations, found.row[usable])))
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _ConfigurationRows:
     """Rows of the configurations whose pose was measured, in the order of the file: readings (N, L) m, pose (N,), and
     row (N,) of the table."""
 
@@ -195,10 +200,10 @@ class _Rows:
     row: Index
 
 
-def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: Surroundings) -> _Rows:
+def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: PoseSurroundings) -> _ConfigurationRows:
     pose = positions(configurations.column("pose"), around.poses)
     readings = 1e-3 * np.column_stack([number_column(configurations, name) for name in columns])
-    return _Rows(readings[pose >= 0], pose[pose >= 0], np.flatnonzero(pose >= 0))
+    return _ConfigurationRows(readings[pose >= 0], pose[pose >= 0], np.flatnonzero(pose >= 0))
 
 
 def _groups(configurations: pa.Table, rows: Index) -> Groups:
@@ -232,7 +237,7 @@ def _tolerances(section: LeggedMechanism) -> dict[str, float]:
     return {**found, "u": FREE_DIRECTION if given.u is None else given.u}
 
 
-def _drivers(around: Surroundings, at: Index) -> Array:
+def _drivers(around: PoseSurroundings, at: Index) -> Array:
     """(N, C) time and temperature over their spread, where they vary."""
     columns = [around.time[at], *(() if around.temperature is None else (around.temperature[at],))]
     varying = [values for values in columns if len(values) and np.isfinite(values).all() and np.ptp(values) > 0.0]
@@ -262,13 +267,13 @@ def _leg_forces(section: SensorMechanism) -> Array | None:
     return np.asarray(np.linalg.inv(G)) if np.linalg.cond(G) < _SINGULAR else None
 
 
-def _channels(settings: Campaign) -> list[Column]:
+def _channels(settings: Campaign) -> list[RecordedColumn]:
     """The channels with their quantities, and what makes other units of them right."""
     wave_um = settings.interferometer.wavelength_nm * 1e-3
     fringes = tuple(share * wave_um for share in FRINGE_SHARES)
     return [
-        Column(name, "displacement", DISPLACEMENT_UNITS, fringes, float(READING_SI[k]))
+        RecordedColumn(name, "displacement", DISPLACEMENT_UNITS, fringes, float(READING_SI[k]))
         if name in LINEAR
-        else Column(name, "rotation", ROTATION_UNITS, (), float(READING_SI[k]))
+        else RecordedColumn(name, "rotation", ROTATION_UNITS, (), float(READING_SI[k]))
         for k, name in enumerate(CHANNELS)
     ]

@@ -34,7 +34,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckResults:
     """Checks of a campaign as they come, what they rest on in words, tested relations, and tables that they suggest.
 
     ``why_not``: why nothing could be checked; empty where something was.

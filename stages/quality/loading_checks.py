@@ -20,7 +20,7 @@ from truing.stages.common.beam_rows import channel_rows
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.sensor_elements import declared_compliance
 from truing.stages.quality.belonging import belonging_checks, relations_of_loads, without_contradiction
-from truing.stages.quality.check import CampaignLimits, Check, Checked, without
+from truing.stages.quality.check import CampaignLimits, Check, CheckResults, without
 from truing.stages.quality.decisions import overruled
 from truing.stages.quality.position_checks import position_checks, positioning_runs
 from truing.stages.quality.reading_checks import (
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 _CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chance can trip
 
 
-def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
+def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     """Every check of load steps, and of an axis' positioning runs beside them or alone."""
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     runs = list(positioning_runs(tables["positions"])) if "positions" in tables else []
@@ -61,7 +61,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
         f"{count(tables['positions'].num_rows, 'approach')} of an axis in {count(len(runs), 'run')}" if runs else ""
     )
     if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
-        return Checked(of_axis, approaches, why_not="" if runs else "no readings and no signals")
+        return CheckResults(of_axis, approaches, why_not="" if runs else "no readings and no signals")
     compliance = declared_compliance(tables, settings)
     seen = None if compliance is None else np.asarray(channel_rows(settings.interferometer.beams) @ compliance)
     view = _view(tables, settings, compliance, seen)
@@ -72,7 +72,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
         _correction_checks(view, tables["reading_corrections"], limits) if "reading_corrections" in tables else (),
     )
     read = f"{count(len(view.steps.run), 'load step')} in {count(len(view.steps.runs), 'run')}"
-    return Checked(
+    return CheckResults(
         chain(belonging_checks(relations), without_contradiction(found, relations), of_axis),
         f"{read}; {approaches}" if approaches else read,
         relations,

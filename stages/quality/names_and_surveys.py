@@ -13,7 +13,7 @@ import pyarrow as pa
 from truing.arrays import Mask
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.rigid import FitStatus
-from truing.quality.bodies import BodyView, Surroundings
+from truing.quality.bodies import BodyView, PoseSurroundings
 from truing.report.numbers import listed
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.near_names import meant_by
@@ -40,7 +40,7 @@ class LikelyName:
 
 
 def likely_names(
-    observations: pa.Table, bodies: Sequence[BodyView], around: Surroundings, settled: set[tuple[str, str]]
+    observations: pa.Table, bodies: Sequence[BodyView], around: PoseSurroundings, settled: set[tuple[str, str]]
 ) -> list[LikelyName]:
     """Unknown names that lie at the place of a target which is not seen in any of their poses.
 
@@ -146,7 +146,7 @@ def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["likely_names"].arrow_schema())
 
 
-def due(resurveys: pa.Table | None, body: BodyView, around: Surroundings) -> Mask:
+def due(resurveys: pa.Table | None, body: BodyView, around: PoseSurroundings) -> Mask:
     """(B, T) which targets should be seen: one that a later survey found elsewhere or anew holds from its pose on, and
     the one that it was until then."""
     out = np.ones(body.points.seen.shape, bool)

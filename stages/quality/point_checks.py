@@ -16,13 +16,13 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import merely_counts
-from truing.quality.bodies import BodyView, Surroundings, body_view, first_shape
+from truing.quality.bodies import BodyView, PoseSurroundings, body_view, first_shape
 from truing.report.numbers import count
 from truing.schemas.columns import COLUMNS
 from truing.stages.common.point_arrays import number_column, pose_ids, pose_points, survey_points
 from truing.stages.common.repeats import repeated_poses
 from truing.stages.quality.belonging import belonging_checks, relations_of_points
-from truing.stages.quality.check import CampaignLimits, Check, Checked
+from truing.stages.quality.check import CampaignLimits, Check, CheckResults
 from truing.stages.quality.decisions import overruled_points
 from truing.stages.quality.names_and_surveys import (
     due,
@@ -62,11 +62,11 @@ if TYPE_CHECKING:
 _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip
 
 
-def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
+def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     """Every check of object points, of the network that gave them, and of whether tables belong together."""
     observations = tables["observations"]
     if not observations.num_rows:
-        return Checked((), "", why_not="no object points")
+        return CheckResults((), "", why_not="no object points")
     around = _surroundings(observations, tables.get("configurations"), settings.campaign.drives)
     bodies, reference = _reference_first(_body_views(tables, around), settings)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
@@ -87,7 +87,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> Checked:
     read = (
         f"{count(observations.num_rows, 'point')} of {count(len(bodies), 'body')} in {count(len(around.poses), 'pose')}"
     )
-    return Checked(found, read, relations, {"likely_names": likely_table(likely)} if likely else {})
+    return CheckResults(found, read, relations, {"likely_names": likely_table(likely)} if likely else {})
 
 
 def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[BodyView], BodyView | None]:
@@ -104,12 +104,14 @@ def _attachments(settings: Campaign) -> Array:
     return np.array([leg.b_mm for leg in cast("LeggedMechanism", settings.mechanism).legs]) * 1e-3
 
 
-def _surroundings(observations: pa.Table, configurations: pa.Table | None, drives: tuple[str, ...]) -> Surroundings:
+def _surroundings(observations: pa.Table, configurations: pa.Table | None, drives: tuple[str, ...]) -> PoseSurroundings:
     """The poses that were observed, ordered by time where the campaign tells it, else as they came."""
     observed, shared = pose_ids(observations), "point" in observations.column_names
     if configurations is None:
         none = np.zeros((len(observed), 0))
-        return Surroundings(observed, np.arange(float(len(observed))), none, (), None, shared=shared, is_counted=True)
+        return PoseSurroundings(
+            observed, np.arange(float(len(observed))), none, (), None, shared=shared, is_counted=True
+        )
     time = number_column(configurations, "time_s")
     order = np.argsort(time, kind="stable")
     ids = configurations.column("pose").to_pylist()
@@ -119,7 +121,7 @@ def _surroundings(observations: pa.Table, configurations: pa.Table | None, drive
     values = {n: number_column(configurations, n)[rows] for n in names}
     varying = tuple(n for n in names if np.nanstd(values[n]) > 0.0)
     has_temperature = "temperature_c" in configurations.schema.names
-    return Surroundings(
+    return PoseSurroundings(
         tuple(ids[i] for i in rows),
         time[rows],
         np.column_stack([values[n] for n in varying]) if varying else np.zeros((len(rows), 0)),
@@ -131,14 +133,14 @@ def _surroundings(observations: pa.Table, configurations: pa.Table | None, drive
     )
 
 
-def _body_views(tables: Mapping[str, pa.Table], around: Surroundings) -> list[BodyView]:
+def _body_views(tables: Mapping[str, pa.Table], around: PoseSurroundings) -> list[BodyView]:
     """Every body of the observations, fitted robustly pose by pose."""
     observations, survey = tables["observations"], tables.get("survey")
     bodies = dict.fromkeys(observations.column("body").to_pylist())
     return [_view(observations, survey, body, around) for body in bodies]
 
 
-def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: Surroundings) -> BodyView:
+def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: PoseSurroundings) -> BodyView:
     place = survey_points(survey, body) if survey is not None else None
     is_surveyed = place is not None and bool(place.targets)
     if place is None or not is_surveyed:
@@ -150,7 +152,7 @@ def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: Su
 def _checks(
     bodies: Sequence[BodyView],
     reference: BodyView | None,
-    around: Surroundings,
+    around: PoseSurroundings,
     settings: Campaign,
     limits: CampaignLimits,
     tables: Mapping[str, pa.Table],
@@ -188,7 +190,7 @@ def _temperature_units(configurations: pa.Table | None, reference_c: float) -> I
     yield from temperature_units(recorded, reference_c, rows, order)
 
 
-def _repeats(configurations: pa.Table | None, around: Surroundings, settings: Campaign) -> tuple[list[Index], str]:
+def _repeats(configurations: pa.Table | None, around: PoseSurroundings, settings: Campaign) -> tuple[list[Index], str]:
     """Poses that repeat one another, as numbers of those that were seen, and how that is known."""
     if configurations is None:
         return [], ""

@@ -23,7 +23,7 @@ from truing.estimation.repeatability import at_one_reading, equal_scatter
 from truing.estimation.rigid_poses.body_frames import redundancy
 from truing.quality.bodies import (
     BodyView,
-    Surroundings,
+    PoseSurroundings,
     chi_square_about_mean,
     is_trend,
     nearest_neighbour,
@@ -46,7 +46,7 @@ _NOTED, _TOLERATED = 1.5, 3.0  # times what is stated
 _UNEQUAL = 1e-3
 
 
-def unobserved_poses(around: Surroundings, limits: CampaignLimits) -> Check:
+def unobserved_poses(around: PoseSurroundings, limits: CampaignLimits) -> Check:
     """Configurations of which no point was measured: forgotten, or named otherwise in the points."""
     lost = [str(pose) for pose in around.unobserved]
     share = len(lost) / max(len(lost) + len(around.poses), 1)
@@ -124,7 +124,7 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     yield limits.of("gross-errors").row(body.name, share, "1", said)
 
 
-def exchanged_labels(body: BodyView, around: Surroundings) -> Iterator[Check]:
+def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check]:
     """Pairs of targets that lie on each other's places."""
     if why := body.why_no_places or ("" if body.fit.ok.any() else f"{body.name}: no pose could be determined"):
         yield without("exchanged labels", "exchanged-labels", body.name, why)
@@ -143,7 +143,7 @@ def exchanged_labels(body: BodyView, around: Surroundings) -> Iterator[Check]:
         yield Check("exchanged-labels", f"targets {names}", float(len(poses)), 0.0, "1", FAIL, said)
 
 
-def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
     """Targets that sit elsewhere from some pose on, with the pose and the shift."""
     seen = body.points.seen & body.fit.ok[:, None]
     own = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
@@ -171,7 +171,7 @@ def moved_targets(body: BodyView, around: Surroundings, share: float) -> Iterato
         yield Check("moved-targets", target, size, 0.0, "mm", WARN, said)
 
 
-def noise(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
     """Estimated against declared noise per axis, of what follows neither drives, time nor temperature."""
     good = body.good & body.frame & ~odd_poses(scatter_by_pose(body))[:, None]
     if good.sum() < 12:
@@ -211,7 +211,7 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
     return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)
 
 
-def noise_by_pose(body: BodyView, around: Surroundings, share: float) -> Iterator[Check]:
+def noise_by_pose(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
     """Poses whose residuals are larger than the body's own scatter: one is a pose to look at, many are no campaign."""
     scatter = scatter_by_pose(body)
     judged = scatter.dof > 0.0
@@ -234,7 +234,7 @@ def noise_by_pose(body: BodyView, around: Surroundings, share: float) -> Iterato
 
 def repeatability(
     bodies: Sequence[BodyView],
-    around: Surroundings,
+    around: PoseSurroundings,
     groups: Sequence[Index],
     how: str,
     share: float,

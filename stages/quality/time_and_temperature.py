@@ -18,7 +18,7 @@ from truing.estimation.suspect_units import (
     mistaken_times,
     mistaken_unit,
 )
-from truing.quality.bodies import BodyView, Surroundings
+from truing.quality.bodies import BodyView, PoseSurroundings
 from truing.report.numbers import count, duration, listed
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
 
@@ -55,7 +55,7 @@ def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Ite
     yield Check("base-drift", body.name, size if walks else 0.0, 3.0 * sigma, "mm", WARN if walks else PASS, message)
 
 
-def time_gaps(around: Surroundings, limits: CampaignLimits) -> Check:
+def time_gaps(around: PoseSurroundings, limits: CampaignLimits) -> Check:
     """A pause much longer than the usual pace: something may have changed meanwhile."""
     steps = np.diff(around.time)
     if around.is_counted:
@@ -100,7 +100,7 @@ def _cure(unit: str) -> str:
     return f'units = {{ time_s = "{unit}" }}'
 
 
-def temperature_span(around: Surroundings, limits: CampaignLimits) -> Check:
+def temperature_span(around: PoseSurroundings, limits: CampaignLimits) -> Check:
     """How far the temperature walked: what thermal effects have to work with."""
     if around.temperature is None or not np.isfinite(around.temperature).any():
         return without("temperature", "temperature-span", "", "no temperatures were recorded")

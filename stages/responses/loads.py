@@ -11,8 +11,8 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index
 from truing.estimation.interferometry.compliance import (
-    Comparison,
     Compliance,
+    ComplianceComparison,
     Loaded,
     compare,
     fitted_compliance,
@@ -88,7 +88,7 @@ def _compliance_rows(
     found: Mapping[str, Compliance],
     spread: Array,
     simulated: SimulatedCompliance | None,
-    against: Mapping[str, Comparison],
+    against: Mapping[str, ComplianceComparison],
 ) -> Rows:
     rows = Rows("compliance")
     for name, one in found.items():
@@ -125,7 +125,7 @@ def _beside(
     i: Index,
     j: Index,
     simulated: SimulatedCompliance | None,
-    compared: Comparison | None,
+    compared: ComplianceComparison | None,
 ) -> dict[str, object]:
     """The simulated entry, how many sigmas the measured one is off it, and whether that is beyond chance."""
     from scipy.special import ndtr
@@ -152,7 +152,7 @@ def _error_rows(
     fits: Mapping[str, ResponseFit],
     found: Mapping[str, Compliance],
     simulated: SimulatedCompliance | None,
-    against: Mapping[str, Comparison],
+    against: Mapping[str, ComplianceComparison],
 ) -> Rows:
     rows, held = Rows("deformation_errors"), loaded.steps.held_out
     run, load = loaded.steps.run, loaded.steps.load
@@ -202,7 +202,7 @@ def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
     return ", ".join(said) or "nothing"
 
 
-def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, Comparison]) -> str:
+def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, ComplianceComparison]) -> str:
     shares = {name: r_squared(fits["none"], fits["matrix"], k) for k, name in enumerate(CHANNELS)}
     words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if np.isfinite(share))
     said = f"compliance matrix explains {words}"

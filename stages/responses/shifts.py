@@ -14,7 +14,7 @@ from truing.estimation.deformation import (
     AttachmentModels,
     BodyShifts,
     CorrelatedShifts,
-    Shifts,
+    LegShifts,
     attachment_models,
     attachment_shifts,
     body_shifts,
@@ -197,7 +197,7 @@ def _drives(
     return tuple(poses[i] for i in rows), drive, role == "verification"
 
 
-def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: Shifts, rejected: Mask) -> Rows:
+def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: LegShifts, rejected: Mask) -> Rows:
     from scipy.special import ndtr
 
     scatter = np.einsum("bll->bl", shifts.noise)
@@ -254,7 +254,7 @@ def _coefficient_rows(rows: Rows, name: str, fit: ResponseFit, told: Mask, axes:
     )
 
 
-def _leg_error_rows(found: AttachmentModels, shifts: Shifts) -> Rows:
+def _leg_error_rows(found: AttachmentModels, shifts: LegShifts) -> Rows:
     rows = Rows("deformation_errors")
     for name, fit in found.fits.items():
         error_rows(rows, name, fit, {**residual_sets(fit), "verification_": found.held[name]}, "um", 1e6, None)
@@ -301,7 +301,7 @@ def _shape_rows(rows: Rows, kept: Array, attachments: Array) -> None:
     )
 
 
-def _leg_words(shifts: Shifts, rejected: Mask, fits: Mapping[str, ResponseFit]) -> tuple[str, str, str]:
+def _leg_words(shifts: LegShifts, rejected: Mask, fits: Mapping[str, ResponseFit]) -> tuple[str, str, str]:
     seen = int(np.isfinite(shifts.shift).sum())
     read = (
         f"{counted(seen, 'shift')} at {counted(shifts.shift.shape[1], 'attachment')} in "

@@ -8,10 +8,10 @@ import numpy as np
 
 from truing.simulation.axis.extended_model import predict_axis, read_axis
 from truing.stages.common.axis_columns import columns_of, command_sigma, encoder_sigma
-from truing.stages.second_campaign.compared import EXTENDED, NOMINAL, Predicted, SecondCampaign
+from truing.stages.second_campaign.compared import EXTENDED, NOMINAL, PredictionErrors, SecondCampaign
 
 
-def predicted_encoders(text: str, second: SecondCampaign) -> Iterator[Predicted]:
+def predicted_encoders(text: str, second: SecondCampaign) -> Iterator[PredictionErrors]:
     """Yield errors of every encoder (arcsec or um), counted from its own mean, by command and by extended model.
 
     Raises CampaignFaults where the second campaign is of another axis, ValueError where it lacks what effects follow.
@@ -42,4 +42,4 @@ def predicted_encoders(text: str, second: SecondCampaign) -> Iterator[Predicted]
             missed = deviations[:, k] - predicted
             sigma = encoder_sigma(second.settings, encoder)
             noise = None if sigma is None else float(np.hypot(sigma, off) / si)
-            yield Predicted(by, said, encoder, unit, (missed - np.nanmean(missed)) / si, noise)
+            yield PredictionErrors(by, said, encoder, unit, (missed - np.nanmean(missed)) / si, noise)

@@ -37,7 +37,7 @@ class SecondCampaign:
 
 
 @dataclass(frozen=True)
-class Predicted:
+class PredictionErrors:
     """Measured minus predicted by one model: errors (N,) of a quantity, in its unit; what noise alone leaves, rms."""
 
     prediction_by: str
@@ -48,7 +48,7 @@ class Predicted:
     noise_rms: float | None = None
 
 
-def add_errors(rows: Rows, second: SecondCampaign, found: Predicted) -> None:
+def add_errors(rows: Rows, second: SecondCampaign, found: PredictionErrors) -> None:
     """Add the row of a quantity; nothing where none of it could be predicted."""
     errors = found.errors[np.isfinite(found.errors)]
     if not len(errors):

@@ -12,7 +12,7 @@ from truing.simulation.axis.extended_model import is_axis
 from truing.simulation.bench.extended_model import is_sensor
 from truing.stages.common.belonging import withheld
 from truing.stages.common.rows import Rows
-from truing.stages.second_campaign.compared import ARTIFACT, Predicted, SecondCampaign, add_errors
+from truing.stages.second_campaign.compared import ARTIFACT, PredictionErrors, SecondCampaign, add_errors
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -45,7 +45,7 @@ def second_campaign_errors(
     return rows.table(), left_out
 
 
-def _predicted(text: str, second: SecondCampaign, tables: Mapping[str, pa.Table]) -> Iterator[Predicted]:
+def _predicted(text: str, second: SecondCampaign, tables: Mapping[str, pa.Table]) -> Iterator[PredictionErrors]:
     document = parsed_toml(text)
     if is_axis(document):
         from truing.stages.second_campaign.axes import predicted_encoders

@@ -26,10 +26,10 @@ from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.overruled import without_excluded
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.recorded_signals import recorded, recorded_beside, recorded_elsewhere
-from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, Predicted, SecondCampaign
+from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, PredictionErrors, SecondCampaign
 
 if TYPE_CHECKING:
-    from truing.estimation.sensor.load_table import Recorded
+    from truing.estimation.sensor.load_table import RecordedLoads
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import SensorMechanism
 
@@ -37,7 +37,7 @@ _SAME = 1e-6  # relative, of the compliance
 _UNITS = {"f": "N", "m": "N m"}
 
 
-def predicted_readings(text: str, second: SecondCampaign) -> Iterator[Predicted]:
+def predicted_readings(text: str, second: SecondCampaign) -> Iterator[PredictionErrors]:
     """Yield errors of displacements (um, arcsec), each run and channel counted from its own mean, by simulation and
     extended model.
 
@@ -57,7 +57,7 @@ def predicted_readings(text: str, second: SecondCampaign) -> Iterator[Predicted]
         for k, channel in enumerate(CHANNELS):
             sigma = steps.sigma[np.isfinite(missed[:, k]), k]
             noise = float(np.sqrt(np.mean(sigma**2)) / READING_SI[k]) if len(sigma) else None
-            yield Predicted(by, said, channel, READING_UNITS[k], missed[:, k] / READING_SI[k], noise)
+            yield PredictionErrors(by, said, channel, READING_UNITS[k], missed[:, k] / READING_SI[k], noise)
 
 
 def _check(extended: ExtendedSensor, second: SecondCampaign) -> None:
@@ -98,7 +98,7 @@ def _without_zeros(missed: np.ndarray, steps: RecordedSteps) -> np.ndarray:
 
 def predicted_by_matrix(
     tables: Mapping[str, pa.Table], settings: Campaign, second: SecondCampaign
-) -> Iterator[Predicted]:
+) -> Iterator[PredictionErrors]:
     """Yield errors of loads (N, N m) by the calibration of the data as recorded, and with findings applied.
 
     The latter is held against the loads that act by these findings, as far as they last. Raises CampaignFaults where
@@ -130,7 +130,7 @@ def _chosen(tables: Mapping[str, pa.Table]) -> dict[str, str]:
     return {"main": cast("str", main), "beside": cast("str", beside)}
 
 
-def _by_matrix(found: Recorded, other: Recorded, name: str, by: str) -> Iterator[Predicted]:
+def _by_matrix(found: RecordedLoads, other: RecordedLoads, name: str, by: str) -> Iterator[PredictionErrors]:
     model = next(model for model in contenders(found) if model.name == name)
     if other.covariate_names != found.covariate_names:
         if model.drift or model.gain:
@@ -142,4 +142,4 @@ def _by_matrix(found: Recorded, other: Recorded, name: str, by: str) -> Iterator
     missed = asked.loads - predicted_loads(fit_calibration(table, model), asked).value
     words = f"{name}, against the loads that act with {' and '.join(found.causes)}" if found.causes else name
     for k, load in enumerate(table.load_names):
-        yield Predicted(by, words, load, _UNITS[load[0]], missed[:, k])
+        yield PredictionErrors(by, words, load, _UNITS[load[0]], missed[:, k])

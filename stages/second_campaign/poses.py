@@ -18,17 +18,17 @@ from truing.simulation.mechanisms.structures.structure import Machine, Structure
 from truing.stages.common.calibration_data import gather
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.common.pose_conditions import pose_conditions
-from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, Predicted, SecondCampaign
+from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, PredictionErrors, SecondCampaign
 
 if TYPE_CHECKING:
-    from truing.calibration.measured import Gathered
+    from truing.calibration.measured import CalibrationData
     from truing.simulation.mechanisms.recording import Conditions
 
 _SAME_M = 1e-7
 _ML = "errors-in-variables"
 
 
-def predicted_poses(text: str, tables: Mapping[str, pa.Table], second: SecondCampaign) -> Iterator[Predicted]:
+def predicted_poses(text: str, tables: Mapping[str, pa.Table], second: SecondCampaign) -> Iterator[PredictionErrors]:
     """Yield errors of positions (um) and orientations (arcsec) by every model.
 
     text: the extended model; tables: ``calibration`` and ``model_choice`` of its campaign, where there are any. Raises
@@ -58,10 +58,10 @@ def predicted_poses(text: str, tables: Mapping[str, pa.Table], second: SecondCam
             ("orientation", errors.orientation, 3, "arcsec", ARCSEC),
         ):
             noise_rms = float(np.sqrt(np.mean(expected(first) ** 2))) / si
-            yield Predicted(by, name, quantity, unit, size / si, noise_rms)
+            yield PredictionErrors(by, name, quantity, unit, size / si, noise_rms)
 
 
-def _check(model: ExtendedModel, found: Gathered, second: SecondCampaign) -> None:
+def _check(model: ExtendedModel, found: CalibrationData, second: SecondCampaign) -> None:
     """Raise CampaignFaults where the nominal legs are not those of the model."""
     own, other = model.model.nominal, found.machine.legs
     if own.closure.name != other.closure.name:
@@ -99,7 +99,7 @@ def _calibrated(tables: Mapping[str, pa.Table], nominal: Machine) -> tuple[str, 
     return " ".join(chosen[0]), structure, parameters.machine(start, values)
 
 
-def _conditions(model: ExtendedModel, found: Gathered, second: SecondCampaign) -> Conditions:
+def _conditions(model: ExtendedModel, found: CalibrationData, second: SecondCampaign) -> Conditions:
     """Conditions of the measured poses; raises ValueError where a column is missing that an effect follows."""
     poses = pose_ids(second.tables["configurations"])
     legs, sigma = model.model.nominal.count, model.model.known.reading_sigma

@@ -14,7 +14,7 @@ from truing.arrays import Array, Index
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Effect, Scene
-from truing.simulation.drawn_campaigns import Layout, draw_campaign, draw_readings
+from truing.simulation.drawn_campaigns import CampaignLayout, draw_campaign, draw_readings
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.model import Known, PointModel
 from truing.simulation.mechanisms.recording import Conditions
@@ -64,7 +64,7 @@ class CampaignPlan:
     causes may propose candidates from, as the diagnosis offers it to them.
     """
 
-    layout: Layout
+    layout: CampaignLayout
     observations: pa.Table
     survey: pa.Table
     configurations: pa.Table
@@ -114,7 +114,7 @@ def bare_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> CampaignPla
     if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
         raise ValueError("needs surveyed targets on base and platform")
     model, bodies = _nominal_model(legs, bodies, conditions, settings.noise.actuator_mm * 1e-3)
-    layout = Layout(model, bodies.cov, bodies.seen)
+    layout = CampaignLayout(model, bodies.cov, bodies.seen)
     own = seen.take(np.arange(seen.num_rows))  # without the larger buffers that it was read from
     return CampaignPlan(
         layout, own, tables["survey"], tables["configurations"], conditions.poses, measured, model.scene
@@ -154,7 +154,7 @@ def full_plan(bare: CampaignPlan, model: PointModel, seen: NDArray, poses_table:
     """
     known = {name: k for k, name in enumerate(_named(bare.layout.model.targets))}
     order = [known[name] for name in _named(model.targets)]
-    layout = Layout(
+    layout = CampaignLayout(
         model.at(bare.layout.model.conditions),
         bare.layout.covariance[:, order],
         bare.layout.seen[:, order],

@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow as pa
 
 from truing.inference.detectable import POWER
-from truing.simulation.detection_trials import Curve, Question, Rate
+from truing.simulation.detection_trials import Curve, DetectionQuestion, Rate
 
 NEARLY_ALWAYS = 0.95
 _TEXTS = ("cause", "concerns", "parameter", "unit", "beside", "instead")
@@ -53,7 +53,7 @@ def _table(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))
 
 
-def _sort_row(question: Question) -> dict[str, Any]:
+def _sort_row(question: DetectionQuestion) -> dict[str, Any]:
     sort, unit = question.sort, question.unit
     told = {"parameter": unit.parameter, "unit": unit.unit, "beside": unit.beside}
     return {"cause": sort.kind, "concerns": sort.concerns, **told}

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.arrays import Array
-from truing.calibration.measured import BodyPoses
+from truing.calibration.measured import PosesWithCovariance
 from truing.estimation.covariance import relative
 from truing.estimation.rigid_poses.body_poses import body_parts
 from truing.estimation.rotation import left_jacobian_so3, log_so3
@@ -96,14 +96,14 @@ def _state(
     )
 
 
-def _whole(tables: Mapping[str, pa.Table], found: BodyPoses) -> Parts:
+def _whole(tables: Mapping[str, pa.Table], found: PosesWithCovariance) -> Parts:
     """The covariance as it is, where its parts are not told."""
     known = "observations" in tables and tables["observations"].column("sigma_x_mm").null_count == 0
     return {Source("points and shape as the fit has them", "B" if known else "A"): found.covariance}
 
 
 def _parts(
-    tables: Mapping[str, pa.Table], body: str, parent: str, poses: tuple[int | str, ...], found: BodyPoses
+    tables: Mapping[str, pa.Table], body: str, parent: str, poses: tuple[int | str, ...], found: PosesWithCovariance
 ) -> Parts | None:
     """What the points and the surveys of a body, and of the one it is seen from, give to its poses; None where the
     poses are not those of a fit to surveys with declared noise."""

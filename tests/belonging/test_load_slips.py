@@ -23,19 +23,19 @@ from tests.stages.line import run_line
 from truing.belonging.chance_equality import noise_of_neighbours, resolution
 from truing.belonging.copied_rows import Values, copied_runs
 from truing.belonging.frozen_values import frozen, stood_still
-from truing.belonging.plausible_slips import Column
-from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, SlipKind, State
+from truing.belonging.plausible_slips import RecordedColumn
+from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, RelationState, SlipKind
 from truing.belonging.relations_of_loads import against_range, against_simulation
 from truing.belonging.row_order import row_slips
-from truing.belonging.signals_of_loads import Recorded
+from truing.belonging.signals_of_loads import SignalSteps
 from truing.stages.common.belonging import withheld
 
 SAMPLE = PROJECT / "sample_data" / "force-sensor"
 RELATIONS = ("loads-against-readings", "signals-against-loads", "copied-runs")
 ARCSEC = np.pi / 180.0 / 3600.0
 CHANNELS = [
-    *(Column(name, "displacement", DISPLACEMENT_UNITS, (0.3165,), 1e-6) for name in ("dx", "dy", "dz")),
-    *(Column(name, "rotation", ROTATION_UNITS, (), ARCSEC) for name in ("rx", "ry", "rz")),
+    *(RecordedColumn(name, "displacement", DISPLACEMENT_UNITS, (0.3165,), 1e-6) for name in ("dx", "dy", "dz")),
+    *(RecordedColumn(name, "rotation", ROTATION_UNITS, (), ARCSEC) for name in ("rx", "ry", "rz")),
 ]
 # At least one of each room of the search: loads, readings, signals, rows, copies.
 MADE = (
@@ -96,7 +96,7 @@ def test_what_rests_on_a_failed_relation_is_not_evaluated_until_a_person_accepts
     assert not withheld(tables)
 
 
-def _loaded(change, *, repeats: int = 3) -> Recorded:
+def _loaded(change, *, repeats: int = 3) -> SignalSteps:
     """Loads and readings of the bench whose displacements (N, 6) are changed, by loads (N, 6)."""
     steps = len(UP_AND_DOWN)
     run = np.repeat(np.arange(6 * repeats), steps)
@@ -106,7 +106,7 @@ def _loaded(change, *, repeats: int = 3) -> Recorded:
     rng = np.random.default_rng(1)
     moved = change(sensor().displacement(load), load)
     noise = 1e-3 * np.abs(moved).max(axis=0) * rng.standard_normal(moved.shape)
-    return Recorded(load, run, moved + noise, [f"run {number + 1}" for number in range(6 * repeats)])
+    return SignalSteps(load, run, moved + noise, [f"run {number + 1}" for number in range(6 * repeats)])
 
 
 def _asymmetric(moved: np.ndarray, load: np.ndarray) -> np.ndarray:
@@ -125,7 +125,7 @@ def _asymmetric(moved: np.ndarray, load: np.ndarray) -> np.ndarray:
 )
 def test_a_physical_cause_is_no_slip(change) -> None:
     tested = against_simulation(_loaded(change), CHANNELS, sensor().compliance)
-    assert tested.state in (State.OK, State.ATTENTION)
+    assert tested.state in (RelationState.OK, RelationState.ATTENTION)
     assert not tested.slips
 
 
@@ -136,7 +136,7 @@ def _eccentric(load: np.ndarray) -> np.ndarray:
 def test_a_simulation_of_another_machine_has_no_slip_and_fails() -> None:
     odd = [7.0, 1.0 / 7.0, 6.0, 1.0 / 6.0, 7.5, 1.0 / 7.5]
     tested = against_simulation(_loaded(lambda moved, load: moved * odd), CHANNELS, sensor().compliance)
-    assert (tested.state, tested.slips) == (State.FAILS, ()) or len(tested.slips) <= 2
+    assert (tested.state, tested.slips) == (RelationState.FAILS, ()) or len(tested.slips) <= 2
 
 
 def test_loads_far_below_the_declared_range_are_asked_about() -> None:
@@ -145,7 +145,7 @@ def test_loads_far_below_the_declared_range_are_asked_about() -> None:
     largest = np.array([np.nan, np.nan, 1e4, np.nan, np.nan, np.nan])
     tested = against_range(load, largest)
     assert tested is not None
-    assert tested.state == State.ATTENTION
+    assert tested.state == RelationState.ATTENTION
     assert [slip.factor for slip in tested.slips] == [1000.0]
     assert against_range(100.0 * load, largest) is None
 
@@ -195,17 +195,19 @@ def test_a_copied_part_is_told_with_its_rows_wherever_it_stands_and_coarse_numbe
     value = (load[:, :1] * np.arange(1.0, columns + 1.0) + 0.01 * rng.standard_normal((144, columns))).round(4)
     noise = np.full(columns, 0.01)
 
-    def told(signals: np.ndarray) -> list[tuple[State, str, float | None, tuple[int, ...]]]:
+    def told(signals: np.ndarray) -> list[tuple[RelationState, str, float | None, tuple[int, ...]]]:
         tested = copied_runs(run, names, load, [Values("signals", signals, noise)])
         return [(one.state, one.subject, one.misfit, one.slips[0].rows if one.slips else ()) for one in tested]
 
-    assert told(value) == [(State.OK, "", None, ())]
+    assert told(value) == [(RelationState.OK, "", None, ())]
     tail, moved = value.copy(), value.copy()
     tail[58:96] = value[10:48]
     moved[65:85] = value[3:23]
     for written, rows in ((tail, range(11, 49)), (moved, range(4, 24))):
-        assert told(written) == [(State.FAILS, "run 1, run 2", pytest.approx(100.0 * len(rows) / 48), tuple(rows))]
-    assert told(value.round(1)) in ([(State.OK, "", None, ())], [(State.NOT_TESTED, "", None, ())])
+        assert told(written) == [
+            (RelationState.FAILS, "run 1, run 2", pytest.approx(100.0 * len(rows) / 48), tuple(rows))
+        ]
+    assert told(value.round(1)) in ([(RelationState.OK, "", None, ())], [(RelationState.NOT_TESTED, "", None, ())])
 
 
 @pytest.mark.parametrize(

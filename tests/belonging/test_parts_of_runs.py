@@ -16,7 +16,7 @@ from tests.stages.line import run_line
 from truing.belonging.copied_rows import equal_columns
 from truing.belonging.frozen_values import stood_still
 from truing.belonging.parts_of_runs import parts
-from truing.belonging.plausible_slips import Column
+from truing.belonging.plausible_slips import RecordedColumn
 
 READINGS, SIGNALS = "loads-against-readings", "signals-against-loads"
 
@@ -141,7 +141,7 @@ def test_a_coarse_converter_may_stand_still_and_agree() -> None:
     coarse = np.round(steps.value / np.ptp(steps.value, axis=0) * 100.0)
     assert any(np.ptp(coarse[steps.run == one], axis=0).min() == 0.0 for one in np.unique(steps.run))
     assert not list(stood_still(steps.load, steps.run, coarse))
-    few = [Column("v1", "signal", ()), Column("v2", "signal", ())]
+    few = [RecordedColumn("v1", "signal", ()), RecordedColumn("v2", "signal", ())]
     assert not equal_columns(np.tile([[0.0], [1.0], [2.0]], (9, 2)), few, SIGNALS, "signals")
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from truing.belonging.points_of_bodies import AsAnother, BodyPoints, poses_with_slips, relate_survey
-from truing.belonging.relation import SlipKind, State
+from truing.belonging.relation import RelationState, SlipKind
 
 SIGMA = 1e-5
 AWAY = np.array([0.4, -0.9, 1.6])  # of the body from the instrument, m
@@ -46,7 +46,7 @@ def test_a_mirror_image_in_some_poses_is_told_by_its_axes(
     change: Callable[[np.ndarray], np.ndarray], kind: SlipKind, quantity: str, rows: slice
 ) -> None:
     found = relate_survey(body := _changed(_body(), rows, change))
-    assert found.state is State.FAILS
+    assert found.state is RelationState.FAILS
     assert [(slip.kind, slip.quantity) for slip in found.slips] == [(kind, quantity)]
     assert np.flatnonzero(poses_with_slips(body)).tolist() == list(range(20))[rows]
 
@@ -83,7 +83,7 @@ def test_what_a_good_campaign_may_hold_is_no_slip(
             "base", np.random.default_rng([seed, 1]).uniform(-0.2, 0.2, (targets, 3)), body.points, body.seen
         )
         found = relate_survey(replace(body, others=(other,)))
-        assert found.state is not State.FAILS
+        assert found.state is not RelationState.FAILS
         assert not found.slips
 
 
@@ -113,4 +113,4 @@ def test_a_survey_on_a_grid_is_not_taken_for_rounded_points(step: float) -> None
             off = made * step * np.random.default_rng([seed, 2]).uniform(-1.0, 1.0, body.survey.shape)
             written = ((body.survey - off) / step).round() * step
             found = relate_survey(replace(body, survey=written))
-            assert (found.state is State.FAILS, found.reason == "rounded", found.slips) == (False, False, ())
+            assert (found.state is RelationState.FAILS, found.reason == "rounded", found.slips) == (False, False, ())

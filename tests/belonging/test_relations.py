@@ -11,10 +11,10 @@ from truing.belonging.evidence import log_evidence, physics
 from truing.belonging.points_of_bodies import BodyPoints
 from truing.belonging.points_of_bodies import relate_copies as copies
 from truing.belonging.points_of_bodies import relate_survey as survey_of
-from truing.belonging.reading_hypotheses import Motion
-from truing.belonging.readings_of_poses import Names
+from truing.belonging.reading_hypotheses import MeasuredMotion
+from truing.belonging.readings_of_poses import ReadingNames
 from truing.belonging.readings_of_poses import relate_readings as relations
-from truing.belonging.relation import SlipKind, State
+from truing.belonging.relation import RelationState, SlipKind
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.legs.kinematics import forward
 
@@ -30,15 +30,15 @@ def _legs():
     return mechanism("6-pus", base, platform, None, np.full(6, 0.5), np.full(6, 0.01))
 
 
-def _motion(travel: np.ndarray, change=lambda readings: readings, seed: int = 0) -> tuple[Motion, Names]:
+def _motion(travel: np.ndarray, change=lambda readings: readings, seed: int = 0) -> tuple[MeasuredMotion, ReadingNames]:
     """Poses that the true readings 10 mm + travel (B, 6) lead to, and readings as they were written down."""
     rng = np.random.default_rng(seed)
     legs, true = _legs(), 0.01 + travel
     found = forward(legs, true)
     readings = change(true + NOISE * rng.standard_normal(true.shape))
-    motion = Motion(legs, TOLERANCE, found.p, found.R, readings, NOISE, np.zeros((len(true), 0)))
+    motion = MeasuredMotion(legs, TOLERANCE, found.p, found.R, readings, NOISE, np.zeros((len(true), 0)))
     columns = tuple(f"rho{leg}_mm" for leg in range(1, 7))
-    return motion, Names(columns, tuple(str(pose) for pose in range(len(true))))
+    return motion, ReadingNames(columns, tuple(str(pose) for pose in range(len(true))))
 
 
 def _readings(*given) -> relation.Tested:
@@ -62,22 +62,22 @@ def _travel(count: int = 20, size: float = 1e-3) -> np.ndarray:
 def test_physics_is_no_slip(change) -> None:
     found = _readings(_travel(), change)
     assert not found.slips
-    assert found.state is not State.FAILS
+    assert found.state is not RelationState.FAILS
 
 
 def test_columns_of_legs_that_move_alike_cannot_be_told_apart() -> None:
     together = np.linspace(-1e-3, 1e-3, 15)[:, None] * np.ones(6)
     found = _readings(together)
-    assert found.state is State.OK
+    assert found.state is RelationState.OK
     assert len(found.hidden) == 15  # every pair
     assert all(slip.kind is SlipKind.COLUMNS for slip in found.hidden)
     exchanged = _readings(together, lambda r: r[:, [1, 0, 2, 3, 4, 5]])
-    assert exchanged.state is State.OK
+    assert exchanged.state is RelationState.OK
     assert _readings(together, lambda r: 1e-3 * r).slips[0].kind is SlipKind.UNIT
 
 
 def test_poses_that_hardly_moved_are_not_compared() -> None:
-    assert _readings(_travel(size=1e-6)).state is State.NOT_TESTED
+    assert _readings(_travel(size=1e-6)).state is RelationState.NOT_TESTED
 
 
 def test_two_poses_are_not_compared() -> None:
@@ -86,7 +86,7 @@ def test_two_poses_are_not_compared() -> None:
 
 def test_readings_of_nothing_at_all_fail_without_a_name() -> None:
     found = _readings(_travel(), lambda r: 0.01 + np.random.default_rng(9).normal(0.0, 1e-3, r.shape))
-    assert found.state is State.FAILS
+    assert found.state is RelationState.FAILS
     assert not found.slips
     assert found.tried > 1000
 
@@ -96,24 +96,24 @@ def test_one_reading_of_nothing_fails_under_its_name() -> None:
         return np.column_stack([readings[:, :5], 0.01 + np.random.default_rng(9).normal(0.0, 1e-3, len(readings))])
 
     found = _readings(_travel(), change)
-    assert found.state is State.FAILS
+    assert found.state is RelationState.FAILS
     assert found.subject == "rho6_mm"
 
 
 def test_readings_written_down_in_coarse_steps_are_told() -> None:
     found = _readings(_travel(), lambda r: (r / 7e-4).round() * 7e-4)
-    assert found.state is State.FAILS
+    assert found.state is RelationState.FAILS
     assert found.slips[0].kind is SlipKind.ROUNDED
     assert abs(found.slips[0].offset - 0.7) < 1e-6
     assert not _readings(_travel(), lambda r: (r / 1e-5).round() * 1e-5).slips  # a step that hardly shows
     found = _readings(_travel(40), lambda r: (r / 5e-5).round() * 5e-5)
-    assert (found.state, found.reason, found.slips[0].kind) == (State.ATTENTION, "rounded", SlipKind.ROUNDED)
+    assert (found.state, found.reason, found.slips[0].kind) == (RelationState.ATTENTION, "rounded", SlipKind.ROUNDED)
 
 
 def test_a_drive_that_is_sent_to_round_numbers_and_reaches_them_wrote_none_down_in_steps() -> None:
     travel = (_travel(40) / 5e-5).round() * 5e-5
     found = _readings(travel, lambda r: (r / 5e-5).round() * 5e-5)
-    assert (found.state, found.slips) == (State.OK, ())
+    assert (found.state, found.slips) == (RelationState.OK, ())
 
 
 def test_evidence_is_the_gaussian_marginal_likelihood() -> None:
@@ -129,12 +129,12 @@ def test_a_mirrored_flat_body_is_said_to_be_hidden() -> None:
     flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.3, 1.0, 0.0], [0.4, 0.2, 0.0]])
     seen = np.ones((2, 5), bool)
     found = survey_of(BodyPoints("platform", flat * [1.0, 1.0, -1.0], np.stack([flat, flat]), seen, 1e-5))
-    assert found.state is State.OK
+    assert found.state is RelationState.OK
     assert found.hidden[0].kind is SlipKind.MIRRORED
 
 
-@pytest.mark.parametrize(("step", "state"), [(1e-6, State.FAILS), (1e-3, State.NOT_TESTED)])
-def test_equal_points_are_a_copy_only_where_the_file_resolves_the_noise(step: float, state: State) -> None:
+@pytest.mark.parametrize(("step", "state"), [(1e-6, RelationState.FAILS), (1e-3, RelationState.NOT_TESTED)])
+def test_equal_points_are_a_copy_only_where_the_file_resolves_the_noise(step: float, state: RelationState) -> None:
     rng = np.random.default_rng(3)
     points = (rng.normal(0.0, 5e-6, (10, 4, 3)) + rng.uniform(0.0, 1.0, (4, 3))) / step
     points[7] = points[2]

@@ -16,7 +16,7 @@ import pytest
 from tests.blind.generator.axis import CAUSES, AxisCampaign, Hidden, draw_layout, draw_one, record, settings_text
 from tests.blind.generator.axis_courses import COURSES, SCATTER, draw_course
 from tests.blind.judging import fewest_of
-from truing.inference.selection import Diagnosis
+from truing.inference.selection import CauseDiagnosis
 from truing.inference.verdicts import Verdict
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.schemas.settings_text import parsed_toml
@@ -35,7 +35,7 @@ class Judged:
     """A campaign and what was decided of it."""
 
     campaign: AxisCampaign
-    decided: Diagnosis
+    decided: CauseDiagnosis
 
     @property
     def found(self) -> list[Verdict]:

@@ -21,7 +21,7 @@ from tests.blind.two_rates import Pair, unlike
 from truing.inference.detectable import sights
 from truing.inference.fitted_model import Fitter
 from truing.inference.search import search_of
-from truing.inference.selection import Acceptance
+from truing.inference.selection import CauseSelection
 from truing.inference.verdicts import FOUND
 from truing.schemas.campaign import Campaign
 from truing.simulation.cause import Effect
@@ -63,7 +63,7 @@ def hidden(ground: Ground) -> list[list[Effect]]:
 
 def _finds(tables: Mapping[str, pa.Table], settings: Campaign) -> bool:
     own = gathered_of(tables, settings)
-    search = Acceptance(own.model, own.calibration, own.held_out, rule_of(settings), lambda _: None, own.given)
+    search = CauseSelection(own.model, own.calibration, own.held_out, rule_of(settings), lambda _: None, own.given)
     return any(verdict.verdict == FOUND for verdict in search.run(KINDS).verdicts)
 
 

@@ -39,7 +39,7 @@ def theirs(sensor: Sensor) -> ElasticSensor:
     return elastic_sensor(joints, [_element(element) for element in sensor.elements])
 
 
-def _element(one: Element) -> elements.Element:
+def _element(one: Element) -> elements.LegElement:
     length = None if one.length_mm is None else one.length_mm / 1e3
     of = {name: value / 1e3 if name.endswith("_mm") else value for name, value in one.numbers.items()}
     steel = (1e9 * of.get("youngs_gpa", 0.0), of.get("poisson", 0.0))

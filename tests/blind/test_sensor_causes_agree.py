@@ -32,7 +32,7 @@ from truing.simulation.bench.causes import (
     stiffness,
     zero_step,
 )
-from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, Zeros
+from truing.simulation.bench.known_readings import ChannelZeros, KnownReadings, ReadingConditions, SignalGains
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Cause
@@ -147,7 +147,7 @@ def model_of(campaign: Campaign) -> ReadingModel:
         np.concatenate([layout.noise.channels, np.full(layout.signals, MV * layout.noise.signal_mv)]),
         schedule.limit,
         np.zeros(6),
-        Zeros(NOBODY, NOBODY, np.zeros(0), np.zeros(0, bool)),
+        ChannelZeros(NOBODY, NOBODY, np.zeros(0), np.zeros(0, bool)),
         SignalGains(rows, np.zeros(rows.shape), True),
         layout.interferometer.wavelength,
     )

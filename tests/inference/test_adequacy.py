@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.inference.adequacy import Adequacy, Lack, LackOfFit, like_neighbours, noise_excess
+from truing.inference.adequacy import Adequacy, AdequacyTest, Lack, like_neighbours, noise_excess
 
 EPOCHS, CHANNELS = 40, 6
 
@@ -61,9 +61,9 @@ def test_noise_far_above_the_declared_one_is_a_lack_of_fit_and_a_tenth_is_not() 
 def test_tests_are_corrected_for_kinds_and_for_columns() -> None:
     found = Adequacy(
         (
-            LackOfFit(Lack.INPUT_NOISE, "", 1.3, 0.02),
-            LackOfFit(Lack.LIKE_NEIGHBOURS, "time_s", 0.3, 0.01),
-            LackOfFit(Lack.LIKE_NEIGHBOURS, "inputs", 0.1, 0.6),
+            AdequacyTest(Lack.INPUT_NOISE, "", 1.3, 0.02),
+            AdequacyTest(Lack.LIKE_NEIGHBOURS, "time_s", 0.3, 0.01),
+            AdequacyTest(Lack.LIKE_NEIGHBOURS, "inputs", 0.1, 0.6),
         )
     )
     assert found.p_value == pytest.approx(0.04)

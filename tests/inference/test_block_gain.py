@@ -10,36 +10,36 @@ from numpy.typing import NDArray
 
 from tests.inference import toy_campaign as toy
 from truing.inference.block_gain import BlockGain, block_gain
-from truing.inference.blocks import BlockKind, Blocks
-from truing.inference.linear_problem import Linearised, Whitened, whiten
+from truing.inference.blocks import BlockKind, EpochBlocks
+from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
 
 TEMPLATE = toy.TEMPLATE
 POSES, ROWS = TEMPLATE.residual.shape
-DAYS = Blocks(BlockKind.DAY, np.repeat(np.arange(4), POSES // 4))
+DAYS = EpochBlocks(BlockKind.DAY, np.repeat(np.arange(4), POSES // 4))
 OWN = slice(3, 5)  # the shared unknowns that are a cause's
 # Three unknowns of the machine, then a cause of two parameters of which the second is large.
 VALUE = np.array([0.3, -1.0, 0.7, 1.2, -0.8])
 
 
-def at_the_optimum(template: Linearised, measured: NDArray) -> Whitened:
+def at_the_optimum(template: LinearisedModel, measured: NDArray) -> Whitened:
     """The problem of what was measured (B, M), linearised where its unknowns are fitted best."""
     shared, local = whiten(replace(template, residual=measured)).step()
     left = measured - template.by_shared @ shared - np.einsum("bmh,bh->bm", template.by_local, local)
     return whiten(replace(template, residual=left, shared_value=shared, local_value=local))
 
 
-def measured(template: Linearised, rng: np.random.Generator, value: NDArray = VALUE) -> NDArray:
+def measured(template: LinearisedModel, rng: np.random.Generator, value: NDArray = VALUE) -> NDArray:
     local = rng.normal(size=template.local_value.shape)
     own = template.by_shared @ value + np.einsum("bmh,bh->bm", template.by_local, local)
     return np.asarray(own + rng.normal(size=own.shape))
 
 
-def gain(template: Linearised, values: NDArray, *possible: Blocks) -> BlockGain | None:
+def gain(template: LinearisedModel, values: NDArray, *possible: EpochBlocks) -> BlockGain | None:
     fit = at_the_optimum(template, values)
     return block_gain(fit, OWN, fit.problem.shared_value[OWN], possible or (DAYS,))
 
 
-def log_density(template: Linearised, values: NDArray, shared: NDArray, own: NDArray) -> float:
+def log_density(template: LinearisedModel, values: NDArray, shared: NDArray, own: NDArray) -> float:
     """Of the rows of some poses given all others, from the covariance of everything that was measured."""
     slopes = template.by_shared[..., shared].reshape(POSES * ROWS, -1)
     covariance = slopes @ slopes.T + np.eye(POSES * ROWS)
@@ -68,7 +68,7 @@ def test_the_gain_is_that_of_densities_from_the_covariance_of_everything() -> No
     assert found.log_gain > 10.0
 
 
-def only_on(days: tuple[int, ...]) -> Linearised:
+def only_on(days: tuple[int, ...]) -> LinearisedModel:
     """The problem whose cause acts on some days alone."""
     acts = np.isin(DAYS.numbers, days)[:, None, None]
     slopes = TEMPLATE.by_shared.copy()
@@ -84,12 +84,12 @@ def test_a_cause_of_one_day_is_not_held_against_the_others() -> None:
 def test_a_cause_of_two_days_is_told_by_these_and_the_first_kind_that_tells_is_taken() -> None:
     acting = only_on((1, 3))
     values = measured(acting, np.random.default_rng(3))
-    halves = Blocks(BlockKind.SERIES, np.where(DAYS.numbers == 1, 0, DAYS.numbers + 1))
+    halves = EpochBlocks(BlockKind.SERIES, np.where(DAYS.numbers == 1, 0, DAYS.numbers + 1))
     found = gain(acting, values, halves, replace(DAYS, kind=BlockKind.REGION))
     assert found is not None
     assert (found.kind, found.blocks) == (BlockKind.SERIES, 2)
     assert found.log_gain > 3.0
-    one = Blocks(BlockKind.SERIES, np.where(np.isin(DAYS.numbers, (1, 3)), 0, DAYS.numbers + 1))
+    one = EpochBlocks(BlockKind.SERIES, np.where(np.isin(DAYS.numbers, (1, 3)), 0, DAYS.numbers + 1))
     other = gain(acting, values, one, replace(DAYS, kind=BlockKind.REGION))
     assert other is not None
     assert other.kind == BlockKind.REGION

@@ -15,8 +15,8 @@ from tests.inference import toy_campaign as toy
 from tests.tolerance import assert_close
 from truing.inference.noise import components
 from truing.inference.rounds import Round, scored
-from truing.inference.search import Candidate, Search
-from truing.inference.selection import Choice, choose, confirmed, is_outdone
+from truing.inference.search import CauseCandidate, Search
+from truing.inference.selection import CandidateChoice, choose, confirmed, is_outdone
 from truing.inference.signatures import signature
 
 LEVEL = 0.02
@@ -55,7 +55,7 @@ def _round(designs: dict[str, dict[str, NDArray]], sizes: dict[str, float], unna
         causes=(),
         scene=SimpleNamespace(higher_order_terms=lambda cause: ()),
     )
-    found = [Candidate(_cause(n, n not in unnamed), n, signature(own, d), 1.0) for n, d in designs.items()]
+    found = [CauseCandidate(_cause(n, n not in unnamed), n, signature(own, d), 1.0) for n, d in designs.items()]
     shares = dict.fromkeys(designs, 1.0)
     return scored(stand, Search(own, noise, found, [], shares, 99, np.random.default_rng(3)))
 
@@ -205,14 +205,14 @@ def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once
 ) -> None:
     """As an estimate before the fit said; one of 50 stands against 27 and what is found beside that."""
     current, following = _Told({"stronger": 27.0, "one": 50.0}, ("one",)), _Told({"weaker": beside})
-    choice = Choice(current.candidates[0], (), of_two=True)
+    choice = CandidateChoice(current.candidates[0], (), of_two=True)
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set()) is expected
 
 
 def test_a_name_that_leaves_nothing_real_needs_no_other_however_probable_one_form_seemed_before_the_fit() -> None:
     """A large effect leaves what is not linear in it to forms with more parameters, until the name is fitted."""
     current, following = _Told({"name": 27.0, "one": 900.0}, ("one",)), _Told({"rest": 5.0}, p=0.4)
-    choice = Choice(current.candidates[0], (), of_two=True)
+    choice = CandidateChoice(current.candidates[0], (), of_two=True)
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set())
 
 

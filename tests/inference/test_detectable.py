@@ -10,7 +10,7 @@ from scipy.stats import f
 
 from tests.tolerance import assert_between
 from truing.inference import detectable
-from truing.inference.detectable import Rule, Sight, assessed, per_scale
+from truing.inference.detectable import AcceptanceRule, EffectSensitivity, assessed, per_scale
 from truing.inference.verdicts import FOUND, NOT_TESTABLE, REJECTED, Reason, Verdict
 
 DRAWS = 40_000
@@ -34,7 +34,7 @@ def test_power_is_that_of_the_test_on_simulated_residuals(rank: int, ratio: floa
     along[:, 0] += ratio
     noise = rng.chisquare(left, DRAWS) / left
     found = float(np.mean(f.sf(np.sum(along**2, 1) / rank / noise, rank, left) <= threshold))
-    promised = float(Rule(rank, left + rank, threshold).power(np.array(ratio)))
+    promised = float(AcceptanceRule(rank, left + rank, threshold).power(np.array(ratio)))
     sigma = np.sqrt(max(promised * (1 - promised), threshold) / DRAWS)
     assert_between(found, promised - 4 * sigma, promised + 4 * sigma, what="power")
 
@@ -49,7 +49,7 @@ def test_a_pattern_in_no_particular_direction_is_seen_by_its_strengths() -> None
 
 def test_the_smallest_size_has_the_power_that_was_asked_for_and_grows_with_it() -> None:
     rng = np.random.default_rng(2)
-    sight = Sight(_Named(), "any", Rule(4, 300.0, 1e-5), rng.uniform(1.0, 6.0, 64))
+    sight = EffectSensitivity(_Named(), "any", AcceptanceRule(4, 300.0, 1e-5), rng.uniform(1.0, 6.0, 64))
     sizes = [sight.smallest(power) for power in (0.5, 0.8, 0.95)]
     assert sizes == sorted(sizes)
     for size, power in zip(sizes, (0.5, 0.8, 0.95), strict=True):
@@ -60,12 +60,12 @@ def test_one_parameter_needs_the_signal_that_its_threshold_asks_for() -> None:
     """Normal noise that is all but known: the quantile of the threshold plus that of the power."""
     from scipy.stats import norm
 
-    sight = Sight(_Named(), "any", Rule(1, 1e7, 1e-5), np.array([1.0]))
+    sight = EffectSensitivity(_Named(), "any", AcceptanceRule(1, 1e7, 1e-5), np.array([1.0]))
     assert sight.smallest(0.8) == pytest.approx(norm.isf(0.5e-5) + norm.ppf(0.8), rel=1e-3)
 
 
-@pytest.mark.parametrize("sight", [Sight(_Named(), "any", Rule(0, 1.0, 0.03), np.array([0.0]))])
-def test_what_no_direction_shows_is_not_found_at_any_size(sight: Sight) -> None:
+@pytest.mark.parametrize("sight", [EffectSensitivity(_Named(), "any", AcceptanceRule(0, 1.0, 0.03), np.array([0.0]))])
+def test_what_no_direction_shows_is_not_found_at_any_size(sight: EffectSensitivity) -> None:
     assert sight.smallest() is None
     assert not sight.is_plausible
 
@@ -73,13 +73,13 @@ def test_what_no_direction_shows_is_not_found_at_any_size(sight: Sight) -> None:
 @pytest.mark.parametrize(("per_plausible_scale", "seen"), [(6.0, True), (0.6, True), (0.06, False)])
 def test_what_shows_far_beyond_plausible_sizes_only_is_not_testable(per_plausible_scale: float, seen: bool) -> None:
     """Found with four fifths at about five standard deviations: at 0.9, 9 and 90 plausible scales."""
-    sight = Sight(_Named(), "any", Rule(1, 1e7, 1e-5), np.array([per_plausible_scale]))
+    sight = EffectSensitivity(_Named(), "any", AcceptanceRule(1, 1e7, 1e-5), np.array([per_plausible_scale]))
     assert sight.is_plausible is seen
 
 
 def test_what_shows_in_half_of_the_directions_only_is_not_found_with_four_fifths() -> None:
     half = np.concatenate([np.zeros(32), np.full(32, 5.0)])
-    assert Sight(_Named(), "any", Rule(2, 100.0, 1e-4), half).smallest(0.8) is None
+    assert EffectSensitivity(_Named(), "any", AcceptanceRule(2, 100.0, 1e-4), half).smallest(0.8) is None
 
 
 def _verdict(subject: str, verdict: str = REJECTED, reason: Reason | None = Reason.CHANCE) -> Verdict[_Named]:
@@ -92,8 +92,13 @@ def _verdict(subject: str, verdict: str = REJECTED, reason: Reason | None = Reas
 def test_only_what_chance_alone_decided_against_becomes_not_testable(monkeypatch: pytest.MonkeyPatch) -> None:
     """A cause that predicts worse was seen; what is part of another, too; and what has no size of its own stays."""
     strengths = {"seen": 6.0, "hidden": 0.06, "worse": 0.06, "found": 0.06}
-    sights = [Sight(_Named(name), name, Rule(1, 1e7, 1e-5), np.array([own])) for name, own in strengths.items()]
-    sights.append(Sight(_Named("one leg"), "seen", Rule(1, 1e7, 1e-5), np.array([0.06])))  # the other sort shows it
+    sights = [
+        EffectSensitivity(_Named(name), name, AcceptanceRule(1, 1e7, 1e-5), np.array([own]))
+        for name, own in strengths.items()
+    ]
+    sights.append(
+        EffectSensitivity(_Named("one leg"), "seen", AcceptanceRule(1, 1e7, 1e-5), np.array([0.06]))
+    )  # the other sort shows it
     monkeypatch.setattr(detectable, "sights", lambda search, level: sights)
     given = [
         _verdict("found", FOUND, None),

@@ -11,7 +11,7 @@ from tests.inference import toy_campaign as toy
 from truing.estimation.rotation import exp_so3
 from truing.inference.adequacy import Adequacy, Lack, WhyUntested, by_region, pure_error
 from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
-from truing.inference.linear_problem import Linearised, whiten
+from truing.inference.linear_problem import LinearisedModel, whiten
 from truing.inference.observations import Frames
 
 # Eight commands, each given three times; what repeats share is where they are.
@@ -23,7 +23,7 @@ TRIALS = 300
 
 
 def residuals(
-    rng: np.random.Generator, effect: np.ndarray | float = 0.0, noise: str = "normal", of: Linearised = REPEATED
+    rng: np.random.Generator, effect: np.ndarray | float = 0.0, noise: str = "normal", of: LinearisedModel = REPEATED
 ) -> EpochResiduals:
     rows = of.residual.shape
     drawn = rng.standard_t(3, rows) / np.sqrt(3.0) if noise == "heavy" else rng.normal(size=rows)
@@ -40,7 +40,7 @@ def p_value(found: EpochResiduals, groups: np.ndarray = GROUPS) -> float:
 
 @pytest.mark.parametrize("of", [REPEATED, toy.TEMPLATE], ids=["repeats", "epochs that differ"])
 @pytest.mark.parametrize("noise", ["normal", "heavy"])
-def test_a_right_model_is_rejected_no_more_often_than_the_level_says(noise: str, of: Linearised) -> None:
+def test_a_right_model_is_rejected_no_more_often_than_the_level_says(noise: str, of: LinearisedModel) -> None:
     rng = np.random.default_rng(1)
     p_values = np.array([p_value(residuals(rng, noise=noise, of=of)) for _ in range(TRIALS)])
     assert np.mean(p_values <= 0.05) <= 0.05 + 3.1 * np.sqrt(0.05 * 0.95 / TRIALS)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.tolerance import assert_between
-from truing.inference.linear_problem import Linearised, Whitened, whiten
+from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
 from truing.inference.noise import NoiseLevel, noise_level
 from truing.inference.observations import Observations
 
@@ -19,7 +19,7 @@ def _fitted(level: float, seed: int) -> Whitened:
     by_local, by_shared = 1e3 * rng.normal(size=(poses, rows, local)), 1e3 * rng.normal(size=(poses, rows, shared))
     none = np.zeros((poses, local)), np.zeros(shared), np.zeros(0), np.zeros((0, shared))
     return whiten(
-        Linearised(
+        LinearisedModel(
             noise,
             by_local,
             by_shared,

@@ -9,16 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
-from truing.inference.linear_problem import Linearised, Whitened, columns_of, rows_by_source, whiten
+from truing.inference.linear_problem import LinearisedModel, Whitened, columns_of, rows_by_source, whiten
 
 POSES, ROWS, LOCAL, SHARED, EXTRA = 5, 12, 3, 4, 2
 
 
-def draw(seed: int, missing: bool = False) -> Linearised:
+def draw(seed: int, missing: bool = False) -> LinearisedModel:
     rng = np.random.default_rng(seed)
     present = rng.random((POSES, ROWS)) > 0.2 * missing
     kept = present.astype(float)
-    return Linearised(
+    return LinearisedModel(
         residual=rng.normal(size=(POSES, ROWS)) * kept,
         by_local=rng.normal(size=(POSES, ROWS, LOCAL)) * kept[..., None],
         by_shared=rng.normal(size=(POSES, ROWS, SHARED)) * kept[..., None],
@@ -32,7 +32,7 @@ def draw(seed: int, missing: bool = False) -> Linearised:
     )
 
 
-def dense(problem: Linearised) -> tuple[NDArray, NDArray]:
+def dense(problem: LinearisedModel) -> tuple[NDArray, NDArray]:
     """The whole problem as one matrix, unknowns: shared, then each pose's local ones."""
     rows, right = [], []
     for pose in range(POSES):
@@ -46,7 +46,7 @@ def dense(problem: Linearised) -> tuple[NDArray, NDArray]:
     return np.vstack(rows), np.concatenate([*right, problem.extra_residual, -problem.shared_value])
 
 
-def of_few_poses(problem: Linearised) -> Linearised:
+def of_few_poses(problem: LinearisedModel) -> LinearisedModel:
     """The problem with unknowns that a single pose, or none, tells of."""
     by_shared = problem.by_shared.copy()
     by_shared[np.arange(POSES) != 3, :, 0] = 0.0
@@ -55,7 +55,7 @@ def of_few_poses(problem: Linearised) -> Linearised:
     return replace(problem, by_shared=by_shared)
 
 
-def compact(problem: Linearised) -> Linearised:
+def compact(problem: LinearisedModel) -> LinearisedModel:
     """The same problem, of which every pose keeps the unknowns that act there."""
     kept = columns_of(problem.by_shared.any(1))
     assert kept is not None
@@ -149,7 +149,7 @@ def test_the_rest_of_pure_noise_has_the_variance_of_noise() -> None:
         shared, local = rng.normal(size=SHARED), rng.normal(size=(POSES, LOCAL))
         measured = template.by_shared @ shared + np.einsum("bmh,bh->bm", template.by_local, local)
         found: Whitened = whiten(
-            Linearised(
+            LinearisedModel(
                 measured + rng.normal(size=(POSES, ROWS)),
                 template.by_local,
                 template.by_shared,

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.linear_problem import Linearised, Whitened, whiten
+from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
 from truing.inference.noise import components
 from truing.inference.observations import Frames, Observations
-from truing.inference.search import Candidate, ChannelFamily, Search
+from truing.inference.search import CauseCandidate, ChannelFamily, Search
 from truing.inference.signatures import Pathways, channel_signatures, pathways_of, rotated_channels, signature
 
 POSES, POINTS, SHARED, DRIVES = 24, 6, 5, 3
@@ -22,11 +22,11 @@ MEASURED = Observations(
 FRAMES = Frames(np.tile(np.eye(3), (POSES, 1, 1)), np.zeros((POSES, 3)))
 
 
-def template() -> Linearised:
+def template() -> LinearisedModel:
     rng = np.random.default_rng(0)
     rows, local = 3 * POINTS, FRAME + DRIVES
     known = np.arange(local) >= FRAME
-    return Linearised(
+    return LinearisedModel(
         np.zeros((POSES, rows)),
         rng.normal(size=(POSES, rows, local)) * np.where(known, 1.0, 20.0),
         rng.normal(size=(POSES, rows, SHARED)),
@@ -81,9 +81,10 @@ def search(whitened: Whitened, draws: int, rng: np.random.Generator) -> Search:
     """A search over the gain of each and of all drives, and over targets that were moved."""
     own, design = channels(whitened), gain()["drive"]
     one = [
-        Candidate(_Cause(f"one {d}"), "gain", signature(own, {"drive": design[..., d : d + 1]}), 0.2) for d in (0, 1, 2)
+        CauseCandidate(_Cause(f"one {d}"), "gain", signature(own, {"drive": design[..., d : d + 1]}), 0.2)
+        for d in (0, 1, 2)
     ]
-    whole = Candidate(_Cause("all"), "gain", signature(own, gain()), 0.4)
+    whole = CauseCandidate(_Cause("all"), "gain", signature(own, gain()), 0.4)
     shapes = onsets()
     usable = np.ones((len(shapes), POINTS), bool)
     turns = np.tile(np.eye(3), (POSES, POINTS, 1, 1))

@@ -8,10 +8,10 @@ from tests.blind.generator.quaternions import rotate
 from tests.photographs.lens import Lens
 from tests.photographs.rays import Photographed, true_turns
 from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays
 
 
-def network_of(photographed: Photographed) -> tuple[Network, State]:
+def network_of(photographed: Photographed) -> tuple[Network, NetworkState]:
     """The rays that are not grossly wrong, in m; images count pose by pose, points likewise."""
     poses, stations = photographed.views.centre.shape[:2]
     kept = ~photographed.gross
@@ -38,7 +38,7 @@ def network_of(photographed: Photographed) -> tuple[Network, State]:
         KnownPoints.none(),
     )
     axes = rotate(true_turns(photographed)[:, :, None], np.eye(3))  # the camera's axes in the scene, by the row
-    state = State(
+    state = NetworkState(
         np.array([interior_of(lens) for lens in photographed.shooting.lenses]),
         np.swapaxes(axes, -1, -2).reshape(-1, 3, 3),
         photographed.views.centre.reshape(-1, 3) * 1e-3,

@@ -13,7 +13,7 @@ from tests.photographs.rays import Photographed, Shooting, draw_rays, true_turns
 from tests.tolerance import assert_close
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State, project
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays, project
 
 MOVES = [at_rest(), *random_moves(2, 0, np.random.default_rng(3))]
 
@@ -27,7 +27,7 @@ def interior(lens: Lens) -> Array:
     )  # fmt: skip
 
 
-def as_network(made: Photographed) -> tuple[Network, State]:
+def as_network(made: Photographed) -> tuple[Network, NetworkState]:
     """What was photographed and the truth of it, in m."""
     poses, stations = made.views.centre.shape[:2]
     many = made.points.shape[1]
@@ -51,7 +51,7 @@ def as_network(made: Photographed) -> tuple[Network, State]:
     )
     turn = true_turns(made).reshape(-1, 4)
     R = np.stack([rotate(turn, np.tile(axis, (len(turn), 1))) for axis in np.eye(3)], axis=-1)
-    state = State(
+    state = NetworkState(
         interior=np.stack([interior(lens) for lens in made.shooting.lenses]),
         R=R,
         centre=1e-3 * made.views.centre.reshape(-1, 3),

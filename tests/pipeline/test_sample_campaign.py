@@ -28,9 +28,9 @@ from truing.pipeline import campaign_run
 from truing.pipeline.campaign_folder import SettingsView, open_campaign
 from truing.pipeline.campaign_run import PROJECT, CampaignRun, open_run
 from truing.pipeline.command_line import app
-from truing.pipeline.freshness import State
+from truing.pipeline.freshness import Freshness
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.run_campaign import Selection, Wish, run_campaign
+from truing.pipeline.run_campaign import StageSelection, Wish, run_campaign
 from truing.pipeline.stage_order import ORDER, makers, stage_module
 from truing.pipeline.voice import Voice
 from truing.schemas.artifacts import ARTIFACTS
@@ -192,7 +192,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         parts += [("turntable", "diagnose"), ("slide", "diagnose")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
-            code = run_campaign(open_campaign(folder / name), out, Wish(Selection(only=only)), Voice(quiet=True))
+            code = run_campaign(open_campaign(folder / name), out, Wish(StageSelection(only=only)), Voice(quiet=True))
             assert code in (ExitCode.DONE, ExitCode.FAILED_CHECK), name
             runs[name] = open_run(open_campaign(folder / name), out)
     return runs, {name: set().union(*(view.sections_read for view in made)) for name, made in views.items()}
@@ -317,4 +317,4 @@ def test_the_finished_run_is_fresh_in_another_place(run_once: Any, tmp_path: Pat
     shutil.rmtree(tmp_path / "copy" / ".truing")
     shutil.copytree(runs["telescope"].campaign.folder, tmp_path / "telescope")
     moved = open_run(open_campaign(tmp_path / "telescope"), tmp_path / "copy")
-    assert {standing.state for _, standing in moved.standings()} == {State.FRESH}
+    assert {standing.state for _, standing in moved.standings()} == {Freshness.FRESH}

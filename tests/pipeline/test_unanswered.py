@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from truing.pipeline.campaign_check import Checked, check_campaign
+from truing.pipeline.campaign_check import CampaignCheck, check_campaign
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.campaign_run import PROJECT
 from truing.pipeline.command_line import app
@@ -31,7 +31,7 @@ def started(folder: Path, **files: str) -> str:
     return (folder / "campaign.toml").read_text(encoding="utf-8")
 
 
-def answered(folder: Path, *changes: tuple[str, str]) -> Checked:
+def answered(folder: Path, *changes: tuple[str, str]) -> CampaignCheck:
     text = (folder / "campaign.toml").read_text(encoding="utf-8")
     for before, after in changes:
         assert before in text

@@ -20,12 +20,12 @@ from tests.real.aicon_report import Report, read_report
 from tests.real.campaigns import PROJECT, data_folder
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import PARAMETERS, Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays
 from truing.estimation.bundle.start_values import find_start
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
-from truing.formats.shapes import CAMERAS, IMAGE_POINTS, SCALE_BARS, Shape
+from truing.formats.shapes import CAMERAS, IMAGE_POINTS, SCALE_BARS, TableShape
 from truing.formats.source import CampaignFiles
 from truing.schemas.campaign import read_campaign
 
@@ -115,7 +115,7 @@ _SIGNS = {"c": -1.0, "y0": -1.0, "B2": -1.0}
 _POWERS = {"c": 1, "x0": 1, "y0": 1, "A1": -2, "A2": -4, "B1": -1, "B2": -1}
 
 
-def read(shape: Shape) -> dict[str, list[Any]]:
+def read(shape: TableShape) -> dict[str, list[Any]]:
     """The columns of one table of the network; raises CampaignFaults where a file is not as it should be."""
     document = {"campaign": {"name": "key", "kind": "photogrammetry"}, "files": _FILES}
     log = FaultLog()
@@ -187,12 +187,12 @@ def _interior(camera: dict[str, Any]) -> Array:
     return np.array([[given.get(name, 0.0) for name in PARAMETERS]])
 
 
-def astray(report: Report, interior: Array) -> State:
+def astray(report: Report, interior: Array) -> NetworkState:
     """The report's state, each image turned by some 5 degrees and displaced by 50 mm, each point by 20 mm."""
     rng = np.random.default_rng(7)
     omega, phi, kappa = report.images[:, 3:].T
     turned = exp_so3(rng.normal(0.0, np.radians(5.0), (len(omega), 3)))
-    return State(
+    return NetworkState(
         interior,
         turned @ axis_turn(0, omega) @ axis_turn(1, phi) @ axis_turn(2, kappa) @ _FLIP,
         (report.images[:, :3] + rng.normal(0.0, 50.0, (len(omega), 3))) * _MM,
@@ -206,12 +206,12 @@ def axis_turn(axis: int, angle: Array) -> Array:
     return exp_so3(angle[:, None] * np.eye(3)[axis])
 
 
-def in_frame_of(state: State, points_m: Array) -> State:
+def in_frame_of(state: NetworkState, points_m: Array) -> NetworkState:
     """A state moved as a whole, without a change of scale, to where its points (P, 3) lie nearest to these."""
     ours, theirs = state.points - state.points.mean(axis=0), points_m - points_m.mean(axis=0)
     left, _, right = np.linalg.svd(theirs.T @ ours)
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    return State(
+    return NetworkState(
         state.interior,
         turn @ state.R,
         (state.centre - state.points.mean(axis=0)) @ turn.T + points_m.mean(axis=0),

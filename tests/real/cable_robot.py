@@ -14,10 +14,10 @@ from tests.real.pulley_cable import PulleyCable
 from truing.estimation.errors_in_variables.descent import Prior
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, fit_errors_in_variables
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
-from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, Constrained
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, PoseEquations
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import upper_joints
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine
 
@@ -170,7 +170,7 @@ class CableProblem:
         out[:, range(10, 14), range(10, 14)] = SWIVEL_RAD**2
         return out
 
-    def constrain(self, values: NDArray, deviation: NDArray) -> Constrained:
+    def constrain(self, values: NDArray, deviation: NDArray) -> PoseEquations:
         """Equations (B, 8) and derivatives."""
         angles = self.run.angles + values[8] * np.eye(3)[2]
         cables = CalibrationProblem(
@@ -192,9 +192,9 @@ class CableProblem:
         by_yaw = by_deviation[..., 3:6] @ about
         by_geometry = np.concatenate([lengths.by_values, pulleys.by_values], 1)
         value = np.concatenate([lengths.value, pulleys.value], -1)
-        return Constrained(value, by_deviation, np.concatenate([by_ratio, by_zero, by_yaw, by_geometry], -1))
+        return PoseEquations(value, by_deviation, np.concatenate([by_ratio, by_zero, by_yaw, by_geometry], -1))
 
-    def _pulleys(self, cables: CalibrationProblem, values: NDArray, deviation: NDArray) -> Constrained:
+    def _pulleys(self, cables: CalibrationProblem, values: NDArray, deviation: NDArray) -> PoseEquations:
         """Closing (B, 4) of the pulleys' angles, by deviations of the platform (B, 4, 6) and the geometry (B, 4, P)."""
         machine, theta = cables.machine(values[9:]), deviation[:, 3:6]
         p, R = cables.p + deviation[:, :3], exp_so3(theta) @ cables.R
@@ -203,7 +203,7 @@ class CableProblem:
         change = self.geometry.change(machine)
         moved = R[:, None] @ change.get("b", (CABLES, 3)) - change.get("a", (CABLES, 3))
         by_twist = -np.concatenate([gradient, np.cross(upper - p[:, None], gradient)], -1)
-        return Constrained(
+        return PoseEquations(
             self.run.swivel + values[4:8] + deviation[:, 10:] - turned,
             np.concatenate([by_twist[..., :3], by_twist[..., 3:] @ left_jacobian_so3(theta)], -1),
             -np.einsum("bli,blip->blp", gradient, moved),
@@ -213,9 +213,9 @@ class CableProblem:
 def fit(problem: CableProblem, free: NDArray, values: NDArray, sigma: NDArray | None = None) -> ErrorsInVariablesFit:
     """Fit some of the values (P,), the others held; sigma (P,): prior about the present ones."""
 
-    def constrain(some: NDArray, deviation: NDArray) -> Constrained:
+    def constrain(some: NDArray, deviation: NDArray) -> PoseEquations:
         found = problem.constrain(filled(values, free, some), deviation)
-        return Constrained(found.value, found.by_deviation, found.by_values[..., free])
+        return PoseEquations(found.value, found.by_deviation, found.by_values[..., free])
 
     known = None if sigma is None else Prior(values[free], np.diag(sigma[free] ** -2.0))
     return fit_errors_in_variables(constrain, problem.covariance, values[free], known, robust=False)
@@ -231,4 +231,4 @@ def filled(values: NDArray, free: NDArray, some: NDArray) -> NDArray:
 def geometry() -> ParameterSet:
     """Length at homing of every cable, where its pulley stands and where it holds the platform."""
     names = ("l", "a_x", "a_y", "a_z", "b_x", "b_y", "b_z")
-    return ParameterSet(tuple(Parameter(name, cable, "mm", 1e-3) for name in names for cable in range(CABLES)))
+    return ParameterSet(tuple(LegParameter(name, cable, "mm", 1e-3) for name in names for cable in range(CABLES)))

@@ -64,12 +64,12 @@ def run_all(names: Sequence[str], folder: Path) -> dict[str, dict[str, pd.DataFr
 
 def run_here(name: str, folder: Path, stages: Sequence[str]) -> dict[str, pd.DataFrame]:
     """Bring some stages of a campaign about, and what they need, and read every table that they left."""
-    from truing.pipeline.run_campaign import Selection, Wish, run_campaign, usable_campaign
+    from truing.pipeline.run_campaign import StageSelection, Wish, run_campaign, usable_campaign
     from truing.pipeline.voice import Voice
 
     campaign, out = usable_campaign(prepare(name, folder)), folder / "runs" / name
     for stage in stages:
-        wish = Wish(Selection(only=stage), accept_failed_checks=True)
+        wish = Wish(StageSelection(only=stage), accept_failed_checks=True)
         run_campaign(campaign, out, wish, Voice(quiet=True))
     return _tables(out)
 

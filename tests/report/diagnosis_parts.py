@@ -12,7 +12,7 @@ from truing.report.diagnosis.judged import accepted_of, judged
 from truing.report.diagnosis.next_measurements import following
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.section import diagnosis, sizes
-from truing.report.page import Section, all_of
+from truing.report.page import ReportSection, all_of
 from truing.report.section_verdict import SectionVerdict
 from truing.report.verdict import section_verdicts
 
@@ -29,7 +29,7 @@ PARTS = {
 }
 
 
-def part_of(name: str, tables: Frames) -> Section:
+def part_of(name: str, tables: Frames) -> ReportSection:
     """The part of that name."""
     part = PARTS[name](tables)
     assert part.id == name
@@ -46,14 +46,14 @@ def state_of(section: str, tables: Frames) -> str:
     return verdict_of(section, tables).state.value
 
 
-def parts_of(tables: Frames) -> dict[str, Section]:
+def parts_of(tables: Frames) -> dict[str, ReportSection]:
     """The whole section and its parts by name."""
     section = diagnosis(tables)
     assert section is not None
     return {part.id: part for part in all_of([section])}
 
 
-def text_of(section: Section) -> str:
+def text_of(section: ReportSection) -> str:
     """All that a section says outside its figures."""
     cells = [cell for listing in section.listings for line in listing.rows for cell in line]
     return " ".join([section.lead, *(words for _, words in section.said), *cells])

@@ -15,7 +15,7 @@ from tests.report.campaign_tables import campaign_tables
 from tests.report.conftest import Opened
 from tests.report.test_page import ATTACKS, kept, render
 from truing.report.figure_style import label, style
-from truing.report.page import Head, Listing, Section
+from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.rendering.render import render_page
 from truing.report.scene.scenes import pose_scene
 from truing.report.scene.view import drawn as to_draw
@@ -178,8 +178,10 @@ def test_numbers_of_every_kind_and_cells_that_would_be_formulas(opened, tmp_path
     )
     bars = go.Figure(go.Bar(x=[1, 2], y=[["a", "a"], ["b", "c"]], text=["10<sup>3</sup>", "5"]))
     shown = tuple((style(one, "title", "subtitle", 300), "caption.") for one in (figure, bars, many))
-    section = Section("s", "S", "lead", shown, (Listing(("a", "b"), cells), Listing(("a",), (("1",),), csv="own\n1\n")))
-    page = opened(render_page(Head("..", ()), [section]))
+    section = ReportSection(
+        "s", "S", "lead", shown, (Listing(("a", "b"), cells), Listing(("a",), (("1",),), csv="own\n1\n"))
+    )
+    page = opened(render_page(PageHead("..", ()), [section]))
     page.scroll_through()
     heads, *rows = rows_of(page, "figure button.csv", tmp_path)
     assert heads == ["x: load F <kN>", "y", "text", "y bar up"]

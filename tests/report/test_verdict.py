@@ -12,7 +12,7 @@ from tests.report import diagnosis_tables as made
 from tests.report.calibration_tables import calibration_tables
 from tests.report.campaign_tables import campaign_tables
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.head import build_head
 from truing.report.rendering.render import render_page
 from truing.report.section_verdict import SectionVerdict, verdict_rows
@@ -58,9 +58,9 @@ def misfit(times: float, freedom: float = 300.0, p: float | None = None) -> dict
 
 def test_pulls_that_fail_never_stand_below_a_green_line():
     tables = of(*rejected(), pull_sums=made.pull_sums(900.0).assign(p_value=1e-54))
-    assert section_verdicts(tables)["diagnosis"].state == State.OK
+    assert section_verdicts(tables)["diagnosis"].state == RelationState.OK
     whole = campaign(tables)
-    assert (whole.state, whole.reason_code) == (State.FAILS, ReasonCode.BEYOND_TOLERANCE)
+    assert (whole.state, whole.reason_code) == (RelationState.FAILS, ReasonCode.BEYOND_TOLERANCE)
     assert build_head("c", tables).verdicts[0] == ("fail", whole.explanation)
     assert "p < 1e-6" in whole.explanation.replace("p = <", "p <")
 
@@ -69,7 +69,7 @@ def test_a_calibration_that_misfits_by_a_factor_never_stands_below_a_green_line(
     tables = of(*rejected()) | misfit(5.15)
     verdicts = section_verdicts(tables)
     assert verdicts["diagnosis"].mark == GREEN
-    assert verdicts["calibration"].state == State.FAILS
+    assert verdicts["calibration"].state == RelationState.FAILS
     assert verdicts["calibration"].value == pytest.approx(5.15)
     mark, said = build_head("c", tables).verdicts[0]
     assert mark == "fail"
@@ -79,14 +79,14 @@ def test_a_calibration_that_misfits_by_a_factor_never_stands_below_a_green_line(
 @pytest.mark.parametrize(("times", "p", "fails"), [(1.0, 0.4, False), (1.05, 1e-9, False), (1.3, 1e-9, True)])
 def test_noise_declared_wrong_by_a_twentieth_is_no_misfit(times, p, fails):
     verdict = section_verdicts(misfit(times, p=p))["calibration"]
-    assert (verdict.state == State.FAILS) is fails
+    assert (verdict.state == RelationState.FAILS) is fails
 
 
 def test_requirements_are_not_met_by_a_model_that_does_not_fit():
     assert section_verdicts(misfit(1.0))["requirements"].reason_code == ReasonCode.MET
     tables = misfit(5.15)
     verdict = section_verdicts(tables)["requirements"]
-    assert (verdict.state, verdict.reason_code) == (State.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT)
+    assert (verdict.state, verdict.reason_code) == (RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT)
     assert "find the cause that is missing" in verdict.explanation
     assert not [said for mark, said in build_head("c", tables).verdicts if " met" in said]
 
@@ -94,7 +94,7 @@ def test_requirements_are_not_met_by_a_model_that_does_not_fit():
 def test_requirements_are_not_met_where_the_picture_fails_whatever_the_calibration_says():
     tables = misfit(1.0) | of({**FOUND, "rms_after": 60.0}, *rejected())
     verdicts = section_verdicts(tables)
-    assert verdicts["adequacy"].state == State.FAILS
+    assert verdicts["adequacy"].state == RelationState.FAILS
     assert verdicts["requirements"].reason_code == ReasonCode.MODEL_DOES_NOT_FIT
     assert verdicts["adequacy"].explanation in verdicts["requirements"].explanation
 
@@ -108,7 +108,7 @@ def test_what_was_held_out_fails_a_calibration_whatever_else_asks_for_attention(
     more = [keys.drop_duplicates().assign(figure=name, value=value, unit="1") for name, value in figures.items()]
     tables["model_choice"] = pd.concat([choice, *more], ignore_index=True)
     verdict = section_verdicts(tables)["calibration"]
-    assert (verdict.state, verdict.reason_code, verdict.value) == (State.FAILS, ReasonCode.HELD_OUT_MISSED, 3.0)
+    assert (verdict.state, verdict.reason_code, verdict.value) == (RelationState.FAILS, ReasonCode.HELD_OUT_MISSED, 3.0)
     assert section_verdicts(tables)["requirements"].reason_code == ReasonCode.MODEL_DOES_NOT_FIT
 
 
@@ -120,13 +120,13 @@ def test_a_misfit_that_a_found_cause_explains_is_not_a_failure_of_the_campaign()
     assert campaign(tables).reason_code == ReasonCode.FOUND
     beyond = of({**FOUND, "rms_after": 13.0}, *rejected()) | misfit(3.0)
     assert section_verdicts(beyond)["calibration"].reason_code == ReasonCode.MISFIT
-    assert campaign(beyond).state == State.FAILS
+    assert campaign(beyond).state == RelationState.FAILS
 
 
 def test_a_cause_found_is_a_result_with_a_mark_of_its_own():
     tables = of(FOUND, *rejected())
     whole = campaign(tables)
-    assert (whole.state, whole.reason_code, whole.mark) == (State.ATTENTION, ReasonCode.FOUND, "found")
+    assert (whole.state, whole.reason_code, whole.mark) == (RelationState.ATTENTION, ReasonCode.FOUND, "found")
     assert section_verdicts(tables)["diagnosis"].value == 1.0
     sections = build_sections(tables, {})
     assert next(one for one in sections if one.id == "diagnosis").state == "found"
@@ -137,7 +137,7 @@ def test_a_cause_found_is_a_result_with_a_mark_of_its_own():
 def test_a_picture_that_is_incomplete_leads_what_was_found_in_it():
     tables = of({**FOUND, "rms_after": 13.0}, *rejected())
     whole = campaign(tables)
-    assert (whole.state, whole.reason_code) == (State.ATTENTION, ReasonCode.BEYOND_NOISE)
+    assert (whole.state, whole.reason_code) == (RelationState.ATTENTION, ReasonCode.BEYOND_NOISE)
     assert "The picture is incomplete" in whole.explanation
     assert [mark for mark, _ in build_head("c", tables).verdicts[:2]] == ["warn", "found"]
 
@@ -151,7 +151,7 @@ def test_suspected_causes_are_told_as_suspected():
         parameters={"drift_4": made.size(0.012, 0.001, "mm")},
     )
     verdict = section_verdicts(of(one, *rejected()))["diagnosis"]
-    assert (verdict.state, verdict.reason_code, verdict.mark) == (State.ATTENTION, ReasonCode.SUSPECTED, "warn")
+    assert (verdict.state, verdict.reason_code, verdict.mark) == (RelationState.ATTENTION, ReasonCode.SUSPECTED, "warn")
     assert verdict.explanation.startswith("Suspected, not found")
     assert "leg 4 grows" in verdict.explanation.lower()
 
@@ -169,7 +169,7 @@ def test_suspected_causes_are_told_as_suspected():
 def test_agreement_names_the_relation_that_was_tested(relation, words):
     tables = of(*({**one, "relation": relation.value} for one in rejected()))
     verdict = section_verdicts(tables)["diagnosis"]
-    assert verdict.state == State.OK
+    assert verdict.state == RelationState.OK
     assert verdict.explanation.startswith(words)
     assert "From these sizes on one would have been (80 %)" in verdict.explanation
 
@@ -179,7 +179,7 @@ def test_readings_that_no_simulation_relates_to_poses_are_not_tested():
     for name in ("pulls", "pull_sums", "calibration", "model_choice"):
         del tables[name]
     whole = campaign(tables)
-    assert (whole.state, whole.reason_code) == (State.NOT_TESTED, ReasonCode.NO_MECHANISM)
+    assert (whole.state, whole.reason_code) == (RelationState.NOT_TESTED, ReasonCode.NO_MECHANISM)
     assert "rho1_mm" in whole.explanation
     mark, said = build_head("c", tables).verdicts[0]
     assert mark == "none"
@@ -193,10 +193,10 @@ def test_readings_that_no_simulation_relates_to_poses_are_not_tested():
 def test_what_no_campaign_of_its_kind_could_show_is_not_agreed_upon():
     hidden = [{**one, "verdict": "not testable"} for one in rejected()]
     verdict = section_verdicts(of(*hidden))["diagnosis"]
-    assert (verdict.state, verdict.reason_code) == (State.NOT_TESTED, ReasonCode.NOT_TESTABLE)
+    assert (verdict.state, verdict.reason_code) == (RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE)
     assert "agree" not in verdict.explanation
     some = section_verdicts(of(*hidden[:3], *rejected()[3:]))["diagnosis"]
-    assert some.state == State.OK
+    assert some.state == RelationState.OK
     names = ", ".join(cause_words(one["cause"]) for one in hidden[:3])
     assert f"none of 8 candidates was found; not testable here: {names}." in some.explanation
 
@@ -212,7 +212,7 @@ def test_data_that_do_not_belong_together_lead_everything_and_gate():
 
 def test_only_a_failure_of_the_data_gates():
     tables = of(*rejected(), pull_sums=made.pull_sums(900.0).assign(p_value=1e-54)) | misfit(5.15)
-    assert campaign(tables).state == State.FAILS
+    assert campaign(tables).state == RelationState.FAILS
     assert gates(verdict_frame(tables).to_dict("records")) == []
 
 
@@ -239,18 +239,18 @@ def test_the_first_row_is_that_of_the_campaign_and_says_who_leads_it():
 
 
 def _green(section: str) -> SectionVerdict:
-    return SectionVerdict(section, State.OK, ReasonCode.FITS, section)
+    return SectionVerdict(section, RelationState.OK, ReasonCode.FITS, section)
 
 
 @pytest.mark.parametrize("section", SECTIONS)
-@pytest.mark.parametrize("state", [State.FAILS, State.ATTENTION])
+@pytest.mark.parametrize("state", [RelationState.FAILS, RelationState.ATTENTION])
 def test_no_section_but_a_description_hides_behind_a_green_campaign(section, state):
     verdicts = {name: _green(name) for name in SECTIONS}
     verdicts[section] = SectionVerdict(section, state, ReasonCode.MISFIT, "odd")
     lead = leading(verdicts)
     assert lead is not None
     # A body that follows its drives is a result; whether a cause makes it so, the diagnosis says.
-    assert (lead.section == section) is not (section == "deformation" and state == State.ATTENTION)
+    assert (lead.section == section) is not (section == "deformation" and state == RelationState.ATTENTION)
 
 
 @pytest.mark.parametrize("tables", [{}, campaign_tables(poses=3), calibration_tables()], ids=["none", "points", "fits"])

@@ -10,7 +10,7 @@ import pytest
 
 from tests.simulation.bench.sensor_benches import ARCSEC, SIGMA, bench
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.inference.selection import Acceptance, Settings
+from truing.inference.selection import CauseSelection, Settings
 from truing.inference.verdicts import FOUND, Verdict
 from truing.schemas.interferometer import Interferometer
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
@@ -38,7 +38,7 @@ def _found(
     poses = Epochs(Observations(points, covariance, seen), own.conditions, Frames.of_numbers(len(seen)))
     model = own.model(signals=False)
     known = model.known if declared is None else replace(model.known, optics=declared)
-    search = Acceptance(replace(model, known=known), poses, None, Settings(0.05, 100, seed))
+    search = CauseSelection(replace(model, known=known), poses, None, Settings(0.05, 100, seed))
     return [v for v in search.run(list(catalogue_of_readings().values())).verdicts if v.verdict == FOUND]
 
 

@@ -16,15 +16,15 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
-from truing.inference.detectable import Rule, Sight
+from truing.inference.detectable import AcceptanceRule, EffectSensitivity
 from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign
 from truing.simulation.detection_trials import (
     FACTORS,
     Answer,
-    Question,
-    Size,
+    DetectionQuestion,
+    EffectSize,
     Sort,
     Trial,
     answer,
@@ -137,10 +137,10 @@ def test_a_campaign_without_a_platform_is_refused(tables: dict[str, pa.Table], s
 GAIN = ActuatorGain((3,))
 
 
-def _question(per_scale: float) -> Question:
-    seen = Sight(GAIN, GAIN.id, Rule(1, 500.0, 1e-5), np.array([per_scale]))
+def _question(per_scale: float) -> DetectionQuestion:
+    seen = EffectSensitivity(GAIN, GAIN.id, AcceptanceRule(1, 500.0, 1e-5), np.array([per_scale]))
     sort = Sort(GAIN.id, "one leg", tuple(ActuatorGain((leg,)) for leg in range(1, 7)), np.full(6, 1 / 6))
-    return Question(sort, (seen,), Size("gain_3", 0.01, "1"))
+    return DetectionQuestion(sort, (seen,), EffectSize("gain_3", 0.01, "1"))
 
 
 def test_campaigns_are_drawn_about_the_size_that_theory_expects_and_with_seeds_of_their_own(plan: CampaignPlan) -> None:

@@ -13,7 +13,7 @@ from truing.estimation.rotation import exp_so3
 from truing.pipeline.command_line import app
 from truing.pipeline.in_memory import StageLine, stage_line
 from truing.report.during_section import during
-from truing.report.page import Section
+from truing.report.page import ReportSection
 
 TOML = """
 [campaign]
@@ -96,7 +96,7 @@ def test_pooled_numbers_say_that_they_hold_for_none_and_so_does_the_page(uneven)
     place = repeats[repeats["subject"].isin(["tool x", "tool y", "tool z"])]
     assert (place["p_equal"] < 1e-6).all()
     section = during({name: uneven.tables[name].to_pandas() for name in ("repeats", "pose_repeatability")})
-    assert isinstance(section, Section)
+    assert isinstance(section, ReportSection)
     assert any("their pooled number holds for none: tool x" in words for _, words in section.said)
     (listing,) = (one for one in section.listings if one.held_by == "pose_repeatability.parquet")
     assert len(listing.rows) == 2 * GROUPS

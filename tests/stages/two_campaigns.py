@@ -21,7 +21,7 @@ from truing.inference.fitted_model import FittedModel, Fitter
 from truing.schemas.campaign import read_campaign
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import extended, write_model
-from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.gathered import DiagnosisData
 from truing.stages.diagnosis.mechanism_points import gather
 
 LAYOUT = Layout(name="machine", targets=Targets(base=8, platform=8, per_leg=0))
@@ -62,7 +62,7 @@ def measured(
     return write_campaign(made, home / f"campaign-{machine}-{seed}", seed)
 
 
-def gathered(folder: Path) -> Gathered:
+def gathered(folder: Path) -> DiagnosisData:
     """What the diagnosis compares of a campaign folder."""
     import tomllib
 
@@ -71,7 +71,7 @@ def gathered(folder: Path) -> Gathered:
     return gather(tables, read_campaign(document))
 
 
-def fitted(found: Gathered, *causes: Cause) -> FittedModel:
+def fitted(found: DiagnosisData, *causes: Cause) -> FittedModel:
     """The model with some causes, fitted to a campaign."""
     return Fitter(found.model, found.calibration, found.held_out, 0).prepared((*found.given, *causes))
 

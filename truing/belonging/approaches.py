@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array
-from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, both_ways
+from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 
 _BETTER = 10.0  # times smaller is the misfit that a slip has to leave
 _OF_SPACING = 0.1  # misfit over the smallest distance of targets, from which on a slip is looked for
@@ -28,8 +28,8 @@ class TargetMatch:
 
     misfit: float
     explained: float | None = None
-    slips: tuple[Slip, ...] = ()
-    rivals: tuple[Slip, ...] = ()
+    slips: tuple[RecordSlip, ...] = ()
+    rivals: tuple[RecordSlip, ...] = ()
     deviations: bool = False
     still: bool = False
 
@@ -50,7 +50,7 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     if len(places) < 2 or misfit <= _OF_SPACING * float(np.diff(places).min()):
         return TargetMatch(misfit)
     if np.ptp(position) == 0.0:
-        return TargetMatch(misfit, 0.0, (Slip(SlipKind.FROZEN, "position_mm"),), still=True)
+        return TargetMatch(misfit, 0.0, (RecordSlip(SlipKind.FROZEN, "position_mm"),), still=True)
     travel = float(np.ptp(places))
     tried = list(_tried(target, position))
     best = min(left for left, _ in tried)
@@ -64,17 +64,17 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     return TargetMatch(misfit)
 
 
-def _tried(target: Array, position: Array) -> Iterator[tuple[float, tuple[Slip, ...]]]:
+def _tried(target: Array, position: Array) -> Iterator[tuple[float, tuple[RecordSlip, ...]]]:
     """The misfit that each slip leaves, once undone; the plainer slips first."""
-    turned = Slip(SlipKind.SIGN, "position_mm")
+    turned = RecordSlip(SlipKind.SIGN, "position_mm")
     yield _rms(-position - target), (turned,)
     for factor in both_ways(LENGTH_FACTORS):
-        unit = Slip(SlipKind.UNIT, "position_mm", factor=factor)
+        unit = RecordSlip(SlipKind.UNIT, "position_mm", factor=factor)
         yield _rms(factor * position - target), (unit,)
         yield _rms(-factor * position - target), (unit, turned)
     most = min(2 * len(np.unique(target)) - 1, len(target) // 2, _FARTHEST)
     for shift in sorted({*range(-most, 0), *range(1, most + 1)}, key=abs):
-        slip = Slip(SlipKind.ROWS_SHIFTED, "position_mm", shift=shift)
+        slip = RecordSlip(SlipKind.ROWS_SHIFTED, "position_mm", shift=shift)
         yield _rms(_moved(position, shift) - _kept(target, shift)), (slip,)
 
 

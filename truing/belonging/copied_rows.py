@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.belonging.chance_equality import ChanceEquality
-from truing.belonging.plausible_slips import Column
-from truing.belonging.relation import Slip, SlipKind, State, Tested
+from truing.belonging.plausible_slips import RecordedColumn
+from truing.belonging.relation import RecordSlip, RelationState, SlipKind, Tested
 
 FEWEST, SHARE = 8, 0.2  # rows, and part of the shorter run, from which a copy is told
 _CHANCE = 1e-9  # of so many equal rows
@@ -155,8 +155,8 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
     if found:
         return tuple(_told(found, pairs))
     if not pairs or not telling:
-        return (Tested(RELATION, State.NOT_TESTED, "coarse" if pairs else "one-run"),)
-    return (Tested(RELATION, State.OK, "no-copies" if parts_tell else "no-whole-copies", tried=pairs),)
+        return (Tested(RELATION, RelationState.NOT_TESTED, "coarse" if pairs else "one-run"),)
+    return (Tested(RELATION, RelationState.OK, "no-copies" if parts_tell else "no-whole-copies", tried=pairs),)
 
 
 def _rounded(table: Values) -> Values:
@@ -177,10 +177,10 @@ class _Copy:
 def _told(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[Tested]:
     for (first, second), copies in found.items():
         rows = () if any(not one.rows for one in copies) else max((one.rows for one in copies), key=len)
-        slip = Slip(SlipKind.COPIED, " and ".join(one.quantity for one in copies), (first, second), rows=rows)
+        slip = RecordSlip(SlipKind.COPIED, " and ".join(one.quantity for one in copies), (first, second), rows=rows)
         share = 100.0 * max(one.share for one in copies)
         yield Tested(
-            RELATION, State.FAILS, "copied", f"{first}, {second}", share, None, None, "%", (slip,), tried=pairs
+            RELATION, RelationState.FAILS, "copied", f"{first}, {second}", share, None, None, "%", (slip,), tried=pairs
         )
 
 
@@ -205,7 +205,7 @@ def _equal(first: Array, second: Array, chance: Array) -> tuple[float, float]:
     return float(equal.sum() / both.sum()), float(np.exp(np.sum(equal * np.log(chance[moving]))))
 
 
-def equal_columns(value: Array, columns: Sequence[Column], relation: str, what: str) -> list[Tested]:
+def equal_columns(value: Array, columns: Sequence[RecordedColumn], relation: str, what: str) -> list[Tested]:
     """Return the columns (N, K) of one quantity that agree in every digit wherever one of them was recorded."""
     found = []
     for first, one in enumerate(columns):
@@ -214,8 +214,19 @@ def equal_columns(value: Array, columns: Sequence[Column], relation: str, what: 
             same = one.quantity == columns[second].quantity and np.array_equal(own, other, equal_nan=True)
             if same and len(np.unique(own[np.isfinite(own)])) >= _DIFFERENT:
                 names = (one.name, columns[second].name)
-                slip = Slip(SlipKind.COPIED, what, names)
+                slip = RecordSlip(SlipKind.COPIED, what, names)
                 found.append(
-                    Tested(relation, State.FAILS, "copied", ", ".join(names), 100.0, None, None, "%", (slip,), tried=1)
+                    Tested(
+                        relation,
+                        RelationState.FAILS,
+                        "copied",
+                        ", ".join(names),
+                        100.0,
+                        None,
+                        None,
+                        "%",
+                        (slip,),
+                        tried=1,
+                    )
                 )
     return found

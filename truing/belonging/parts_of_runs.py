@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
-from truing.belonging.plausible_slips import Column
-from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, Slip, SlipKind, State, Tested
+from truing.belonging.plausible_slips import RecordedColumn
+from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, RelationState, SlipKind, Tested
 from truing.belonging.responses import directions
 from truing.belonging.slip_search import merged
 
@@ -23,7 +23,7 @@ _TIE, _AS_GOOD = 1.0 + 1e-6, 1.5  # ratios of misfits
 
 
 @dataclass(frozen=True)
-class Part:
+class RunPart:
     """Rows (N,) of a run that are right times ``factor``: its loads, or its columns (indices) where there are any.
 
     ``first``: whether they are the first rows of the run; ``sign``: of the loads that they hold, 0 where they follow
@@ -40,7 +40,7 @@ class Part:
     after: float
 
 
-def parts(load: Array, run: Index, value: Array, columns: Sequence[Column], answers: Array) -> list[Part]:
+def parts(load: Array, run: Index, value: Array, columns: Sequence[RecordedColumn], answers: Array) -> list[RunPart]:
     """Return the parts of runs in which one factor makes columns (N, K) follow loads (N, 6) as in the rest of the run.
 
     answers (K, 6): what columns answer by all runs or a simulation; it tells which of two parts is the wrong one.
@@ -72,7 +72,7 @@ class _Line:
     rows: Index
     places: tuple[int, ...]
 
-    def best(self, columns: Sequence[Column], units: Sequence[float], answers: Array) -> Part | None:
+    def best(self, columns: Sequence[RecordedColumn], units: Sequence[float], answers: Array) -> RunPart | None:
         """The part and the factor that leave least; loads where they do as well as columns."""
         found = [
             one for second, sign in self._halves() for one in self._of_halves(second, sign, columns, units, answers)
@@ -86,8 +86,8 @@ class _Line:
         return min((one for one in near if one.after <= least * _TIE), key=lambda one: one.sign != 0)
 
     def _of_halves(
-        self, second: Mask, sign: int, columns: Sequence[Column], units: Sequence[float], answers: Array
-    ) -> Iterator[Part]:
+        self, second: Mask, sign: int, columns: Sequence[RecordedColumn], units: Sequence[float], answers: Array
+    ) -> Iterator[RunPart]:
         """What puts one of two parts right, the one whose slopes are farther from what columns answer."""
         kept, one, other = self._slopes(second)
         if not kept.any() or not _differ(other[kept] / one[kept]).any():
@@ -107,7 +107,7 @@ class _Line:
             if np.all(after[own] < _FIFTH * before[own]):
                 concerned = tuple(told.places[k] for k in mine)
                 left = float(before[own].max()), float(after[own].max())
-                yield Part(self.run, self.rows[part], first, -sign if first else sign, concerned, factor, *left)
+                yield RunPart(self.run, self.rows[part], first, -sign if first else sign, concerned, factor, *left)
 
     def _halves(self) -> Iterator[tuple[Mask, int]]:
         """Rows from each of them on, and those of negative loads."""
@@ -133,7 +133,7 @@ class _Line:
         return follows, slopes[0], slopes[1]
 
     def _undone(
-        self, part: Mask, ratio: Array, columns: Sequence[Column], units: Sequence[float]
+        self, part: Mask, ratio: Array, columns: Sequence[RecordedColumn], units: Sequence[float]
     ) -> Iterator[tuple[tuple[int, ...], float, Array]]:
         """Columns (none: the loads), factor and what is then left (K,), where slopes differ by about that factor."""
         for factor in (-1.0, *units):
@@ -182,7 +182,12 @@ def _off(slope: Array, answers: Array, least: Array) -> Array:
 
 
 def of_parts(
-    found: Sequence[Part], step: Index, runs: Sequence[str], columns: Sequence[Column], first: int, relation: str
+    found: Sequence[RunPart],
+    step: Index,
+    runs: Sequence[str],
+    columns: Sequence[RecordedColumn],
+    first: int,
+    relation: str,
 ) -> Iterator[Tested]:
     """Yield one failed test of a relation, where parts concern its columns (numbers from first) or their loads."""
     mine = [one for one in found if concerns(one, range(first, first + len(columns)))]
@@ -191,25 +196,25 @@ def of_parts(
         before, after = (100.0 * max(getattr(one, name) for one in mine) for name in ("before", "after"))
         subject = ", ".join(dict.fromkeys(runs[one.run] for one in mine)) if len(mine) <= 3 else ""
         sizes = (before, after, None, "% of the range")
-        yield Tested(relation, State.FAILS, "slip", subject, *sizes, slips, tried=len(mine))
+        yield Tested(relation, RelationState.FAILS, "slip", subject, *sizes, slips, tried=len(mine))
 
 
-def concerns(part: Part, columns: Container[int]) -> bool:
+def concerns(part: RunPart, columns: Container[int]) -> bool:
     """Whether a part is one of the loads, or of some of these columns."""
     return not part.columns or any(column in columns for column in part.columns)
 
 
-def _slip(part: Part, step: Index, runs: Sequence[str], columns: Sequence[Column], first: int) -> Slip:
+def _slip(part: RunPart, step: Index, runs: Sequence[str], columns: Sequence[RecordedColumn], first: int) -> RecordSlip:
     own = [columns[place - first] for place in part.columns]
     quantity = own[0].quantity if own else "load"
     every = len(own) == sum(column.quantity == quantity for column in columns)
     names = () if every and len(own) > 1 else tuple(column.name for column in own)
     kind = SlipKind.SIGN if part.factor == -1.0 else SlipKind.UNIT
-    slip = Slip(kind, quantity, (*names, _where(part, step, runs)))
+    slip = RecordSlip(kind, quantity, (*names, _where(part, step, runs)))
     return slip if kind == SlipKind.SIGN else replace(slip, factor=part.factor)
 
 
-def _where(part: Part, step: Index, runs: Sequence[str]) -> str:
+def _where(part: RunPart, step: Index, runs: Sequence[str]) -> str:
     """The run and the part of it, in words."""
     run, step = runs[part.run], step[part.rows]
     if part.sign:

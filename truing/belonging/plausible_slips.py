@@ -10,16 +10,23 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from truing.arrays import Mask
-from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, Slip, SlipKind
+from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, SlipKind
 from truing.belonging.responses import Responses
-from truing.belonging.slip_search import CLEARLY, Candidate, Expected, Reading, as_recorded, misses_read
+from truing.belonging.slip_search import (
+    CLEARLY,
+    ColumnReading,
+    ExpectedResponse,
+    SlipCandidate,
+    as_recorded,
+    misses_read,
+)
 from truing.estimation.interferometry.recorded_steps import LOADS
 
 _FORCES, _TORQUES = np.arange(6) < 3, np.arange(6) >= 3
 
 
 @dataclass(frozen=True)
-class Column:
+class RecordedColumn:
     """A recorded column: its name, its quantity, the factors that make other units right, and whether it may be that
     some people count it in fringes (their size in its unit)."""
 
@@ -30,7 +37,7 @@ class Column:
     unit_si: float = 1.0
 
 
-Undo = Callable[[Reading], Reading]
+Undo = Callable[[ColumnReading], ColumnReading]
 
 
 def _loads(concerns: Mask, axes: Mask, factor: float) -> Undo:
@@ -48,7 +55,7 @@ def _values(concerns: Mask, factor: float) -> Undo:
 def _exchange_columns(concerns: Mask, pair: tuple[int, int], factor: float) -> Undo:
     """Two columns stand for each other; ``factor``: unit of the second over that of the first."""
 
-    def undo(read: Reading) -> Reading:
+    def undo(read: ColumnReading) -> ColumnReading:
         first, second = (concerns & (read.column == one) for one in pair)
         column = np.where(first, pair[1], np.where(second, pair[0], read.column))
         factors = np.where(first, factor, np.where(second, 1.0 / factor, 1.0))
@@ -64,33 +71,33 @@ def _exchange_axes(concerns: Mask, pair: tuple[int, int]) -> Undo:
     return lambda read: replace(read, direction=np.where(concerns[:, None], read.direction[:, order], read.direction))
 
 
-def slips_of_all_loads(found: Responses) -> Iterator[Candidate]:
+def slips_of_all_loads(found: Responses) -> Iterator[SlipCandidate]:
     """Yield slips of the loads of all runs: all, forces, torques, one axis; two axes exchanged."""
     loaded = found.direction != 0.0
     everything, every_axis = np.ones(len(found), bool), np.ones(6, bool)
     for factor in FORCE_UNITS:
-        yield Candidate(_unit("load", factor), everything, _loads(everything, every_axis, factor))
-    yield Candidate(Slip(SlipKind.SIGN, "load"), everything, _loads(everything, every_axis, -1.0))
+        yield SlipCandidate(_unit("load", factor), everything, _loads(everything, every_axis, factor))
+    yield SlipCandidate(RecordSlip(SlipKind.SIGN, "load"), everything, _loads(everything, every_axis, -1.0))
     for quantity, axes, factors in (("force", _FORCES, FORCE_UNITS), ("torque", _TORQUES, TORQUE_UNITS)):
         mine = (loaded & axes).any(axis=1)
         for factor in factors:
-            yield Candidate(_unit(quantity, factor), mine, _loads(mine, axes, factor), 1.0)
-        yield Candidate(Slip(SlipKind.SIGN, quantity), mine, _loads(mine, axes, -1.0), 1.0)
+            yield SlipCandidate(_unit(quantity, factor), mine, _loads(mine, axes, factor), 1.0)
+        yield SlipCandidate(RecordSlip(SlipKind.SIGN, quantity), mine, _loads(mine, axes, -1.0), 1.0)
     for axis in np.flatnonzero(loaded.any(axis=0)).tolist():
         axes, mine = np.arange(6) == axis, loaded[:, axis]
         quantity = "force" if axis < 3 else "torque"
         for factor in FORCE_UNITS if axis < 3 else TORQUE_UNITS:
             slip = _unit(quantity, factor, LOADS[axis])
-            yield Candidate(slip, mine, _loads(mine, axes, factor), np.log(6.0))
-        slip = Slip(SlipKind.SIGN, quantity, (LOADS[axis],))
-        yield Candidate(slip, mine, _loads(mine, axes, -1.0), np.log(6.0))
+            yield SlipCandidate(slip, mine, _loads(mine, axes, factor), np.log(6.0))
+        slip = RecordSlip(SlipKind.SIGN, quantity, (LOADS[axis],))
+        yield SlipCandidate(slip, mine, _loads(mine, axes, -1.0), np.log(6.0))
     for pair in combinations(range(6), 2):
         mine = loaded[:, list(pair)].any(axis=1)
-        slip = Slip(SlipKind.COLUMNS, "load axes", (LOADS[pair[0]], LOADS[pair[1]]))
-        yield Candidate(slip, mine, _exchange_axes(mine, pair), np.log(15.0))
+        slip = RecordSlip(SlipKind.COLUMNS, "load axes", (LOADS[pair[0]], LOADS[pair[1]]))
+        yield SlipCandidate(slip, mine, _exchange_axes(mine, pair), np.log(15.0))
 
 
-def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: Expected) -> Iterator[Candidate]:
+def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: ExpectedResponse) -> Iterator[SlipCandidate]:
     """Yield slips of the loads of single runs, and of all those that one and the same slip explains."""
     numbers = np.unique(found.run)
     every_axis, many = np.ones(6, bool), np.log(max(len(numbers), 1))
@@ -98,7 +105,7 @@ def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: Expected
     for factor in dict.fromkeys((-1.0, *FORCE_UNITS, *TORQUE_UNITS)):
         allowed = numbers[torque] if factor not in (-1.0, *FORCE_UNITS) else numbers
         alone = [
-            Candidate(_of_runs("load", factor, [runs[one]]), mine, _loads(mine, every_axis, factor), many)
+            SlipCandidate(_of_runs("load", factor, [runs[one]]), mine, _loads(mine, every_axis, factor), many)
             for one in allowed.tolist()
             if (mine := found.run == one).any()
         ]
@@ -107,7 +114,7 @@ def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: Expected
     yield from _exchanged_labels(found, runs)
 
 
-def _exchanged_labels(found: Responses, runs: Sequence[str]) -> Iterator[Candidate]:
+def _exchanged_labels(found: Responses, runs: Sequence[str]) -> Iterator[SlipCandidate]:
     """Runs of one axis each, whose axes were written down for each other; or of one run alone."""
     numbers = np.unique(found.run).tolist()
     mine = {one: found.run == one for one in numbers}
@@ -117,18 +124,25 @@ def _exchanged_labels(found: Responses, runs: Sequence[str]) -> Iterator[Candida
     for one, axis in single.items():
         for other in range(6):
             if other != axis:
-                slip = Slip(SlipKind.MISLABELLED, f"load axis {LOADS[axis]} in place of {LOADS[other]}", (runs[one],))
-                yield Candidate(slip, mine[one], _exchange_axes(mine[one], (axis, other)), many + np.log(15.0))
+                slip = RecordSlip(
+                    SlipKind.MISLABELLED, f"load axis {LOADS[axis]} in place of {LOADS[other]}", (runs[one],)
+                )
+                yield SlipCandidate(slip, mine[one], _exchange_axes(mine[one], (axis, other)), many + np.log(15.0))
         for other, its in single.items():
             if other > one and its != axis:
                 both = mine[one] | mine[other]
-                slip = Slip(SlipKind.PARTS_EXCHANGED, "load axes", (runs[one], runs[other]))
-                yield Candidate(slip, both, _exchange_axes(both, (axis, its)), 2.0 * many)
+                slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "load axes", (runs[one], runs[other]))
+                yield SlipCandidate(slip, both, _exchange_axes(both, (axis, its)), 2.0 * many)
 
 
 def slips_of_columns(
-    found: Responses, columns: Sequence[Column], runs: Sequence[str], expected: Expected, *, of_all: bool
-) -> Iterator[Candidate]:
+    found: Responses,
+    columns: Sequence[RecordedColumn],
+    runs: Sequence[str],
+    expected: ExpectedResponse,
+    *,
+    of_all: bool,
+) -> Iterator[SlipCandidate]:
     """Yield slips of recorded columns: of a quantity, of a column, in all runs (of_all), in single runs, exchanged."""
     many = np.log(max(len(np.unique(found.run)), 1))
     if of_all:
@@ -152,7 +166,9 @@ def slips_of_columns(
             yield from _in_runs(found, columns, [k], (columns[k].name,), runs, expected, many + extra)
 
 
-def exchanges_from_a_run(found: Responses, columns: Sequence[Column], runs: Sequence[str]) -> Iterator[Candidate]:
+def exchanges_from_a_run(
+    found: Responses, columns: Sequence[RecordedColumn], runs: Sequence[str]
+) -> Iterator[SlipCandidate]:
     """Yield exchanges of two columns from some run on, and up to it."""
     numbers = np.unique(found.run).tolist()
     penalty = np.log(2.0 * max(len(numbers), 1)) + 2.0 * np.log(len(columns))
@@ -162,7 +178,7 @@ def exchanges_from_a_run(found: Responses, columns: Sequence[Column], runs: Sequ
         yield from _columns_exchanged(found, columns, ~later, (f"up to {runs[before]}",), penalty)
 
 
-def exchanges_by_axis(found: Responses, columns: Sequence[Column]) -> Iterator[Candidate]:
+def exchanges_by_axis(found: Responses, columns: Sequence[RecordedColumn]) -> Iterator[SlipCandidate]:
     """Yield exchanges of two columns in all runs of one load axis."""
     for axis in range(6):
         mine, penalty = _along(found, axis), np.log(6.0) + 2.0 * np.log(len(columns))
@@ -172,15 +188,15 @@ def exchanges_by_axis(found: Responses, columns: Sequence[Column]) -> Iterator[C
 
 def _in_runs(
     found: Responses,
-    columns: Sequence[Column],
+    columns: Sequence[RecordedColumn],
     places: Sequence[int],
     names: tuple[str, ...],
     runs: Sequence[str],
-    expected: Expected,
+    expected: ExpectedResponse,
     penalty: float,
-) -> Iterator[Candidate]:
+) -> Iterator[SlipCandidate]:
     """One slip of some columns in single runs, and in all runs that it explains."""
-    by_slip: dict[tuple[SlipKind, float], list[Candidate]] = {}
+    by_slip: dict[tuple[SlipKind, float], list[SlipCandidate]] = {}
     numbers = np.unique(found.run).tolist()
     for one in numbers:
         mine = (found.run == one) & np.isin(found.column, places)
@@ -195,41 +211,41 @@ def _in_runs(
 
 def _column_slips(
     found: Responses,
-    columns: Sequence[Column],
+    columns: Sequence[RecordedColumn],
     places: Sequence[int],
     subjects: tuple[str, ...],
     mine: Mask,
     penalty: float,
-) -> Iterator[Candidate]:
+) -> Iterator[SlipCandidate]:
     one = columns[places[0]]
     for factor in one.factors:
-        slip = Slip(SlipKind.UNIT, one.quantity, subjects, factor)
-        yield Candidate(slip, mine, _values(mine, factor), penalty)
+        slip = RecordSlip(SlipKind.UNIT, one.quantity, subjects, factor)
+        yield SlipCandidate(slip, mine, _values(mine, factor), penalty)
     for factor in one.fringes:
-        slip = Slip(SlipKind.FRINGES, one.quantity, subjects, factor)
-        yield Candidate(slip, mine, _values(mine, factor), penalty + 1.0)
-    yield Candidate(Slip(SlipKind.SIGN, one.quantity, subjects), mine, _values(mine, -1.0), penalty)
+        slip = RecordSlip(SlipKind.FRINGES, one.quantity, subjects, factor)
+        yield SlipCandidate(slip, mine, _values(mine, factor), penalty + 1.0)
+    yield SlipCandidate(RecordSlip(SlipKind.SIGN, one.quantity, subjects), mine, _values(mine, -1.0), penalty)
 
 
 def _columns_exchanged(
-    found: Responses, columns: Sequence[Column], mine: Mask, where: tuple[str, ...], penalty: float
-) -> Iterator[Candidate]:
+    found: Responses, columns: Sequence[RecordedColumn], mine: Mask, where: tuple[str, ...], penalty: float
+) -> Iterator[SlipCandidate]:
     there = np.unique(found.column[mine])
     for first, second in combinations(range(len(columns)), 2):
         if first in there and second in there:
             factor = columns[second].unit_si / columns[first].unit_si
-            slip = Slip(SlipKind.COLUMNS, "columns", (columns[first].name, columns[second].name, *where))
+            slip = RecordSlip(SlipKind.COLUMNS, "columns", (columns[first].name, columns[second].name, *where))
             concerns = mine & np.isin(found.column, [first, second])
-            yield Candidate(slip, concerns, _exchange_columns(concerns, (first, second), factor), penalty)
+            yield SlipCandidate(slip, concerns, _exchange_columns(concerns, (first, second), factor), penalty)
 
 
 def _together(
     found: Responses,
-    expected: Expected,
-    alone: Sequence[Candidate],
+    expected: ExpectedResponse,
+    alone: Sequence[SlipCandidate],
     undo: Callable[[Mask], Undo],
     runs: int,
-) -> Iterator[Candidate]:
+) -> Iterator[SlipCandidate]:
     """One slip in all those runs in which it at least halves what is missed."""
     read = as_recorded(found)
     before = misses_read(found, expected, read)
@@ -249,7 +265,7 @@ def _together(
         mine = np.logical_or.reduce([candidate.concerns for candidate in good])
         subjects = tuple(dict.fromkeys(name for candidate in good for name in candidate.slip.subjects))
         some = float(gammaln(runs + 1) - gammaln(len(good) + 1) - gammaln(runs - len(good) + 1))
-        yield Candidate(
+        yield SlipCandidate(
             replace(good[0].slip, subjects=subjects), mine, undo(mine), some + alone[0].penalty - float(np.log(runs))
         )
 
@@ -259,11 +275,11 @@ def _along(found: Responses, axis: int) -> Mask:
     return np.asarray((found.direction[:, axis] != 0.0) & (np.count_nonzero(found.direction, axis=1) == 1))
 
 
-def _of_runs(quantity: str, factor: float, runs: Sequence[str]) -> Slip:
+def _of_runs(quantity: str, factor: float, runs: Sequence[str]) -> RecordSlip:
     if factor == -1.0:
-        return Slip(SlipKind.SIGN, quantity, tuple(runs))
+        return RecordSlip(SlipKind.SIGN, quantity, tuple(runs))
     return _unit(quantity, factor, *runs)
 
 
-def _unit(quantity: str, factor: float, *subjects: str) -> Slip:
-    return Slip(SlipKind.UNIT, quantity, subjects, factor)
+def _unit(quantity: str, factor: float, *subjects: str) -> RecordSlip:
+    return RecordSlip(SlipKind.UNIT, quantity, subjects, factor)

@@ -9,7 +9,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
-from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, State, Tested, both_ways
+from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, SlipKind, Tested, both_ways
 from truing.belonging.slips_in_rows import places, rounding
 from truing.estimation.rigid_poses.umeyama import umeyama
 
@@ -84,7 +84,7 @@ class _Trial:
     misfit: Array
 
 
-def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[Slip, ...], Mask]:
+def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ...], Mask]:
     """Return the slips in some poses of a body, the points of others being right, and the poses (B,) concerned.
 
     limit: misfit, m, up to which points fit their survey. No slip where every pose, or none, is right as it stands, and
@@ -120,7 +120,7 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[Slip, ...], Ma
 class _Named:
     """A slip and the poses (B,) that fit better with it undone."""
 
-    slip: Slip
+    slip: RecordSlip
     rows: Mask
 
 
@@ -133,7 +133,7 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
         kept = right | (trial.misfit > _HALF * plain) | ((which >= 0) & ~rows)
         axes = _changed_axes(body, rows, right) if trial.kind is SlipKind.MIRRORED else np.full(len(rows), -1)
         for change in dict.fromkeys(axes[rows].tolist()):
-            slip = _CHANGES[change].slip if change >= 0 else Slip(trial.kind, trial.quantity, (), trial.factor)
+            slip = _CHANGES[change].slip if change >= 0 else RecordSlip(trial.kind, trial.quantity, (), trial.factor)
             own = rows & (axes == change)
             where = places(own, kept | (rows & ~own), body.poses, body.groups)
             yield _Named(replace(slip, subjects=(*where, body.name)), own | (~kept & ~rows))
@@ -178,7 +178,7 @@ def _labels_explain(body: BodyPoints, rows: Mask, mirrored: Array) -> bool:
 class _Change:
     """A change of axes that undoes a slip: right = recorded @ matrix."""
 
-    slip: Slip
+    slip: RecordSlip
     matrix: Array
 
 
@@ -187,12 +187,12 @@ def _changes() -> Iterator[_Change]:
     for signs in product((1.0, -1.0), repeat=3):
         if np.prod(signs) < 0.0:
             turned = " and ".join(name for name, sign in zip(_AXES, signs, strict=True) if sign < 0.0)
-            yield _Change(Slip(SlipKind.SIGN, f"{turned} of points"), np.diag(signs))
+            yield _Change(RecordSlip(SlipKind.SIGN, f"{turned} of points"), np.diag(signs))
     for order in permutations(range(3)):
         matrix = np.eye(3)[:, list(order)]
         if np.linalg.det(matrix) < 0.0:
             moved = " and ".join(_AXES[axis] for axis in range(3) if order[axis] != axis)
-            yield _Change(Slip(SlipKind.COLUMNS, f"{moved} of points"), matrix)
+            yield _Change(RecordSlip(SlipKind.COLUMNS, f"{moved} of points"), matrix)
 
 
 _CHANGES = tuple(_changes())
@@ -226,34 +226,38 @@ def relate_survey(body: BodyPoints) -> Tested:
     """Return whether a body's points are its survey, moved: not mirrored, and in the same unit."""
     usable = body.seen.sum(axis=1) >= _LEAST_TARGETS
     if not usable.any():
-        return Tested(SURVEY, State.NOT_TESTED, "few-targets", body.name)
+        return Tested(SURVEY, RelationState.NOT_TESTED, "few-targets", body.name)
     points, weight = body.points[usable], body.seen[usable].astype(float)
     plain = umeyama(body.survey, points, weight)
     scaled = umeyama(body.survey, points, weight, with_scale=True)
     mirrored = umeyama(body.survey * [-1.0, 1.0, 1.0], points, weight)
     before = _typical(plain.rms)
     if not np.isfinite(before):
-        return Tested(SURVEY, State.NOT_TESTED, "no-frame", body.name)
-    tested = Tested(SURVEY, State.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * _MISFIT * body.sigma)
+        return Tested(SURVEY, RelationState.NOT_TESTED, "no-frame", body.name)
+    tested = Tested(
+        SURVEY, RelationState.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * _MISFIT * body.sigma
+    )
     if slips := slips_in_poses(body, _MISFIT * body.sigma)[0]:
-        return replace(tested, state=State.FAILS, reason="slip", misfit=None, slips=slips, tried=2)
+        return replace(tested, state=RelationState.FAILS, reason="slip", misfit=None, slips=slips, tried=2)
     if (step := rounding(points[body.seen[usable]], before, body.sigma)) is not None and before < _ALL_ROUNDED * step:
-        slip = Slip(SlipKind.ROUNDED, "points of body", (body.name,), offset=1e3 * step)
+        slip = RecordSlip(SlipKind.ROUNDED, "points of body", (body.name,), offset=1e3 * step)
         error, noise = 1e3 * step / np.sqrt(12.0), 1e3 * body.sigma
-        rounded = replace(tested, state=State.ATTENTION, reason="rounded", misfit=float(error), limit=noise)
+        rounded = replace(tested, state=RelationState.ATTENTION, reason="rounded", misfit=float(error), limit=noise)
         return replace(rounded, slips=(slip,), tried=2)
     if before <= _MISFIT * body.sigma:
-        mirrored_slip = (Slip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
+        mirrored_slip = (RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
         return replace(tested, tried=2, hidden=mirrored_slip if _is_flat(body.survey) else ())
-    trials = [(Slip(SlipKind.MIRRORED, "points or survey of body", (body.name,)), _typical(mirrored.rms))]
+    trials = [(RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)), _typical(mirrored.rms))]
     if (factor := _unit(scaled.scale)) is not None:
-        trials.append((Slip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
+        trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
     slip, after = min(trials, key=lambda trial: trial[1])
     if after > _FIFTH * before:
         size = float(np.sqrt(np.mean(np.sum((body.survey - body.survey.mean(axis=0)) ** 2, axis=1))))
-        state = State.FAILS if before > _OTHER_BODY * size else State.ATTENTION
+        state = RelationState.FAILS if before > _OTHER_BODY * size else RelationState.ATTENTION
         return replace(tested, state=state, reason="no-fit", tried=2)
-    return replace(tested, state=State.FAILS, reason="slip", slips=(slip,), misfit_explained=1e3 * after, tried=2)
+    return replace(
+        tested, state=RelationState.FAILS, reason="slip", slips=(slip,), misfit_explained=1e3 * after, tried=2
+    )
 
 
 def poses_with_slips(body: BodyPoints) -> Mask:
@@ -305,19 +309,23 @@ def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...
     groups: dict[bytes, list[int]] = {}
     measured = np.flatnonzero(seen.any(axis=1))
     if len(measured) < _POSES_TO_COMPARE:
-        return Tested(COPIES, State.NOT_TESTED, "one-pose")
+        return Tested(COPIES, RelationState.NOT_TESTED, "one-pose")
     for pose in measured:
         key = points[pose][seen[pose]].round(12).tobytes() + seen[pose].tobytes()
         groups.setdefault(key, []).append(int(pose))
     alike = [group for group in groups.values() if len(group) > 1]
     if not alike:
-        return Tested(COPIES, State.OK, "distinct", misfit=0.0, limit=0.0, unit="1")
+        return Tested(COPIES, RelationState.OK, "distinct", misfit=0.0, limit=0.0, unit="1")
     coordinates = 3 * int(min(seen[group[0]].sum() for group in alike))
     chance = min(_resolution(points[seen]) / (2.0 * np.sqrt(np.pi) * max(sigma, 1e-300)), 1.0) ** coordinates
     if chance * len(points) ** 2 > _CHANCE:
-        return Tested(COPIES, State.NOT_TESTED, "coarse")
-    slips = tuple(Slip(SlipKind.COPIED, "points of poses", tuple(poses[pose] for pose in group)) for group in alike)
-    return Tested(COPIES, State.FAILS, "slip", misfit=float(sum(map(len, alike))), limit=0.0, unit="1", slips=slips)
+        return Tested(COPIES, RelationState.NOT_TESTED, "coarse")
+    slips = tuple(
+        RecordSlip(SlipKind.COPIED, "points of poses", tuple(poses[pose] for pose in group)) for group in alike
+    )
+    return Tested(
+        COPIES, RelationState.FAILS, "slip", misfit=float(sum(map(len, alike))), limit=0.0, unit="1", slips=slips
+    )
 
 
 def _resolution(values: Array) -> float:

@@ -11,7 +11,7 @@ from scipy.special import gammaln
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.evidence import Physics, log_evidence, physics
-from truing.belonging.relation import LENGTH_FACTORS, Slip, SlipKind, both_ways
+from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import inverse
 
@@ -32,7 +32,7 @@ _UNREACHED = 0.1  # of the readings that poses ask for
 
 
 @dataclass(frozen=True)
-class Motion:
+class MeasuredMotion:
     """Measured poses of a platform with readings: p (B, 3) m, R (B, 3, 3), readings (B, L) m.
 
     ``tolerance``: one standard deviation of a, b, l (m) and u (1). ``noise``: one standard deviation of a reading less
@@ -48,17 +48,17 @@ class Motion:
     noise: float
     drivers: Array
 
-    def every(self, step: int) -> Motion:
+    def every(self, step: int) -> MeasuredMotion:
         """Return the same of every ``step``-th pose."""
         thin = {name: getattr(self, name)[::step] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **thin)
 
-    def chosen(self, rows: Index) -> Motion:
+    def chosen(self, rows: Index) -> MeasuredMotion:
         """Return the same of some poses."""
         part = {name: getattr(self, name)[rows] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **part)
 
-    def chosen_columns(self, legs: Index) -> Motion:
+    def chosen_columns(self, legs: Index) -> MeasuredMotion:
         """Return the same poses with the readings of some legs alone, for comparing numbers and not geometry."""
         return replace(self, readings=self.readings[:, legs])
 
@@ -67,7 +67,7 @@ class Motion:
 class Description:
     """A mechanism and poses as they may have been meant, and the slips that made them what is recorded."""
 
-    slips: tuple[Slip, ...]
+    slips: tuple[RecordSlip, ...]
     legs: Legs
     p: Array
     R: Array
@@ -99,14 +99,14 @@ class Description:
             yield from ((name, None),) if name == "l" else ((name, axis) for axis in range(3))
 
 
-def descriptions(motion: Motion) -> Iterator[Description]:
+def descriptions(motion: MeasuredMotion) -> Iterator[Description]:
     """Yield the mechanism and the poses as recorded first, then each with one slip undone."""
     legs, p, R = motion.legs, motion.p, motion.R
     yield Description((), legs, p, R)
-    slip = Slip(SlipKind.PARTS_EXCHANGED, "joints of [mechanism]", ("a_mm", "b_mm"))
+    slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "joints of [mechanism]", ("a_mm", "b_mm"))
     yield Description((slip,), legs.replace(a=legs.b, b=legs.a), p, R)
     if "u" in legs.closure.geometry:
-        yield Description((Slip(SlipKind.DIRECTION, "u of [mechanism]"),), legs.replace(u=-legs.u), p, R)
+        yield Description((RecordSlip(SlipKind.DIRECTION, "u of [mechanism]"),), legs.replace(u=-legs.u), p, R)
     yield from _other_lengths(motion)
     for factor in both_ways(LENGTH_FACTORS):
         yield Description((_unit("a_mm and b_mm", factor),), legs.replace(a=factor * legs.a, b=factor * legs.b), p, R)
@@ -115,21 +115,21 @@ def descriptions(motion: Motion) -> Iterator[Description]:
         yield Description((_unit("points and survey", factor),), legs, factor * p, R)
     for axis, name in enumerate(_AXES):
         mirror = np.where(np.arange(3) == axis, -1.0, 1.0)
-        slip = Slip(SlipKind.MIRRORED, "points and survey, or the joints of [mechanism],", (f"along {name}",))
+        slip = RecordSlip(SlipKind.MIRRORED, "points and survey, or the joints of [mechanism],", (f"along {name}",))
         yield Description((slip,), legs, p * mirror, mirror[:, None] * R * mirror)
     back = np.swapaxes(R, -1, -2)
-    slip = Slip(SlipKind.PARTS_EXCHANGED, "bodies", ("base", "platform"))
+    slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "bodies", ("base", "platform"))
     yield Description((slip,), legs, -(back @ p[..., None])[..., 0], back)
     for shift in (1, -1):
-        slip = Slip(SlipKind.COLUMNS, "b_mm of [mechanism] against a_mm", (f"legs moved on by {shift}",))
+        slip = RecordSlip(SlipKind.COLUMNS, "b_mm of [mechanism] against a_mm", (f"legs moved on by {shift}",))
         yield Description((slip,), legs.replace(b=np.roll(legs.b, shift, axis=-2)), p, R)
 
 
-def _unit(quantity: str, factor: float) -> Slip:
-    return Slip(SlipKind.UNIT, quantity, (), factor)
+def _unit(quantity: str, factor: float) -> RecordSlip:
+    return RecordSlip(SlipKind.UNIT, quantity, (), factor)
 
 
-def _other_lengths(motion: Motion) -> Iterator[Description]:
+def _other_lengths(motion: MeasuredMotion) -> Iterator[Description]:
     """The lengths that poses and readings ask for, where they are not those of the description."""
     legs = motion.legs
     if "l" not in legs.closure.geometry:
@@ -146,10 +146,10 @@ def _other_lengths(motion: Motion) -> Iterator[Description]:
     ratio = length[off] / legs.l[off]
     names = tuple(f"leg {leg + 1}" for leg in np.flatnonzero(off))
     if off.all() and np.ptp(ratio) < _SMALL * ratio.mean():
-        slips: tuple[Slip, ...] = (_unit("length_mm", _round(float(np.median(ratio)))),)
+        slips: tuple[RecordSlip, ...] = (_unit("length_mm", _round(float(np.median(ratio)))),)
     else:
         slips = tuple(
-            Slip(SlipKind.UNIT, "length_mm of", (name,), _round(float(one)))
+            RecordSlip(SlipKind.UNIT, "length_mm of", (name,), _round(float(one)))
             for name, one in zip(names, ratio, strict=True)
         )
     yield Description(slips, legs.replace(l=length), motion.p, motion.R)
@@ -195,7 +195,7 @@ class Written:
         """Return readings (B, L) in their columns, unit and sign, counted from the zero that was recorded."""
         return np.asarray(recorded[:, self.columns] * np.array([change.factor for change in self.changes]))
 
-    def slips(self, names: tuple[str, ...], recorded: Array) -> tuple[Slip, ...]:
+    def slips(self, names: tuple[str, ...], recorded: Array) -> tuple[RecordSlip, ...]:
         """Return what was done to the recorded readings and the description; nothing where all is as recorded."""
         offset = self.misfit.mean(axis=0) + np.mean(reached(self.description), axis=0)
         offset -= np.array([change.factor for change in self.changes]) * recorded[:, self.columns].mean(axis=0)
@@ -209,7 +209,7 @@ def own_changes() -> tuple[Changed, ...]:
     return tuple(Changed(sign * factor, zero) for zero in (False, True) for sign in (1.0, -1.0) for factor in factors)
 
 
-def best_written(motion: Motion, description: Description, *, exchanged: bool) -> tuple[Written, Written, int]:
+def best_written(motion: MeasuredMotion, description: Description, *, exchanged: bool) -> tuple[Written, Written, int]:
     """Return the readings as recorded and as they are most likely meant under a description, and how many were tried.
 
     ``exchanged``: whether columns may stand in each other's place, too.
@@ -237,7 +237,7 @@ def best_written(motion: Motion, description: Description, *, exchanged: bool) -
     return plain, best, count * (count if exchanged else 1) * len(own_changes())
 
 
-def _is_geometry(motion: Motion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Mask:
+def _is_geometry(motion: MeasuredMotion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Mask:
     """Which changes (T,) assume nothing but another zero, by an amount that errors of the geometry may make."""
     factor, zero = np.array([change.factor for change in changes]), np.array([change.zero for change in changes])
     offset = np.abs(np.median(factor[:, None] * recorded - asked, axis=1))
@@ -251,7 +251,7 @@ def reached(description: Description) -> Array:
     return np.where(np.isfinite(asked), asked, 2.0 * far + 1.0)
 
 
-def _with_fitted(changes: tuple[Changed, ...], motion: Motion, asked: Array) -> tuple[Changed, ...]:
+def _with_fitted(changes: tuple[Changed, ...], motion: MeasuredMotion, asked: Array) -> tuple[Changed, ...]:
     """The changes, and the one factor common to all legs that explains most, where it is none of them."""
     read, wanted = (values - values.mean(axis=0) for values in (motion.readings, asked))
     square = float(np.sum(read**2))
@@ -262,7 +262,7 @@ def _with_fitted(changes: tuple[Changed, ...], motion: Motion, asked: Array) -> 
     return (*changes, *(Changed(float(f"{slope:.4g}"), zero) for zero in (False, True)))
 
 
-def _effects(motion: Motion, description: Description, asked: Array) -> list[Physics]:
+def _effects(motion: MeasuredMotion, description: Description, asked: Array) -> list[Physics]:
     """What physics may add to each leg's readings: numbers of its geometry, travel of all legs, recorded drivers."""
     least = _LOOSE * float(np.abs(motion.legs.l).mean())
     loose = {name: max(sigma, _LOOSE if name == "u" else least) for name, sigma in motion.tolerance.items()}
@@ -310,24 +310,29 @@ def _assigned(value: Array) -> Index:
 
 
 def _written(
-    motion: Motion, description: Description, asked: Array, columns: Index, changes: list[Changed], evidence: float
+    motion: MeasuredMotion,
+    description: Description,
+    asked: Array,
+    columns: Index,
+    changes: list[Changed],
+    evidence: float,
 ) -> Written:
     meant = Written(description, columns, tuple(changes), evidence, np.empty(0))
     misfit = meant.readings(motion.readings, asked) - asked
     return Written(description, columns, tuple(changes), evidence - PENALTY * len(description.slips), misfit)
 
 
-def _column_slips(columns: Index, names: tuple[str, ...]) -> tuple[Slip, ...]:
+def _column_slips(columns: Index, names: tuple[str, ...]) -> tuple[RecordSlip, ...]:
     moved = np.flatnonzero(columns != np.arange(len(columns)))
     if not len(moved):
         return ()
     subjects = tuple(f"{names[leg]} holds {names[np.flatnonzero(columns == leg)[0]]}" for leg in moved)
     if len(moved) == 2:
         subjects = tuple(names[leg] for leg in moved)
-    return (Slip(SlipKind.COLUMNS, "columns of readings (or legs of [mechanism])", subjects),)
+    return (RecordSlip(SlipKind.COLUMNS, "columns of readings (or legs of [mechanism])", subjects),)
 
 
-def _change_slips(written: Written, names: tuple[str, ...], offset_mm: Array) -> tuple[Slip, ...]:
+def _change_slips(written: Written, names: tuple[str, ...], offset_mm: Array) -> tuple[RecordSlip, ...]:
     """Changes of readings by kind; columns that share one are one slip."""
     found: dict[tuple[SlipKind, float], list[int]] = {}
     for leg, change in enumerate(written.changes):
@@ -341,5 +346,5 @@ def _change_slips(written: Written, names: tuple[str, ...], offset_mm: Array) ->
     for (kind, factor), legs in found.items():
         subjects = () if len(legs) == len(names) else tuple(sorted(names[written.columns[leg]] for leg in legs))
         offset = float(np.median(offset_mm[legs])) if kind is SlipKind.ZERO else 0.0
-        slips.append(Slip(kind, "readings", subjects, factor, offset=offset))
+        slips.append(RecordSlip(kind, "readings", subjects, factor, offset=offset))
     return tuple(slips)

@@ -10,13 +10,13 @@ from truing.arrays import Array, Index
 from truing.belonging.reading_hypotheses import (
     PENALTY,
     Description,
-    Motion,
+    MeasuredMotion,
     Written,
     best_written,
     descriptions,
     reached,
 )
-from truing.belonging.relation import Slip, SlipKind, State, Tested
+from truing.belonging.relation import RecordSlip, RelationState, SlipKind, Tested
 from truing.belonging.slips_in_rows import (
     RowOrder,
     agreement,
@@ -51,7 +51,7 @@ _FROZEN = 4  # readings in a row that are the same number
 
 
 @dataclass(frozen=True)
-class Names:
+class ReadingNames:
     """What the campaign calls its columns of readings (L), its poses (B), and groups of these: a column's name and its
     value in each pose."""
 
@@ -60,31 +60,31 @@ class Names:
     groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
-def relate_readings(motion: Motion, names: Names) -> tuple[Tested, ...]:
+def relate_readings(motion: MeasuredMotion, names: ReadingNames) -> tuple[Tested, ...]:
     """Return whether the legs hold the platform, and whether readings and poses belong together.
 
     Poses without a reading or a pose are to be left out of ``motion``.
     """
     if len(motion.p) < _LEAST_POSES:
-        return (Tested(READINGS, State.NOT_TESTED, "no-poses"),)
+        return (Tested(READINGS, RelationState.NOT_TESTED, "no-poses"),)
     regular = relate_legs(motion)
-    if regular is not None and regular.state is State.FAILS:
-        return regular, Tested(READINGS, State.NOT_TESTED, "legs-singular")
+    if regular is not None and regular.state is RelationState.FAILS:
+        return regular, Tested(READINGS, RelationState.NOT_TESTED, "legs-singular")
     try:
         found = _test(motion, names)
     except NotImplementedError:
-        found = Tested(READINGS, State.NOT_TESTED, "no-inverse")
+        found = Tested(READINGS, RelationState.NOT_TESTED, "no-inverse")
     return (found,) if regular is None else (regular, found)
 
 
-def relate_legs(motion: Motion) -> Tested | None:
+def relate_legs(motion: MeasuredMotion) -> Tested | None:
     """Return whether the legs of the description hold the platform at the measured poses; None for fewer than six."""
     legs = motion.legs
     if legs.count < 6:
         return None
     if (pair := _same_legs(motion)) is not None:
         subject = " ".join(f"leg{leg + 1}" for leg in pair)
-        return Tested(LEGS, State.FAILS, "legs-alike", subject, misfit=0.0, limit=_SINGULAR, unit="1")
+        return Tested(LEGS, RelationState.FAILS, "legs-alike", subject, misfit=0.0, limit=_SINGULAR, unit="1")
     with np.errstate(invalid="ignore", divide="ignore"):
         towards = legs.closure.close(legs, upper_joints(legs, motion.p, motion.R), motion.readings)[1]
     known = np.isfinite(towards).all((-1, -2))
@@ -95,13 +95,13 @@ def relate_legs(motion: Motion) -> Tested | None:
     size = np.linalg.svd(rows / np.repeat([1.0, max(arm, 1e-12)], 3), compute_uv=False)
     worst = float((size[:, 5] / size[:, 0]).max())
     if worst >= _SINGULAR:
-        return Tested(LEGS, State.OK, "regular", misfit=worst, limit=_SINGULAR, unit="1")
+        return Tested(LEGS, RelationState.OK, "regular", misfit=worst, limit=_SINGULAR, unit="1")
     bend = np.linalg.norm(np.cross(towards[known], towards[known][:, :1]), axis=-1).max()
     reason = "legs-parallel" if bend < _STRAIGHT else "legs-singular"
-    return Tested(LEGS, State.FAILS, reason, misfit=worst, limit=_SINGULAR, unit="1")
+    return Tested(LEGS, RelationState.FAILS, reason, misfit=worst, limit=_SINGULAR, unit="1")
 
 
-def _same_legs(motion: Motion) -> tuple[int, int] | None:
+def _same_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
     """Two legs with the same joints, which hold the platform as one."""
     joints = np.concatenate([motion.legs.a, motion.legs.b], axis=-1)
     apart = np.linalg.norm(joints[:, None] - joints[None], axis=-1)
@@ -109,26 +109,28 @@ def _same_legs(motion: Motion) -> tuple[int, int] | None:
     return (pairs[0][0], pairs[0][1]) if pairs else None
 
 
-def _test(motion: Motion, names: Names) -> Tested:
+def _test(motion: MeasuredMotion, names: ReadingNames) -> Tested:
     asked = next(descriptions(motion)).asked()
     search = _search(motion)
     misfit, moved, legs = _plain_misfit(motion, asked)
     comparable = np.isfinite(misfit)
-    base = Tested(READINGS, State.OK, "agrees", "", misfit, None, _APART * moved, "mm", tried=search.tried)
+    base = Tested(READINGS, RelationState.OK, "agrees", "", misfit, None, _APART * moved, "mm", tried=search.tried)
     if not comparable:
-        base = replace(base, state=State.FAILS, reason="unreached", misfit=float(len(asked)), limit=None, unit="1")
+        base = replace(
+            base, state=RelationState.FAILS, reason="unreached", misfit=float(len(asked)), limit=None, unit="1"
+        )
     if explained := _explained(search, motion, names, base):
         return explained
     if zero := _other_zero(motion, asked):
-        return replace(base, state=State.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
+        return replace(base, state=RelationState.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
     if frozen := _frozen(motion, asked, names):
-        return replace(base, state=State.FAILS, reason="slip", slips=frozen)
+        return replace(base, state=RelationState.FAILS, reason="slip", slips=frozen)
     if not comparable:
         return base
     if moved <= 1e3 * _MOVED * motion.noise:
-        return replace(base, state=State.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
+        return replace(base, state=RelationState.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
     if strays := _strays(motion, asked, names):
-        stray = replace(base, state=State.FAILS, reason="slip", slips=strays)
+        stray = replace(base, state=RelationState.FAILS, reason="slip", slips=strays)
         return (_of_a_part(motion, asked, names, base) or stray) if len(strays[0].subjects) > _SINGLE else stray
     if misfit > _APART * moved or len(legs):
         return _of_a_part(motion, asked, names, base) or _without_name(motion, asked, names, base, legs)
@@ -136,17 +138,19 @@ def _test(motion: Motion, names: Names) -> Tested:
     return (_of_a_part(motion, asked, names, base) if departs else None) or _agreeing(motion, search, names, base)
 
 
-def _explained(search: _Found, motion: Motion, names: Names, base: Tested) -> Tested | None:
+def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base: Tested) -> Tested | None:
     """The result where slips in all rows explain what was recorded."""
     slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
     if not 0 < len(slips) <= _MOST_SLIPS:
         return None
     before, after = (1e3 * size for size in _halved(search.plain.misfit, _reordered(search.meant, search.order)))
-    explained = replace(base, state=State.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm")
+    explained = replace(
+        base, state=RelationState.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm"
+    )
     return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
 
 
-def _of_a_part(motion: Motion, asked: Array, names: Names, base: Tested) -> Tested | None:
+def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: Tested) -> Tested | None:
     """The result where slips explain some rows of the table, and the rest agrees."""
     told = np.flatnonzero(np.isfinite(asked).all(axis=1))
     whole, wanted = motion.chosen(told), asked[told]
@@ -164,11 +168,13 @@ def _of_a_part(motion: Motion, asked: Array, names: Names, base: Tested) -> Test
             left = np.where(rows[0][:, None], undone, whole.readings) - wanted
             found = tuple(_there(slip, tuple(where)) for slip in slips)
             after = 1e3 * _rms(left - left.mean(axis=0))
-            return replace(base, state=State.FAILS, reason="slip", unit="mm", misfit_explained=after, slips=found)
+            return replace(
+                base, state=RelationState.FAILS, reason="slip", unit="mm", misfit_explained=after, slips=found
+            )
     return None
 
 
-def _there(slip: Slip, where: tuple[str, ...]) -> Slip:
+def _there(slip: RecordSlip, where: tuple[str, ...]) -> RecordSlip:
     """A slip with the rows that it concerns, ahead of a long list of columns: sentences cut these short."""
     return replace(slip, subjects=(*where, *slip.subjects) if len(slip.subjects) > 2 else (*slip.subjects, *where))
 
@@ -183,15 +189,16 @@ def _likely(search: _Found) -> list[Written]:
     return sorted(found, key=lambda one: -one.evidence)
 
 
-def _without_name(motion: Motion, asked: Array, names: Names, base: Tested, legs: Index) -> Tested:
+def _without_name(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: Tested, legs: Index) -> Tested:
     """The result where no slip that was tried explains the misfit; told of the legs that miss, where some do not."""
     pairs = [pair for pair in copied_columns(motion.readings) if set(pair) & set(legs.tolist())]
     if pairs:
         slips = tuple(
-            Slip(SlipKind.COPIED, "columns of readings", tuple(names.columns[leg] for leg in pair)) for pair in pairs
+            RecordSlip(SlipKind.COPIED, "columns of readings", tuple(names.columns[leg] for leg in pair))
+            for pair in pairs
         )
-        return replace(base, state=State.FAILS, reason="slip", slips=slips)
-    failed = replace(base, state=State.FAILS, reason="no-slip")
+        return replace(base, state=RelationState.FAILS, reason="slip", slips=slips)
+    failed = replace(base, state=RelationState.FAILS, reason="no-slip")
     if not 0 < len(legs) < len(names.columns):
         return failed
     own = motion.chosen_columns(legs)
@@ -199,7 +206,7 @@ def _without_name(motion: Motion, asked: Array, names: Names, base: Tested, legs
     return replace(failed, subject=" ".join(names.columns[leg] for leg in legs), misfit=misfit, limit=_APART * moved)
 
 
-def _agreeing(motion: Motion, search: _Found, names: Names, base: Tested) -> Tested:
+def _agreeing(motion: MeasuredMotion, search: _Found, names: ReadingNames, base: Tested) -> Tested:
     """The result where readings and poses agree, but for what a calibration explains."""
     hidden = _hidden(motion, search.plain, names)
     misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / _APART
@@ -208,19 +215,21 @@ def _agreeing(motion: Motion, search: _Found, names: Names, base: Tested) -> Tes
         return replace(base, hidden=hidden) if step is None else _rounded(base, step, motion.noise)
     step = rounded_to(motion.readings, 1e-3 * misfit, motion.noise)
     if step is None:
-        return replace(base, state=State.ATTENTION, reason="departs", hidden=hidden)
-    slip = Slip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
-    return replace(base, state=State.FAILS, reason="slip", slips=(slip,))
+        return replace(base, state=RelationState.ATTENTION, reason="departs", hidden=hidden)
+    slip = RecordSlip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
+    return replace(base, state=RelationState.FAILS, reason="slip", slips=(slip,))
 
 
 def _rounded(base: Tested, step: float, noise: float) -> Tested:
     """A warning of numbers written down in coarse steps: the error that these make, and the declared noise, mm."""
-    slip = Slip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
+    slip = RecordSlip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
     error = 1e3 * step / float(np.sqrt(12.0))
-    return replace(base, state=State.ATTENTION, reason="rounded", misfit=error, limit=1e3 * noise, slips=(slip,))
+    return replace(
+        base, state=RelationState.ATTENTION, reason="rounded", misfit=error, limit=1e3 * noise, slips=(slip,)
+    )
 
 
-def _left_by_physics(motion: Motion) -> float:
+def _left_by_physics(motion: MeasuredMotion) -> float:
     """Rms misfit, m, that errors of the geometry, gains, leaks and drivers leave; 0 where poses are too few to say."""
     own = next(descriptions(motion))
     asked, geometry = reached(own), np.nan_to_num(own.by_geometry())
@@ -237,16 +246,16 @@ def _left_by_physics(motion: Motion) -> float:
     return float(np.sqrt(left / freedom)) if freedom >= _FREE_NUMBERS else 0.0
 
 
-def _strays(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:
+def _strays(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """Single readings that are none of their pose."""
     told = np.isfinite(asked).all(axis=1)
     at = np.flatnonzero(told)
     found = stray_readings(motion.readings[told], asked[told], motion.noise)
     places = tuple(f"{names.columns[leg]} in pose {names.poses[at[row]]}" for row, leg in found.tolist())
-    return (Slip(SlipKind.STRAY, "readings", places),) if places else ()
+    return (RecordSlip(SlipKind.STRAY, "readings", places),) if places else ()
 
 
-def _plain_misfit(motion: Motion, asked: Array) -> tuple[float, float, Index]:
+def _plain_misfit(motion: MeasuredMotion, asked: Array) -> tuple[float, float, Index]:
     """Misfit and movement over all legs, rms in mm about each leg's mean; and the legs that miss by themselves."""
     known = np.isfinite(asked).all(axis=1)
     if known.mean() < 0.5:
@@ -274,7 +283,7 @@ class _Found:
     rivals: tuple[Written, ...]
 
 
-def _search(motion: Motion) -> _Found:
+def _search(motion: MeasuredMotion) -> _Found:
     step = -(-len(motion.p) // _MOST_POSES)
     thin, tried = motion.every(step), 0
     scored: list[tuple[Written, Description]] = []
@@ -299,7 +308,7 @@ def _search(motion: Motion) -> _Found:
     return _Found(plain, meant, best_order(meant.misfit + asked, asked, motion.noise), tried, tuple(near))
 
 
-def _in_full(motion: Motion, written: Written, description: Description) -> Written:
+def _in_full(motion: MeasuredMotion, written: Written, description: Description) -> Written:
     """A hypothesis that was chosen on some of the poses, for all of them."""
     asked = reached(description)
     return replace(written, description=description, misfit=written.readings(motion.readings, asked) - asked)
@@ -322,7 +331,9 @@ def _halved(before: Array, after: Array) -> tuple[float, float]:
     return about if about[1] <= _HALVES * about[0] else whole
 
 
-def _rivals(search: _Found, names: Names, motion: Motion, slips: tuple[Slip, ...]) -> tuple[Slip, ...]:
+def _rivals(
+    search: _Found, names: ReadingNames, motion: MeasuredMotion, slips: tuple[RecordSlip, ...]
+) -> tuple[RecordSlip, ...]:
     """Single slips that explain the data as well as those that were chosen."""
     if not search.meant.slips(names.columns, motion.readings):  # an order of rows alone: no description explains it
         return ()
@@ -337,13 +348,13 @@ def _reordered(written: Written, order: RowOrder) -> Array:
     return np.asarray((written.misfit + asked)[order.rows[kept]] - asked[kept])
 
 
-def _row_slips(order: RowOrder, names: Names) -> tuple[Slip, ...]:
+def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """An order of rows as one slip: all shifted, shifted from a pose on, reversed, or exchanged one by one."""
     moved = order.moved
     if order.gain <= 0.0:
         return ()
     if order.shift:
-        return (Slip(SlipKind.ROWS_SHIFTED, "readings", (), shift=order.shift),)
+        return (RecordSlip(SlipKind.ROWS_SHIFTED, "readings", (), shift=order.shift),)
     by = order.rows[moved] - moved
     steps, counts = np.unique(by, return_counts=True)
     if counts.max() >= _MOSTLY * len(moved) and len(moved) > 2:
@@ -351,14 +362,14 @@ def _row_slips(order: RowOrder, names: Names) -> tuple[Slip, ...]:
         first, last = moved[by == shift][[0, -1]]
         ends = last + abs(shift) < len(order.rows) - 1
         where = f"from pose {names.poses[first]} {f'to pose {names.poses[last]}' if ends else 'on'}"
-        return (Slip(SlipKind.ROWS_SHIFTED, "readings", (where,), shift=shift),)
+        return (RecordSlip(SlipKind.ROWS_SHIFTED, "readings", (where,), shift=shift),)
     if len(moved) > 2 and np.mean(order.rows[moved] + moved == len(order.rows) - 1) >= _MOSTLY:
-        return (Slip(SlipKind.ROWS_EXCHANGED, "readings", ("all rows, in reverse order",)),)
+        return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", ("all rows, in reverse order",)),)
     places = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
-    return (Slip(SlipKind.ROWS_EXCHANGED, "readings", places),)
+    return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", places),)
 
 
-def _other_zero(motion: Motion, asked: Array) -> Slip | None:
+def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:
     """Readings counted from the reference configuration, or as whole lengths: an offset of just that size in all legs.
 
     Other offsets are left to calibration, for errors of the geometry make them, too.
@@ -375,11 +386,11 @@ def _other_zero(motion: Motion, asked: Array) -> Slip | None:
     for wanted in (legs.rho0, -legs.rho0, -legs.l):
         small = np.abs(offset - wanted) <= _TOLERATED * sigma
         if small.all() and (np.abs(wanted) > _MOVED * sigma).all():
-            return Slip(SlipKind.ZERO, "readings", offset=1e3 * float(np.median(wanted)))
+            return RecordSlip(SlipKind.ZERO, "readings", offset=1e3 * float(np.median(wanted)))
     return None
 
 
-def _frozen(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:
+def _frozen(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """Columns that repeat one number over poses which ask for clearly different ones."""
     found = []
     for leg, name in enumerate(names.columns):
@@ -390,12 +401,12 @@ def _frozen(motion: Motion, asked: Array, names: Names) -> tuple[Slip, ...]:
         for first, last in zip(np.r_[0, ends + 1], np.r_[ends + 1, len(value)], strict=True):
             wanted = asked[first:last, leg]
             if last - first >= _FROZEN and np.ptp(np.nan_to_num(wanted)) > least:
-                found.append(Slip(SlipKind.FROZEN, "readings", (f"{name} from pose {names.poses[first]} on",)))
+                found.append(RecordSlip(SlipKind.FROZEN, "readings", (f"{name} from pose {names.poses[first]} on",)))
                 break
     return tuple(found)
 
 
-def _hidden(motion: Motion, plain: Written, names: Names) -> tuple[Slip, ...]:
+def _hidden(motion: MeasuredMotion, plain: Written, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """Exchanges of columns that these poses could not show: legs that move alike."""
     asked = reached(plain.description)
     travel = asked - asked.mean(axis=0)
@@ -403,4 +414,6 @@ def _hidden(motion: Motion, plain: Written, names: Names) -> tuple[Slip, ...]:
     needed = 2.0 * (_CLEAR + PENALTY) / len(asked)
     apart = np.mean((travel[:, :, None] - travel[:, None, :]) ** 2, axis=0)
     pairs = [(i, j) for i, j in np.argwhere(apart < needed * level**2).tolist() if i < j]
-    return tuple(Slip(SlipKind.COLUMNS, "columns of readings", (names.columns[i], names.columns[j])) for i, j in pairs)
+    return tuple(
+        RecordSlip(SlipKind.COLUMNS, "columns of readings", (names.columns[i], names.columns[j])) for i, j in pairs
+    )

@@ -9,7 +9,7 @@ from enum import StrEnum
 _MOST_NAMED = 3
 
 
-class State(StrEnum):
+class RelationState(StrEnum):
     """Result of the test of a relation."""
 
     OK = "ok"
@@ -40,7 +40,7 @@ class SlipKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Slip:
+class RecordSlip:
     """One slip: its kind, the quantity that it changed, the subjects (columns, rows, runs), and its size.
 
     ``factor``: recorded numbers times ``factor`` are right (kind unit), 1 for other kinds. ``shift``: rows by which
@@ -70,17 +70,17 @@ class Tested:
     """
 
     relation: str
-    state: State
+    state: RelationState
     reason: str
     subject: str = ""
     misfit: float | None = None
     misfit_explained: float | None = None
     limit: float | None = None
     unit: str = ""
-    slips: tuple[Slip, ...] = ()
-    rivals: tuple[Slip, ...] = ()
+    slips: tuple[RecordSlip, ...] = ()
+    rivals: tuple[RecordSlip, ...] = ()
     tried: int = 0
-    hidden: tuple[Slip, ...] = ()
+    hidden: tuple[RecordSlip, ...] = ()
 
 
 def named_shortly(names: Sequence[str]) -> str:

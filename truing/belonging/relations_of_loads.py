@@ -11,13 +11,21 @@ from truing.arrays import Array, Mask
 from truing.belonging import signals_of_loads
 from truing.belonging.copied_rows import Values, copied_runs, equal_columns
 from truing.belonging.frozen_values import Frozen, frozen, stood_still
-from truing.belonging.parts_of_runs import Part, concerns, of_parts, parts
-from truing.belonging.plausible_slips import Column, slips_of_all_loads, slips_of_columns, slips_of_run_loads
-from truing.belonging.relation import FORCE_UNITS, SIGNAL_FACTORS, Slip, SlipKind, State, Tested, named_shortly
+from truing.belonging.parts_of_runs import RunPart, concerns, of_parts, parts
+from truing.belonging.plausible_slips import RecordedColumn, slips_of_all_loads, slips_of_columns, slips_of_run_loads
+from truing.belonging.relation import (
+    FORCE_UNITS,
+    SIGNAL_FACTORS,
+    RecordSlip,
+    RelationState,
+    SlipKind,
+    Tested,
+    named_shortly,
+)
 from truing.belonging.responses import Responses, responses
 from truing.belonging.row_order import can_reverse, row_slips
-from truing.belonging.signals_of_loads import Recorded
-from truing.belonging.slip_search import Expected, clear, explain, hidden
+from truing.belonging.signals_of_loads import SignalSteps
+from truing.belonging.slip_search import ExpectedResponse, clear, explain, hidden
 from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
 
 READINGS = "loads-against-readings"
@@ -30,11 +38,11 @@ MILLIVOLT = 1e-3
 _SAME_SIZE = 1e-9  # of the logarithm of a factor
 
 
-def against_simulation(steps: Recorded, columns: Sequence[Column], seen: Array) -> Tested:
+def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], seen: Array) -> Tested:
     """Return how readings follow loads, of which each column shows seen (K, 6): its row of the simulated compliance."""
     found = clear(responses(steps.load, steps.run, steps.value), len(columns))
     if not len(found):
-        return Tested(READINGS, State.NOT_TESTED, "no-response")
+        return Tested(READINGS, RelationState.NOT_TESTED, "no-response")
     expected = by_compliance(seen)
     overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
     each = list(slips_of_run_loads(found, steps.runs, expected))
@@ -42,16 +50,16 @@ def against_simulation(steps: Recorded, columns: Sequence[Column], seen: Array) 
     others = [one for one in overall if one.slip.subjects]
     told = explain(found, expected, [*others, *each], broad)
     if told.slips:
-        return told.tested(READINGS, State.FAILS, "slip", ())
+        return told.tested(READINGS, RelationState.FAILS, "slip", ())
     of_all_runs = [one for one in overall if not any(name in steps.runs for name in one.slip.subjects)]
     unseen = (*hidden(found, expected, of_all_runs), *_hardly_answering(found, expected, steps.runs))
     return told.tested(READINGS, *_departure(found, expected), unseen)
 
 
-def by_compliance(seen: Array) -> Expected:
+def by_compliance(seen: Array) -> ExpectedResponse:
     """Return what columns should answer by their rows (K, 6) of a compliance (6, 6) whose diagonal bounds the rest."""
     gives = np.sqrt(np.maximum(np.abs(np.diag(seen)), 1e-300))
-    return Expected(seen, np.maximum(gives, np.abs(seen / gives).max(axis=1)), gives)
+    return ExpectedResponse(seen, np.maximum(gives, np.abs(seen / gives).max(axis=1)), gives)
 
 
 def against_range(load: Array, largest: Array) -> Tested | None:
@@ -62,42 +70,42 @@ def against_range(load: Array, largest: Array) -> Tested | None:
         return None
     most = float(np.max(share[loaded]))
     fitting = [factor for factor in FORCE_UNITS if 0.1 <= factor * most <= 1.0 + 1e-9]
-    slips = tuple(Slip(SlipKind.UNIT, "load", (), factor) for factor in fitting[:1])
+    slips = tuple(RecordSlip(SlipKind.UNIT, "load", (), factor) for factor in fitting[:1])
     return Tested(
-        READINGS, State.ATTENTION, "trace-of-range", "", 100.0 * most, None, 100.0 * _RANGE, "%", slips, tried=1
+        READINGS, RelationState.ATTENTION, "trace-of-range", "", 100.0 * most, None, 100.0 * _RANGE, "%", slips, tried=1
     )
 
 
 def untested(reason: str) -> Tested:
     """Return the relation where nothing predicts the readings: no unit of all loads, and no sign of them, can show."""
-    unseen = (Slip(SlipKind.UNIT, "load"), Slip(SlipKind.SIGN, "load"))
-    return Tested(READINGS, State.NOT_TESTED, reason, hidden=unseen)
+    unseen = (RecordSlip(SlipKind.UNIT, "load"), RecordSlip(SlipKind.SIGN, "load"))
+    return Tested(READINGS, RelationState.NOT_TESTED, reason, hidden=unseen)
 
 
-def _hardly_answering(found: Responses, expected: Expected, runs: Sequence[str]) -> tuple[Slip, ...]:
+def _hardly_answering(found: Responses, expected: ExpectedResponse, runs: Sequence[str]) -> tuple[RecordSlip, ...]:
     """What nobody sees in runs that no channel answers clearly which was read in them."""
     main = _main(found, expected)[0]
     idle = tuple(runs[run] for run in np.unique(found.run).tolist() if not main[found.run == run].any())
-    return tuple(Slip(kind, "reading", idle) for kind in (SlipKind.UNIT, SlipKind.SIGN)) if idle else ()
+    return tuple(RecordSlip(kind, "reading", idle) for kind in (SlipKind.UNIT, SlipKind.SIGN)) if idle else ()
 
 
-def _main(found: Responses, expected: Expected) -> tuple[Mask, Array, Array]:
+def _main(found: Responses, expected: ExpectedResponse) -> tuple[Mask, Array, Array]:
     """Which responses (C,) should be main ones, and responses and expectations in shares of what is possible."""
     possible = expected.possible(found.column, found.direction)
     wanted = expected.wanted(found.column, found.direction) / possible
     return np.abs(wanted) > _MAIN, found.size / possible, wanted
 
 
-def _departure(found: Responses, expected: Expected) -> tuple[State, str]:
+def _departure(found: Responses, expected: ExpectedResponse) -> tuple[RelationState, str]:
     """Whether most main responses are far from what is expected, though no slip explains it."""
     main, share, wanted = _main(found, expected)
     if not main.any():
-        return State.NOT_TESTED, "no-main-response"
+        return RelationState.NOT_TESTED, "no-main-response"
     off = np.abs(np.arcsinh(share / _LINEAR) - np.arcsinh(wanted / _LINEAR))[main]
     if np.quantile(off, _EVERYWHERE) > _NO_SUCH:
-        return State.FAILS, "no-slip"
+        return RelationState.FAILS, "no-slip"
     each = [np.median(off[found.run[main] == run]) for run in np.unique(found.run[main])]
-    return (State.ATTENTION, "departs") if max(each) > _DEPARTS else (State.OK, "agrees")
+    return (RelationState.ATTENTION, "departs") if max(each) > _DEPARTS else (RelationState.OK, "agrees")
 
 
 @dataclass(frozen=True)
@@ -109,7 +117,7 @@ class KnownBench:
     signals, are NaN where none is declared. ``tared``: signals count from no load.
     """
 
-    channels: Sequence[Column]
+    channels: Sequence[RecordedColumn]
     seen: Array | None
     leg_forces: Array | None
     gain: Array | None
@@ -119,17 +127,17 @@ class KnownBench:
 
 
 @dataclass(frozen=True)
-class _Table:
+class _ValueTable:
     """Readings, or signals: values (N, K) by column, the number of the first among all, and typical noise (K,)."""
 
     relation: str
     name: str
-    columns: Sequence[Column]
+    columns: Sequence[RecordedColumn]
     first: int
     value: Array
     noise: Array
 
-    def recorded(self, steps: RecordedSteps, runs: Sequence[str], used: Mask, wrong: Sequence[Part]) -> _Used:
+    def recorded(self, steps: RecordedSteps, runs: Sequence[str], used: Mask, wrong: Sequence[RunPart]) -> _Used:
         """What is told by: rows (N,) that are used, without runs of which a part is wrong, or that stood still."""
         places = range(self.first, self.first + len(self.columns))
         apart = np.isin(steps.run, [one.run for one in wrong if concerns(one, places)])
@@ -137,10 +145,10 @@ class _Table:
         still = list(stood_still(steps.load, steps.run, value))
         for one in still:
             value[steps.run == one.run, one.column] = np.nan
-        return _Used(Recorded(steps.load, steps.run, value, runs), still)
+        return _Used(SignalSteps(steps.load, steps.run, value, runs), still)
 
     def tests(
-        self, response: Tested, used: _Used, answers: Array, steps: RecordedSteps, wrong: Sequence[Part]
+        self, response: Tested, used: _Used, answers: Array, steps: RecordedSteps, wrong: Sequence[RunPart]
     ) -> list[Tested]:
         """The tests of responses, parts, columns and rows; where these fail, responses that follow are left out."""
         response = _also_reversed(response, used.steps, self.name)
@@ -158,19 +166,19 @@ class _Table:
         share = 100.0 * max((one.share for one in still), default=0.0)
         for slip in _frozen_slips(still, self.columns, steps.runs):
             told = (named_shortly(slip.subjects), share, None, None, "%")
-            yield Tested(self.relation, State.FAILS, "frozen", *told, (slip,), tried=len(still))
+            yield Tested(self.relation, RelationState.FAILS, "frozen", *told, (slip,), tried=len(still))
         if not still:
             found, tried = row_slips(steps.load, steps.run, time_s, steps.value, steps.runs, self.name)
             for row in found:
                 sizes = (named_shortly(row.slip.subjects), row.before, row.after, None, "% of the range")
-                yield Tested(self.relation, State.FAILS, "rows", *sizes, (row.slip,), tried=tried)
+                yield Tested(self.relation, RelationState.FAILS, "rows", *sizes, (row.slip,), tried=tried)
 
 
 @dataclass(frozen=True)
 class _Used:
     """The rows and columns of a table that responses are told by, and what stood still."""
 
-    steps: Recorded
+    steps: SignalSteps
     still: list[Frozen]
 
 
@@ -179,12 +187,12 @@ def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[Tested, ...]:
     runs = [f"run {run}" for run in steps.runs]
     copies = copied_runs(steps.run, runs, steps.load, _values(steps, known))
     alone = ~np.isin(steps.run, [runs.index(name) for one in copies for slip in one.slips for name in slip.subjects])
-    signals = [Column(name, "signal", SIGNAL_FACTORS) for name in steps.signals]
+    signals = [RecordedColumn(name, "signal", SIGNAL_FACTORS) for name in steps.signals]
     wrong = _parts(steps, [*known.channels, *signals], known.seen)
     found: list[Tested] = []
     if np.isfinite(steps.reading).any():
         noise = _typical(steps.sigma)
-        of = _Table(READINGS, "readings", known.channels, 0, steps.reading, noise)
+        of = _ValueTable(READINGS, "readings", known.channels, 0, steps.reading, noise)
         used = of.recorded(steps, runs, alone, wrong)
         response = _of_readings(used.steps, known)
         answers = signals_of_loads.responses_of(used.steps, len(known.channels)) if known.seen is None else known.seen
@@ -194,7 +202,7 @@ def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[Tested, ...]:
         found.append(in_range or untested("no-displacements"))
     if signals:
         noise = np.full(len(signals), known.signal_mv * MILLIVOLT)
-        of = _Table(signals_of_loads.RELATION, "signals", signals, len(known.channels), steps.signal, noise)
+        of = _ValueTable(signals_of_loads.RELATION, "signals", signals, len(known.channels), steps.signal, noise)
         used = of.recorded(steps, runs, alone, wrong)
         used = replace(used, steps=replace(used.steps, tared=known.tared))
         found[0], response = _reconciled(found[0], _of_signals(used.steps, signals, known))
@@ -211,21 +219,25 @@ def _reconciled(readings: Tested, signals: Tested) -> tuple[Tested, Tested]:
     if len(readings.slips) == len(signals.slips) == 1 and common:
         return _put_first(readings, common[0]), _put_first(signals, common[0])
     runs = readings.slips[0].subjects if len(readings.slips) == 1 and readings.slips[0].quantity == "load" else ()
-    if runs and signals.state == State.OK and not any(set(slip.subjects) & set(runs) for slip in signals.hidden):
+    if (
+        runs
+        and signals.state == RelationState.OK
+        and not any(set(slip.subjects) & set(runs) for slip in signals.hidden)
+    ):
         moved = [slip for slip in readings.rivals if slip.quantity in ("displacement", "rotation")]
         return (_put_first(readings, moved[0]) if moved else readings), signals
     own = [slip for slip in signals.rivals if slip.quantity == "signal"]
-    right = readings.state == State.OK and all(slip.quantity != "load" for slip in readings.hidden)
+    right = readings.state == RelationState.OK and all(slip.quantity != "load" for slip in readings.hidden)
     if right and own and len(signals.slips) == 1 and signals.slips[0].quantity == "load":
         return readings, _put_first(signals, own[0])
     return readings, signals
 
 
 def _by_the_same_slip(
-    readings: Tested, signals: Tested, recorded: Recorded, columns: Sequence[Column], known: KnownBench
+    readings: Tested, signals: Tested, recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench
 ) -> Tested:
     """The test of signals with the slip of loads that readings tell, where it leaves nothing else to explain."""
-    if readings.state != State.FAILS or not signals.slips or len(readings.slips) != 1:
+    if readings.state != RelationState.FAILS or not signals.slips or len(readings.slips) != 1:
         return signals
     slip = readings.slips[0]
     if slip == signals.slips[0] or slip.subjects or slip.kind not in (SlipKind.UNIT, SlipKind.SIGN):
@@ -241,7 +253,7 @@ def _by_the_same_slip(
     return replace(signals, slips=(slip,), rivals=(), misfit_explained=right.misfit)
 
 
-def _put_first(tested: Tested, slip: Slip) -> Tested:
+def _put_first(tested: Tested, slip: RecordSlip) -> Tested:
     """A test with one of the slips that it has found as likely before the others."""
     if slip in tested.slips or abs(abs(np.log(slip.factor)) - abs(np.log(tested.slips[0].factor))) > _SAME_SIZE:
         return tested
@@ -249,16 +261,16 @@ def _put_first(tested: Tested, slip: Slip) -> Tested:
     return replace(tested, slips=(slip,), rivals=others)
 
 
-def _parts(steps: RecordedSteps, columns: Sequence[Column], seen: Array | None) -> list[Part]:
+def _parts(steps: RecordedSteps, columns: Sequence[RecordedColumn], seen: Array | None) -> list[RunPart]:
     """Parts of runs that are in another unit or have the opposite sign, told by channels and signals together."""
     value = np.column_stack([steps.reading, steps.signal])
-    answers = signals_of_loads.responses_of(Recorded(steps.load, steps.run, value, ()), len(columns))
+    answers = signals_of_loads.responses_of(SignalSteps(steps.load, steps.run, value, ()), len(columns))
     if seen is not None:
         answers[: len(seen)] = seen
     return parts(steps.load, steps.run, value, columns, answers)
 
 
-def _also_reversed(tested: Tested, steps: Recorded, table: str) -> Tested:
+def _also_reversed(tested: Tested, steps: SignalSteps, table: str) -> Tested:
     """Runs with the opposite sign whose loads go the same way backwards: their rows may be reversed as well; loads that
     are the same backwards never show it."""
     turned = [slip for slip in tested.slips if slip.kind == SlipKind.SIGN]
@@ -268,20 +280,20 @@ def _also_reversed(tested: Tested, steps: Recorded, table: str) -> Tested:
         named = [number[name] for name in slip.subjects if name in number]
         rows = np.isin(steps.run, named)
         if named and can_reverse(steps.load[rows], steps.run[rows])[1]:
-            rivals.append(Slip(SlipKind.REVERSED, table, tuple(steps.runs[run] for run in named)))
+            rivals.append(RecordSlip(SlipKind.REVERSED, table, tuple(steps.runs[run] for run in named)))
     if not tested.slips and can_reverse(steps.load, steps.run)[0]:
-        return replace(tested, hidden=(*tested.hidden, Slip(SlipKind.REVERSED, "rows")))
+        return replace(tested, hidden=(*tested.hidden, RecordSlip(SlipKind.REVERSED, "rows")))
     return replace(tested, rivals=tuple(rivals))
 
 
-def _of_readings(loaded: Recorded, known: KnownBench) -> Tested:
+def _of_readings(loaded: SignalSteps, known: KnownBench) -> Tested:
     alike = signals_of_loads.against_each_other(loaded, known.channels, READINGS)
     if known.seen is not None:
         return _either(against_simulation(loaded, known.channels, known.seen), alike, loaded.runs)
     return alike if alike.slips else against_range(loaded.load, known.largest) or alike
 
 
-def _of_signals(recorded: Recorded, columns: Sequence[Column], known: KnownBench) -> Tested:
+def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench) -> Tested:
     alike = signals_of_loads.against_each_other(recorded, columns, signals_of_loads.RELATION)
     if known.leg_forces is None:
         return alike
@@ -308,10 +320,12 @@ def _or_sensitivity(tested: Tested) -> Tested:
     if slip is None or slip.subjects or slip.kind != SlipKind.UNIT or slip.quantity not in ("load", "signal"):
         return tested
     factor = slip.factor if slip.quantity == "load" else 1.0 / slip.factor
-    return replace(tested, rivals=(*tested.rivals, Slip(SlipKind.UNIT, "sensitivity_mv_per_n", (), factor)))
+    return replace(tested, rivals=(*tested.rivals, RecordSlip(SlipKind.UNIT, "sensitivity_mv_per_n", (), factor)))
 
 
-def _frozen_slips(still: Sequence[Frozen], columns: Sequence[Column], runs: Sequence[str]) -> Iterator[Slip]:
+def _frozen_slips(
+    still: Sequence[Frozen], columns: Sequence[RecordedColumn], runs: Sequence[str]
+) -> Iterator[RecordSlip]:
     """One slip for runs in which the same columns of a quantity stand still."""
     by_run: dict[tuple[int, str], list[int]] = {}
     for one in still:
@@ -322,7 +336,7 @@ def _frozen_slips(still: Sequence[Frozen], columns: Sequence[Column], runs: Sequ
     for (quantity, same), names in alike.items():
         every = len(same) == sum(column.quantity == quantity for column in columns)
         own = () if every and len(same) > 1 else tuple(columns[place].name for place in same)
-        yield Slip(SlipKind.FROZEN, quantity, (*own, *names))
+        yield RecordSlip(SlipKind.FROZEN, quantity, (*own, *names))
 
 
 def _values(steps: RecordedSteps, known: KnownBench) -> list[Values]:

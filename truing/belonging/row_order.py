@@ -9,7 +9,7 @@ import numpy as np
 
 from truing.arrays import Array, Index
 from truing.belonging.evidence import log_evidence, physics
-from truing.belonging.relation import Slip, SlipKind
+from truing.belonging.relation import RecordSlip, SlipKind
 from truing.belonging.responses import directions
 
 _SHIFTS = (1, -1, 2, -2)
@@ -30,7 +30,7 @@ class RowSlip:
     """Rows that were written down in another order: the slip, and rms of what is left before and after, in per cent of
     the range of the columns."""
 
-    slip: Slip
+    slip: RecordSlip
     before: float
     after: float
 
@@ -49,11 +49,11 @@ class _Order:
         values = every[self.shift :] if self.shift > 0 else every[: self.shift]
         return values, values - self.shift
 
-    def slip(self, quantity: str, runs: tuple[str, ...]) -> Slip:
+    def slip(self, quantity: str, runs: tuple[str, ...]) -> RecordSlip:
         """The slip of this order."""
         if self.shift == 0:
-            return Slip(SlipKind.REVERSED, quantity, runs)
-        return Slip(SlipKind.ROWS_SHIFTED, quantity, runs, shift=self.shift)
+            return RecordSlip(SlipKind.REVERSED, quantity, runs)
+        return RecordSlip(SlipKind.ROWS_SHIFTED, quantity, runs, shift=self.shift)
 
 
 _ORDERS = (*(_Order(shift) for shift in _SHIFTS), _Order(0))

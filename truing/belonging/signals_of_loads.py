@@ -9,16 +9,16 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.plausible_slips import (
-    Column,
+    RecordedColumn,
     exchanges_by_axis,
     exchanges_from_a_run,
     slips_of_all_loads,
     slips_of_columns,
     slips_of_run_loads,
 )
-from truing.belonging.relation import Slip, SlipKind, State, Tested
+from truing.belonging.relation import RecordSlip, RelationState, SlipKind, Tested
 from truing.belonging.responses import Responses, responses
-from truing.belonging.slip_search import Candidate, Expected, Explained, clear, explain, hidden
+from truing.belonging.slip_search import ExpectedResponse, Explained, SlipCandidate, clear, explain, hidden
 
 _MOST_LEVERAGE = 0.6  # of one response over the others: two others of its kind leave 0.5
 _ROUNDS = 30
@@ -37,7 +37,7 @@ _NO_BETTER = 1.0  # misfit over what is expected: an expectation of nothing woul
 _ABOVE_TYPICAL = 1.5  # the largest responses over the typical one of all legs
 
 
-def typical(found: Responses, count: int) -> tuple[Expected, Mask]:
+def typical(found: Responses, count: int) -> tuple[ExpectedResponse, Mask]:
     """Return what columns (count) answer by most runs, and which responses (C,) at least two other runs vouch for."""
     of_load = 1.0 / np.maximum(np.abs(found.direction).max(axis=0, initial=0.0), 1e-300)
     share = found.direction * of_load
@@ -48,7 +48,7 @@ def typical(found: Responses, count: int) -> tuple[Expected, Mask]:
             matrix[column] = _least_absolute(share[mine], found.size[mine])
             vouched[mine] = _vouched(share[mine], found.run[mine])
     of_column = np.maximum(np.abs(matrix).max(axis=1), 1e-300)
-    expected = Expected(
+    expected = ExpectedResponse(
         matrix * of_load,
         of_column,
         np.where(of_load < 1e200, of_load, 0.0),
@@ -86,7 +86,7 @@ def _vouched(share: Array, run: Index) -> Mask:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class SignalSteps:
     """Load steps with signals: load (N, 6) in N and N m, run (N,) from 0, signal (N, S) in V, and names of runs.
 
     ``tared``: signals count from no load, and not from a zero of each run.
@@ -99,7 +99,9 @@ class Recorded:
     tared: bool = False
 
 
-def against_geometry(steps: Recorded, columns: Sequence[Column], legs: Array, gain: Array | None) -> Tested | None:
+def against_geometry(
+    steps: SignalSteps, columns: Sequence[RecordedColumn], legs: Array, gain: Array | None
+) -> Tested | None:
     """Return how signals follow the forces (6, 6) along the legs, N and N m to N; None where they are not those.
 
     gain (S,): declared, V/N; without one, only what legs and axes have in common can be told.
@@ -124,15 +126,19 @@ def _named(tested: Tested) -> int:
     return sum(len(slip.subjects) for slip in tested.slips)
 
 
-def _turns_most(tested: Tested, steps: Recorded) -> bool:
+def _turns_most(tested: Tested, steps: SignalSteps) -> bool:
     """Whether most runs would have the opposite sign: then the others have, of signals that count the other way."""
     most = 0.5 * len(np.unique(steps.run))
     return any(slip.kind == SlipKind.SIGN and len(set(slip.subjects) & set(steps.runs)) > most for slip in tested.slips)
 
 
 def _explained(
-    found: Responses, expected: Expected, steps: Recorded, columns: Sequence[Column], gain: Array | None
-) -> tuple[Explained, tuple[Slip, ...]]:
+    found: Responses,
+    expected: ExpectedResponse,
+    steps: SignalSteps,
+    columns: Sequence[RecordedColumn],
+    gain: Array | None,
+) -> tuple[Explained, tuple[RecordSlip, ...]]:
     """What explains the responses, and which slips would not show."""
     each = [*slips_of_run_loads(found, steps.runs, expected), *exchanges_from_a_run(found, columns, steps.runs)]
     overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
@@ -146,7 +152,7 @@ def _explained(
     return told, (*_blind(gain), *hidden(found, expected, unseen))
 
 
-def _the_other_way(tested: Tested) -> tuple[Slip, ...]:
+def _the_other_way(tested: Tested) -> tuple[RecordSlip, ...]:
     """What as well explains torques in another unit than forces, where nobody says how large signals should be."""
     other = {"torque": "force", "force": "torque"}
     return tuple(
@@ -156,7 +162,7 @@ def _the_other_way(tested: Tested) -> tuple[Slip, ...]:
     )
 
 
-def against_each_other(steps: Recorded, columns: Sequence[Column], relation: str) -> Tested:
+def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], relation: str) -> Tested:
     """Return how columns follow the loads of each run, held against the other runs."""
     found = _clear(steps, len(columns))
     expected, vouched = typical(found, len(columns))
@@ -164,7 +170,7 @@ def against_each_other(steps: Recorded, columns: Sequence[Column], relation: str
     alone = tuple(steps.runs[run] for run in np.unique(steps.run).tolist() if not np.any(found.run == run))
     unseen = (*_of_all_runs(columns), *_of_single_runs(columns, alone))
     if not len(found):
-        return Tested(relation, State.NOT_TESTED, "no-repeats", hidden=unseen)
+        return Tested(relation, RelationState.NOT_TESTED, "no-repeats", hidden=unseen)
     candidates = [
         *slips_of_run_loads(found, steps.runs, expected),
         *slips_of_columns(found, columns, steps.runs, expected, of_all=False),
@@ -175,27 +181,27 @@ def against_each_other(steps: Recorded, columns: Sequence[Column], relation: str
     return _tested(told, relation, (*unseen, *hidden(found, expected, exchanges)))
 
 
-def responses_of(steps: Recorded, columns: int) -> Array:
+def responses_of(steps: SignalSteps, columns: int) -> Array:
     """Return what columns answer to loads, (S, 6), by most runs."""
     found = _clear(steps, columns)
     return typical(found, columns)[0].matrix if len(found) else np.zeros((columns, 6))
 
 
-def _clear(steps: Recorded, count: int) -> Responses:
+def _clear(steps: SignalSteps, count: int) -> Responses:
     return clear(responses(steps.load, steps.run, steps.value, has_zero=not steps.tared), count)
 
 
-def _tested(told: Explained, relation: str, unseen: Sequence[Slip]) -> Tested:
-    state, reason = (State.OK, "agrees") if told.before <= _NO_BETTER else (State.ATTENTION, "departs")
+def _tested(told: Explained, relation: str, unseen: Sequence[RecordSlip]) -> Tested:
+    state, reason = (RelationState.OK, "agrees") if told.before <= _NO_BETTER else (RelationState.ATTENTION, "departs")
     return told.tested(relation, state, reason, unseen)
 
 
-def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expected]:
+def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[ExpectedResponse]:
     """What signals should answer with the declared gain, or with one that all of them have about in common: tension
     positive, negative, or each as it is wired."""
     of_load = np.sqrt(np.mean(legs**2, axis=0))
     if gain is not None:
-        yield Expected(legs * gain[:, None], _ABOVE_TYPICAL * np.abs(gain), of_load, _DECLARED)
+        yield ExpectedResponse(legs * gain[:, None], _ABOVE_TYPICAL * np.abs(gain), of_load, _DECLARED)
         return
     force = np.sum(legs[found.column] * found.direction, axis=1)
     main = np.abs(force) > _MAIN * np.linalg.norm(found.direction * of_load, axis=1)
@@ -205,17 +211,17 @@ def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expe
     wired = [np.sign(found.size[mine] @ force[mine]) or 1.0 for mine in (found.column == k for k in range(len(legs)))]
     of_column = np.full(len(legs), _ABOVE_TYPICAL * common)
     for signs in (np.ones(len(legs)), -np.ones(len(legs)), np.array(wired)):
-        yield Expected(common * legs * signs[:, None], of_column, of_load, _OWN_GAIN)
+        yield ExpectedResponse(common * legs * signs[:, None], of_column, of_load, _OWN_GAIN)
 
 
-def _off(missed: Array, found: Responses, expected: Expected) -> float:
+def _off(missed: Array, found: Responses, expected: ExpectedResponse) -> float:
     """Root of the mean square by which main responses miss."""
     wanted = np.abs(expected.wanted(found.column, found.direction))
     main = wanted > _MAIN * expected.possible(found.column, found.direction)
     return float(np.sqrt(np.mean(missed[main] ** 2))) if main.any() else np.inf
 
 
-def _is_of_all(candidate: Candidate, columns: Sequence[Column]) -> bool:
+def _is_of_all(candidate: SlipCandidate, columns: Sequence[RecordedColumn]) -> bool:
     """Whether a slip changes the gain of signals alike, or of one of them: without a declared one nobody can tell."""
     slip, names = candidate.slip, {column.name for column in columns}
     if slip.kind == SlipKind.COLUMNS or slip.quantity not in ("load", "signal"):
@@ -223,21 +229,21 @@ def _is_of_all(candidate: Candidate, columns: Sequence[Column]) -> bool:
     return names.issuperset(slip.subjects)
 
 
-def _of_single_runs(columns: Sequence[Column], alone: tuple[str, ...]) -> tuple[Slip, ...]:
+def _of_single_runs(columns: Sequence[RecordedColumn], alone: tuple[str, ...]) -> tuple[RecordSlip, ...]:
     """What nobody sees in runs that no two others vouch for."""
     kinds = (SlipKind.UNIT, SlipKind.SIGN, SlipKind.FROZEN) if alone else ()
-    return tuple(Slip(kind, of, alone) for of in dict.fromkeys(one.quantity for one in columns) for kind in kinds)
+    return tuple(RecordSlip(kind, of, alone) for of in dict.fromkeys(one.quantity for one in columns) for kind in kinds)
 
 
-def _blind(gain: Array | None) -> tuple[Slip, ...]:
+def _blind(gain: Array | None) -> tuple[RecordSlip, ...]:
     if gain is not None:
         return ()
-    return (Slip(SlipKind.UNIT, "load"), Slip(SlipKind.UNIT, "signal"), Slip(SlipKind.SIGN, "signal"))
+    return (RecordSlip(SlipKind.UNIT, "load"), RecordSlip(SlipKind.UNIT, "signal"), RecordSlip(SlipKind.SIGN, "signal"))
 
 
-def _of_all_runs(columns: Sequence[Column]) -> tuple[Slip, ...]:
+def _of_all_runs(columns: Sequence[RecordedColumn]) -> tuple[RecordSlip, ...]:
     """What runs that are alike cannot show: the same slip in all of them."""
     quantities = dict.fromkeys(("load", *(column.quantity for column in columns)))
-    units = tuple(Slip(SlipKind.UNIT, quantity, ("all runs",)) for quantity in quantities)
-    signs = tuple(Slip(SlipKind.SIGN, quantity, ("all runs",)) for quantity in quantities)
-    return (*units, *signs, Slip(SlipKind.COLUMNS, "columns", ("any two in all runs",)))
+    units = tuple(RecordSlip(SlipKind.UNIT, quantity, ("all runs",)) for quantity in quantities)
+    signs = tuple(RecordSlip(SlipKind.SIGN, quantity, ("all runs",)) for quantity in quantities)
+    return (*units, *signs, RecordSlip(SlipKind.COLUMNS, "columns", ("any two in all runs",)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.evidence import log_evidence, physics
-from truing.belonging.relation import Slip, State, Tested, named_shortly
+from truing.belonging.relation import RecordSlip, RelationState, Tested, named_shortly
 from truing.belonging.responses import Responses
 
 _SHARED = 0.1  # prior width, relative, of what all responses have in common; and those of an axis, of a column
@@ -30,7 +30,7 @@ _CLEAR = 0.1  # sigma of a response over the typical size of its column, beyond 
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedResponse:
     """What columns (K) should answer to loads: matrix (K, 6), in the unit of the columns per N and N m.
 
     ``of_column`` (K,) and ``of_load`` (6,) multiply to the largest response that is possible at all. ``gain`` is the
@@ -56,7 +56,7 @@ class Expected:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ColumnReading:
     """How recorded numbers are read: loads (C, 6), the column (C,) that each response stands for, and the factor (C,)
     that makes it right."""
 
@@ -66,13 +66,13 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class SlipCandidate:
     """A slip, the responses (C,) that it may concern, how they are read without it, and the logarithm of how many
     others are like it."""
 
-    slip: Slip
+    slip: RecordSlip
     concerns: Mask
-    undo: Callable[[Reading], Reading]
+    undo: Callable[[ColumnReading], ColumnReading]
     penalty: float = 0.0
 
 
@@ -81,31 +81,31 @@ class Explained:
     """Slips that hold together, those as likely, relative misfit of what they concern before and after, how many were
     tried, and how all responses miss (C,) in widths with the slips undone."""
 
-    slips: tuple[Slip, ...]
-    rivals: tuple[Slip, ...]
+    slips: tuple[RecordSlip, ...]
+    rivals: tuple[RecordSlip, ...]
     before: float
     after: float
     tried: int
     misses: Array
 
-    def tested(self, relation: str, state: State, reason: str, hidden: Sequence[Slip]) -> Tested:
+    def tested(self, relation: str, state: RelationState, reason: str, hidden: Sequence[RecordSlip]) -> Tested:
         """The result for a relation: a failure where there are slips, else this state."""
         before, after = 100.0 * self.before, 100.0 * self.after
         if not self.slips:
             return Tested(relation, state, reason, "", before, unit="%", tried=self.tried, hidden=tuple(hidden))
         subject = named_shortly(list(dict.fromkeys(name for slip in self.slips for name in slip.subjects)))
         sizes = (before, after, None, "%")
-        return Tested(relation, State.FAILS, "slip", subject, *sizes, self.slips, self.rivals, self.tried)
+        return Tested(relation, RelationState.FAILS, "slip", subject, *sizes, self.slips, self.rivals, self.tried)
 
 
 @dataclass(frozen=True)
-class _Compared:
+class _ScaledResponses:
     """Responses and expectations in shares of what is possible, on the scale (C,) of comparison."""
 
     share: Array
     expected: Array
     possible: Array
-    by: Expected
+    by: ExpectedResponse
 
     @property
     def misfit(self) -> Array:
@@ -131,8 +131,8 @@ class _Compared:
         """Whether a response is, or should be, large enough to tell hypotheses apart."""
         return np.maximum(np.abs(self.share), np.abs(self.expected)) > _TELLING
 
-    def chosen(self, rows: Mask) -> _Compared:
-        return _Compared(self.share[rows], self.expected[rows], self.possible[rows], self.by)
+    def chosen(self, rows: Mask) -> _ScaledResponses:
+        return _ScaledResponses(self.share[rows], self.expected[rows], self.possible[rows], self.by)
 
 
 def clear(found: Responses, count: int) -> Responses:
@@ -146,18 +146,21 @@ def clear(found: Responses, count: int) -> Responses:
     return found.chosen(found.sigma <= _CLEAR * np.maximum(typical[found.column], np.abs(found.size)))
 
 
-def as_recorded(found: Responses) -> Reading:
+def as_recorded(found: Responses) -> ColumnReading:
     """Return the reading of responses as they were recorded."""
-    return Reading(found.direction, found.column, np.ones(len(found)))
+    return ColumnReading(found.direction, found.column, np.ones(len(found)))
 
 
-def misses_read(found: Responses, expected: Expected, read: Reading) -> Array:
+def misses_read(found: Responses, expected: ExpectedResponse, read: ColumnReading) -> Array:
     """Return by how many prior widths (C,) responses miss as they are read."""
     return _compare(found, expected, read).misses
 
 
 def explain(
-    found: Responses, expected: Expected, candidates: Sequence[Candidate], broad: Sequence[Candidate] = ()
+    found: Responses,
+    expected: ExpectedResponse,
+    candidates: Sequence[SlipCandidate],
+    broad: Sequence[SlipCandidate] = (),
 ) -> Explained:
     """Return the slips that explain responses clearly better than as recorded, and than any physical cause could.
 
@@ -180,10 +183,10 @@ def explain(
 
 
 def _one_by_one(
-    found: Responses, expected: Expected, candidates: Sequence[Candidate]
-) -> tuple[list[Candidate], tuple[Slip, ...], Reading]:
+    found: Responses, expected: ExpectedResponse, candidates: Sequence[SlipCandidate]
+) -> tuple[list[SlipCandidate], tuple[RecordSlip, ...], ColumnReading]:
     """The clearest slip again and again, the rivals of the first, and how responses are then read."""
-    read, chosen, rivals = as_recorded(found), list[Candidate](), tuple[Slip, ...]()
+    read, chosen, rivals = as_recorded(found), list[SlipCandidate](), tuple[RecordSlip, ...]()
     for _ in range(_ROUNDS):
         best = _best(found, expected, read, candidates)
         if best is None or len(merged([*(one.slip for one in chosen), best[0].slip])) > _MOST_SLIPS:
@@ -195,12 +198,12 @@ def _one_by_one(
 
 
 def _best_of_two(
-    found: Responses, expected: Expected, broad: Sequence[Candidate]
-) -> tuple[list[Candidate], float, Reading] | None:
+    found: Responses, expected: ExpectedResponse, broad: Sequence[SlipCandidate]
+) -> tuple[list[SlipCandidate], float, ColumnReading] | None:
     """The two slips at once that leave least, with their log evidence; None where none leave everything right."""
     read = as_recorded(found)
     first = _compare(found, expected, read)
-    best: tuple[float, list[Candidate], Reading] | None = None
+    best: tuple[float, list[SlipCandidate], ColumnReading] | None = None
     for at, one in enumerate(broad):
         half = one.undo(read)
         for other in broad[at + 1 :]:
@@ -214,20 +217,20 @@ def _best_of_two(
     return (best[1], gain, best[2]) if gain > _MUCH else None
 
 
-def _penalty(chosen: Sequence[Candidate]) -> float:
+def _penalty(chosen: Sequence[SlipCandidate]) -> float:
     return sum(one.penalty for one in chosen) + np.log(2.0 * max(len(chosen), 1))
 
 
-def merged(slips: Sequence[Slip]) -> tuple[Slip, ...]:
+def merged(slips: Sequence[RecordSlip]) -> tuple[RecordSlip, ...]:
     """Return slips of one kind, quantity and size as one of all their subjects."""
-    found: dict[Slip, tuple[str, ...]] = {}
+    found: dict[RecordSlip, tuple[str, ...]] = {}
     for slip in slips:
         own = replace(slip, subjects=())
         found[own] = tuple(dict.fromkeys((*found.get(own, ()), *slip.subjects)))
     return tuple(replace(own, subjects=subjects) for own, subjects in found.items())
 
 
-def hidden(found: Responses, expected: Expected, candidates: Sequence[Candidate]) -> tuple[Slip, ...]:
+def hidden(found: Responses, expected: ExpectedResponse, candidates: Sequence[SlipCandidate]) -> tuple[RecordSlip, ...]:
     """Return the slips that would not show: responses as expected, read with the slip undone, hardly miss."""
     read = as_recorded(found)
     here = _compare(found, expected, read)
@@ -244,21 +247,21 @@ def hidden(found: Responses, expected: Expected, candidates: Sequence[Candidate]
     return tuple(slip for slip in out if not slip.subjects or replace(slip, subjects=()) not in broad)
 
 
-def _compare(found: Responses, expected: Expected, read: Reading) -> _Compared:
+def _compare(found: Responses, expected: ExpectedResponse, read: ColumnReading) -> _ScaledResponses:
     possible = np.maximum(expected.possible(read.column, read.direction), 1e-300)
     wanted = expected.wanted(read.column, read.direction)
-    return _Compared(found.size * read.factor / possible, wanted / possible, possible, expected)
+    return _ScaledResponses(found.size * read.factor / possible, wanted / possible, possible, expected)
 
 
-def _differ(one: Reading, other: Reading) -> Mask:
+def _differ(one: ColumnReading, other: ColumnReading) -> Mask:
     return np.asarray(
         (one.factor != other.factor) | (one.column != other.column) | np.any(one.direction != other.direction, axis=1)
     )
 
 
 def _best(
-    found: Responses, expected: Expected, read: Reading, candidates: Sequence[Candidate]
-) -> tuple[Candidate, Reading, tuple[Slip, ...]] | None:
+    found: Responses, expected: ExpectedResponse, read: ColumnReading, candidates: Sequence[SlipCandidate]
+) -> tuple[SlipCandidate, ColumnReading, tuple[RecordSlip, ...]] | None:
     """The candidate that explains most, how responses are then read, and those as likely; None where none is clear."""
     here = _compare(found, expected, read)
     near = sorted(_halving(found, expected, read, here, candidates), key=lambda one: one[0])[:_COMPARED]
@@ -277,7 +280,7 @@ def _best(
     return chosen, now, others
 
 
-def _is_part(one: Slip, whole: Slip) -> bool:
+def _is_part(one: RecordSlip, whole: RecordSlip) -> bool:
     """Whether a slip is another one in some places only."""
     return replace(one, subjects=()) == replace(whole, subjects=()) and (
         not whole.subjects or set(whole.subjects) <= set(one.subjects)
@@ -285,8 +288,12 @@ def _is_part(one: Slip, whole: Slip) -> bool:
 
 
 def _halving(
-    found: Responses, expected: Expected, read: Reading, here: _Compared, candidates: Sequence[Candidate]
-) -> Iterator[tuple[float, Candidate, Reading]]:
+    found: Responses,
+    expected: ExpectedResponse,
+    read: ColumnReading,
+    here: _ScaledResponses,
+    candidates: Sequence[SlipCandidate],
+) -> Iterator[tuple[float, SlipCandidate, ColumnReading]]:
     """Candidates that at least halve the misfit of what they concern and bring it to where physics may be, with what
     all responses then miss."""
     before = np.abs(here.misses)
@@ -303,7 +310,7 @@ def _halving(
             yield _root(after), candidate, now
 
 
-def _telling(here: _Compared, there: _Compared, changed: Mask) -> Mask:
+def _telling(here: _ScaledResponses, there: _ScaledResponses, changed: Mask) -> Mask:
     """Of the responses that a slip changes, those that either way should be or are large; all where none is."""
     large = changed & (here.is_large | there.is_large)
     return large if large.any() else changed
@@ -313,7 +320,9 @@ def _root(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _gain(found: Responses, expected: Expected, one: tuple[Reading, _Compared], other: Reading) -> float:
+def _gain(
+    found: Responses, expected: ExpectedResponse, one: tuple[ColumnReading, _ScaledResponses], other: ColumnReading
+) -> float:
     """Log evidence that another way to read responses has over one, by those that either way should or do tell."""
     here, there = one[1], _compare(found, expected, other)
     telling = here.is_large | there.is_large
@@ -322,9 +331,9 @@ def _gain(found: Responses, expected: Expected, one: tuple[Reading, _Compared], 
     return _evidence(other, there, expected, telling) - _evidence(one[0], here, expected, telling)
 
 
-def _evidence(read: Reading, compared: _Compared, expected: Expected, rows: Mask) -> float:
+def _evidence(read: ColumnReading, compared: _ScaledResponses, expected: ExpectedResponse, rows: Mask) -> float:
     """Of the recorded sizes of some responses, with physical causes of their honest sizes free."""
-    read = Reading(read.direction[rows], read.column[rows], read.factor[rows])
+    read = ColumnReading(read.direction[rows], read.column[rows], read.factor[rows])
     compared = compared.chosen(rows)
     slope = compared.slope
     axis = np.argmax(np.abs(read.direction * expected.of_load), axis=1)
@@ -341,7 +350,7 @@ def _evidence(read: Reading, compared: _Compared, expected: Expected, rows: Mask
     return float(log_evidence(compared.misfit, physics(np.column_stack(known)), _FLOOR, _CEILING)) + float(scale.sum())
 
 
-def _relative(compared: _Compared, where: Mask) -> float:
+def _relative(compared: _ScaledResponses, where: Mask) -> float:
     """Root of the mean square misfit over that of what is expected, of some responses."""
     if not where.any():
         return 0.0

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration
-from truing.calibration.measured import Measured
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
+from truing.calibration.measured import MeasuredPlatform
 from truing.calibration.question import common_effects, is_deformation, own_covariance, with_common
-from truing.estimation.held_out import Choice, Contender, choose_model, held_out_misfit
+from truing.estimation.held_out import Contender, ContenderChoice, choose_model, held_out_misfit
 from truing.estimation.rotation import log_so3
 from truing.inference.pulls import TOLD
 from truing.schemas.verdict import BY_A_FACTOR, does_not_fit
@@ -70,7 +70,9 @@ class PoseErrors:
         return np.sqrt(np.maximum(variances.sum(-1), 0.0))
 
 
-def pose_errors(calibration: Calibration, measured: Measured, reading_sigma: float, fitted: NDArray) -> PoseErrors:
+def pose_errors(
+    calibration: MachineCalibration, measured: MeasuredPlatform, reading_sigma: float, fitted: NDArray
+) -> PoseErrors:
     """Return the errors at all measured poses; fitted (B,): poses that took part, whose error the parameters share."""
     change, count = calibration.parameters.change(calibration.machine), len(calibration.values)
     return _errors(
@@ -84,12 +86,14 @@ def pose_errors(calibration: Calibration, measured: Measured, reading_sigma: flo
     )
 
 
-def nominal_errors(structure: Structure, machine: Machine, measured: Measured) -> PoseErrors:
+def nominal_errors(structure: Structure, machine: Machine, measured: MeasuredPlatform) -> PoseErrors:
     """Return the errors of a machine that nobody has calibrated."""
     return machine_errors(structure, machine, measured, 0.0)
 
 
-def machine_errors(structure: Structure, machine: Machine, measured: Measured, reading_sigma: float) -> PoseErrors:
+def machine_errors(
+    structure: Structure, machine: Machine, measured: MeasuredPlatform, reading_sigma: float
+) -> PoseErrors:
     """Return the errors of a machine whose numbers are taken as exact; reading_sigma, m."""
     none = ParameterSet(()).change(machine)
     poses, common = len(measured.rho), common_effects(measured).shape[-1]
@@ -101,7 +105,7 @@ def _errors(
     structure: Structure,
     machine: Machine,
     change: Change,
-    measured: Measured,
+    measured: MeasuredPlatform,
     reading_sigma: float,
     parameters: NDArray,
     with_common: NDArray,
@@ -116,7 +120,7 @@ def _errors(
     return PoseErrors(np.where(found.converged[:, None], error, np.nan), noise)
 
 
-def misfit(calibration: Calibration, measured: Measured, reading_sigma: float) -> NDArray:
+def misfit(calibration: MachineCalibration, measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
     """Return per pose (B,) the chi-square of the closing at poses that took no part in the calibration."""
     problem = with_common(calibration.problem_at(measured), measured)
     values = np.concatenate([calibration.values, calibration.common]) if problem.common else calibration.values
@@ -156,7 +160,7 @@ class Extended:
         )
 
 
-def errors_at(found: ExtendedModel, conditions: Conditions, measured: Measured, fitted: NDArray) -> PoseErrors:
+def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPlatform, fitted: NDArray) -> PoseErrors:
     """Measured minus predicted poses, as the instrument should have seen them; NaN where a condition is not known."""
     error, noise = np.full((len(fitted), 6), np.nan), np.zeros((len(fitted), 6, 6))
     rows = np.flatnonzero(_told(found, conditions))
@@ -186,16 +190,16 @@ def identifiable(geometry: IdentifiedGeometry) -> NDArray:
 
 
 @dataclass(frozen=True)
-class Judged:
+class AssessedCalibration:
     """A calibration with its errors at all poses and the held-out poses' chi-square (B,), M expected of each."""
 
-    calibration: Calibration
+    calibration: MachineCalibration
     errors: PoseErrors | None
     squares: NDArray
     equations: int
 
 
-def choice(judged: Sequence[Judged]) -> Choice:
+def choice(judged: Sequence[AssessedCalibration]) -> ContenderChoice:
     """Return which of the maximum-likelihood calibrations is chosen."""
     return choose_model(
         [
@@ -211,7 +215,7 @@ def choice(judged: Sequence[Judged]) -> Choice:
     )
 
 
-def _pull_p_value(calibration: Calibration, own: NDArray) -> float:
+def _pull_p_value(calibration: MachineCalibration, own: NDArray) -> float:
     """Return the probability of shifts as large of the parameters (P,) chosen, where tolerances are honest.
 
     Identified less nominal has the covariance of the tolerances less that of the parameters, which correlates them.
@@ -223,7 +227,7 @@ def _pull_p_value(calibration: Calibration, own: NDArray) -> float:
     return float(chdtrc(len(shift), max(float(shift @ np.linalg.solve(spread, shift)), 0.0)))
 
 
-def shortcoming(one: Judged) -> str:
+def shortcoming(one: AssessedCalibration) -> str:
     """Return by what a calibration fails, and what to do; empty of one that fits, and misses what was held out by less
     than a factor."""
     figures = {name: value for name, value, _ in fit_figures(one)}
@@ -237,7 +241,7 @@ def shortcoming(one: Judged) -> str:
     return missed and f"the model misses {missed}; correct [noise], or find the cause that is missing"
 
 
-def doubts(one: Judged) -> str:
+def doubts(one: AssessedCalibration) -> str:
     """Return what speaks against a calibration itself, in short; nothing where its misfit and its pulls are likely."""
     figures = {name: value for name, value, _ in fit_figures(one)}
     said = []
@@ -328,7 +332,7 @@ def error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:
     return figures
 
 
-def fit_figures(one: Judged) -> list[Figure]:
+def fit_figures(one: AssessedCalibration) -> list[Figure]:
     from scipy.special import chdtrc
 
     calibration = one.calibration

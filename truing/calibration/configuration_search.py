@@ -22,7 +22,7 @@ from truing.estimation.design.pose_selection import (
     rounded_design,
     sum_log_det,
 )
-from truing.simulation.mechanisms.parameters import Parameter
+from truing.simulation.mechanisms.parameters import LegParameter
 from truing.simulation.mechanisms.pose_regressors import Placed, PoseRegressors
 from truing.simulation.mechanisms.structures.structure import poses_at
 
@@ -54,7 +54,7 @@ class DesignProblem:
 
     regressors: PoseRegressors
     region: FeasibleRegion
-    names: tuple[Parameter, ...]
+    names: tuple[LegParameter, ...]
     tolerance: NDArray
     noise: NDArray
     noise_from: str
@@ -101,7 +101,7 @@ class DesignProblem:
 
 
 @dataclass(frozen=True)
-class Limits:
+class ConfigurationLimits:
     """Half ranges of pose (6,) and readings (L,), SI, infinite where there is none; forbidden boxes (F, 6 + L)."""
 
     pose: NDArray
@@ -131,7 +131,7 @@ def identifiable_parameters(problem: DesignProblem) -> list[int]:
 
 
 @dataclass(frozen=True)
-class Judged:
+class AssessedConfigurations:
     """Configurations as a calibration sees them: their number, information (L, q, q), how many lie outside."""
 
     count: int
@@ -149,14 +149,14 @@ class Judged:
         return np.sqrt(np.diagonal(np.linalg.inv(self.information), axis1=1, axis2=2))
 
 
-def judged(problem: DesignProblem, rho: NDArray) -> Judged:
+def judged(problem: DesignProblem, rho: NDArray) -> AssessedConfigurations:
     """What a calibration learns from configurations by readings rho (B, L), m.
 
     Raises ValueError where they reach no pose.
     """
     placed = problem.placed_at(rho)
     outside = problem.region.excess(problem.regressors.coordinates(placed)) > _OUTSIDE
-    return Judged(len(rho), information_of(problem.rows(placed)), int(outside.sum()))
+    return AssessedConfigurations(len(rho), information_of(problem.rows(placed)), int(outside.sum()))
 
 
 def ordered(

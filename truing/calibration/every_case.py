@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.accuracy import Judged, misfit, pose_errors
-from truing.calibration.fits import Calibration, answer, implicit, maximum_likelihood
-from truing.calibration.measured import BodyPoses, Gathered, Measured
+from truing.calibration.accuracy import AssessedCalibration, misfit, pose_errors
+from truing.calibration.fits import MachineCalibration, answer, implicit, maximum_likelihood
+from truing.calibration.measured import CalibrationData, MeasuredPlatform, PosesWithCovariance
 from truing.calibration.question import Case, nothing_open, question, with_targets
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.legs.kinematics import upper_joints
@@ -37,7 +37,7 @@ class OffLeg:
 class Screened:
     """Poses to be fitted, without the poses of single legs that are wrong; kept (B,): which of them agree."""
 
-    measured: Measured
+    measured: MeasuredPlatform
     kept: NDArray
     legs_out: tuple[OffLeg, ...] = ()
 
@@ -47,7 +47,7 @@ class Screened:
         return [pose for pose, agrees in zip(self.measured.poses, self.kept, strict=True) if not agrees]
 
 
-def screened(gathered: Gathered, fitted: Measured, case: Case) -> Screened:
+def screened(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case) -> Screened:
     """Return what agrees with the others under a model.
 
     A pose that was mismeasured is a rare one: where many seem to be, the model is wrong and all of them are kept.
@@ -62,8 +62,8 @@ def screened(gathered: Gathered, fitted: Measured, case: Case) -> Screened:
 
 
 def _without_bad_legs(
-    problem: CalibrationProblem, values: NDArray, measured: Measured
-) -> tuple[Measured, tuple[OffLeg, ...]]:
+    problem: CalibrationProblem, values: NDArray, measured: MeasuredPlatform
+) -> tuple[MeasuredPlatform, tuple[OffLeg, ...]]:
     """Return the poses without those of single legs whose joints are not where they always are on the leg."""
     machine = problem.machine(values)
     if not machine.legs.closure.one_body:
@@ -80,7 +80,7 @@ def _without_bad_legs(
     return replace(measured, legs=good), tuple(out)
 
 
-def _away(found: BodyPoses, lower: NDArray, upper: NDArray) -> NDArray:
+def _away(found: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray:
     """Return by how many robust standard deviations (B,) the joints (B, 3) lie off their usual places on the leg."""
     places = [np.einsum("bji,bj->bi", found.R, joint - found.p) for joint in (lower, upper)]
     own = np.where(found.found[:, None], np.concatenate(places, -1), np.nan)
@@ -109,12 +109,12 @@ class Failure:
 class Both:
     """The calibrations of every case by both estimators, and why any could not be made."""
 
-    likely: tuple[Calibration, ...]
-    implicit: tuple[Calibration, ...]
+    likely: tuple[MachineCalibration, ...]
+    implicit: tuple[MachineCalibration, ...]
     failed: tuple[Failure, ...]
 
 
-def screened_poses(gathered: Gathered, fitted: NDArray, every: Sequence[Case]) -> Screened:
+def screened_poses(gathered: CalibrationData, fitted: NDArray, every: Sequence[Case]) -> Screened:
     """Return the poses to be fitted as the rigid legs find them, under all that is known of the deformation."""
     used = gathered.measured.chosen(fitted)
     richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
@@ -126,11 +126,11 @@ def screened_poses(gathered: Gathered, fitted: NDArray, every: Sequence[Case]) -
 
 
 def calibrations(
-    gathered: Gathered, clean: Screened, every: Sequence[Case], progress: Callable[[int, int, Case], None]
+    gathered: CalibrationData, clean: Screened, every: Sequence[Case], progress: Callable[[int, int, Case], None]
 ) -> Both:
     """Return all calibrations of the poses that were not grossly mismeasured; progress: done, total, next."""
-    likely: list[Calibration] = []
-    closed: list[Calibration] = []
+    likely: list[MachineCalibration] = []
+    closed: list[MachineCalibration] = []
     failed: list[Failure] = []
     for done, case in enumerate(every):
         progress(done, len(every), case)
@@ -145,10 +145,10 @@ def calibrations(
     return Both(tuple(likely), tuple(closed), tuple(failed))
 
 
-def judged(gathered: Gathered, calibration: Calibration, fitted: NDArray) -> Judged:
+def judged(gathered: CalibrationData, calibration: MachineCalibration, fitted: NDArray) -> AssessedCalibration:
     """Return a calibration with its errors at all poses, where readings fix them, and its misfit at held-out ones."""
     measured, legs = gathered.measured, gathered.machine.legs.count
     held = measured.chosen(~fitted)
     squares = misfit(calibration, held, gathered.reading_sigma) if len(held.poses) else np.zeros(0)
     errors = pose_errors(calibration, measured, gathered.reading_sigma, fitted) if legs >= LEAST_LEGS else None
-    return Judged(calibration, errors, squares, legs)
+    return AssessedCalibration(calibration, errors, squares, legs)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.measured import Gathered, Measured
+from truing.calibration.measured import CalibrationData, MeasuredPlatform
 from truing.calibration.question import (
+    CalibrationQuestion,
     Case,
-    Question,
     common_effects,
     free,
     observation_covariance,
@@ -25,7 +25,7 @@ from truing.calibration.question import (
 from truing.estimation.design.observability import choose_identifiable
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit, Prior, fit_errors_in_variables
 from truing.estimation.least_squares.solver import SolverStatus, least_squares
-from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, Constrained
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, PoseEquations
 from truing.simulation.mechanisms.parameters import ParameterSet, full_set, report_set
 from truing.simulation.mechanisms.structures.structure import Machine
 
@@ -38,7 +38,7 @@ _TOLD = np.sqrt(0.5)
 
 
 @dataclass(frozen=True)
-class Calibration:
+class MachineCalibration:
     """One calibration: parameters identified with covariance (P, P), in SI, and how it ended.
 
     declared (P, P): the covariance at the declared noise, where that of the fit is enlarged for more; common (K,): the
@@ -75,7 +75,7 @@ class Calibration:
         """Return the machine as identified."""
         return self.parameters.machine(self.case.nominal, self.values)
 
-    def problem_at(self, measured: Measured) -> CalibrationProblem:
+    def problem_at(self, measured: MeasuredPlatform) -> CalibrationProblem:
         """Return the same problem at other poses."""
         return problem_of(self.case, self.parameters, measured)
 
@@ -95,7 +95,9 @@ class Calibration:
         return (self.values - self.nominal) / np.sqrt(variance)
 
 
-def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) -> Calibration:
+def maximum_likelihood(
+    gathered: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray
+) -> MachineCalibration:
     """Return the calibration by errors in variables over the poses kept (B,), what is known beforehand as prior."""
     used = fitted.chosen(kept)
     asked = question(gathered, used, case)
@@ -109,7 +111,7 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: N
     known = np.where(np.isfinite(tolerance), tolerance, widest(asked.problem.parameters))
     last = len(fit.values) - asked.common
     places = np.r_[:count, last : len(fit.values)]
-    return Calibration(
+    return MachineCalibration(
         case,
         MAXIMUM_LIKELIHOOD,
         replace(asked.problem, common=None),
@@ -129,7 +131,7 @@ def maximum_likelihood(gathered: Gathered, fitted: Measured, case: Case, kept: N
     )
 
 
-def _enlarged(gathered: Gathered, fit: ErrorsInVariablesFit, asked: Question) -> NDArray:
+def _enlarged(gathered: CalibrationData, fit: ErrorsInVariablesFit, asked: CalibrationQuestion) -> NDArray:
     """Return the covariance (P, P) of the machine's numbers where more noise was found than declared.
 
     The survey of the attachments was taken by the same instrument: it stands in the prior, and is as much noisier.
@@ -144,7 +146,7 @@ def _enlarged(gathered: Gathered, fit: ErrorsInVariablesFit, asked: Question) ->
     return np.linalg.inv(information)[: asked.count, : asked.count]
 
 
-def answer(asked: Question, start: NDArray | None = None, *, robust: bool) -> ErrorsInVariablesFit:
+def answer(asked: CalibrationQuestion, start: NDArray | None = None, *, robust: bool) -> ErrorsInVariablesFit:
     """Return the fit, from the machine's numbers (P,) in ``start`` or from the nominal ones."""
     values = asked.problem.start
     if start is not None:
@@ -158,7 +160,7 @@ def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
     return -0.5 * float(fit.cost + occam)
 
 
-def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) -> Calibration:
+def implicit(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray) -> MachineCalibration:
     """Return the calibration by least squares on the closure alone, over the poses kept (B,): the report's own way."""
     problem = problem_of(case, _implicit_set(gathered, fitted.chosen(kept), case), fitted.chosen(kept))
     nominal = problem.parameters.values(case.nominal)
@@ -184,7 +186,7 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
     moved = _moved(solution.covariance[0], at, common_effects(used))
     declared = declared + moved @ moved.T
     tolerance = tolerances(gathered, case, problem.parameters)
-    return Calibration(
+    return MachineCalibration(
         case,
         IMPLICIT,
         problem,
@@ -204,21 +206,21 @@ def implicit(gathered: Gathered, fitted: Measured, case: Case, kept: NDArray) ->
     )
 
 
-def _propagated(inverse: NDArray, at: Constrained, noise: NDArray) -> NDArray:
+def _propagated(inverse: NDArray, at: PoseEquations, noise: NDArray) -> NDArray:
     """Return what noise (B, N, N) gives to an unweighted fit (P, P), ``inverse`` being that of its normal matrix."""
     spread = at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2)
     told = np.einsum("bmp,bmn,bnq->pq", at.by_values, spread, at.by_values, optimize=True)
     return inverse @ told @ inverse
 
 
-def _moved(inverse: NDArray, at: Constrained, effects: NDArray) -> NDArray:
+def _moved(inverse: NDArray, at: PoseEquations, effects: NDArray) -> NDArray:
     """Return how an unweighted fit (P, K) goes astray against errors that all poses have in common, effects (B, 6, K)
     on those of the platform."""
     spread = at.by_deviation[..., :6] @ effects
     return np.asarray(inverse @ np.einsum("bmp,bmk->pk", at.by_values, spread))
 
 
-def _implicit_set(gathered: Gathered, fitted: Measured, case: Case) -> ParameterSet:
+def _implicit_set(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ParameterSet:
     """Return what the report identifies of legs as it has them, on actuators of their own; of others what can be.
 
     That is a largest set of joints, lengths and kappa that the data tell better than their tolerances do, the same

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.calibration.every_case import screened_poses
-from truing.calibration.fits import MAXIMUM_LIKELIHOOD, Calibration, answer
-from truing.calibration.measured import Gathered, Measured
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration, answer
+from truing.calibration.measured import CalibrationData, MeasuredPlatform
 from truing.calibration.question import (
+    CalibrationQuestion,
     Case,
-    Question,
     cases,
     is_deformation,
     observation_covariance,
@@ -28,7 +28,7 @@ from truing.estimation.design.observability import Observability, observe
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit
 from truing.estimation.uncertainty_budget import Source, beyond_declared, linear_estimate
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, full_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, deformation_set, full_set
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 
@@ -50,14 +50,16 @@ _TOLERANCES = {
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearKnowledge:
     """Derivatives (N, Q) by some numbers, in standard deviations of all that was measured, and by the entries of K."""
 
     jacobian: NDArray
     by_K: NDArray
 
 
-def linear(gathered: Gathered, asked: Question, values: NDArray, measured: Measured) -> Linear:
+def linear(
+    gathered: CalibrationData, asked: CalibrationQuestion, values: NDArray, measured: MeasuredPlatform
+) -> LinearKnowledge:
     """Return how all that was measured follows the question's numbers at some values, and the entries of K (L L).
 
     Below the closings stands what the survey of the attachments says of them.
@@ -76,10 +78,10 @@ def linear(gathered: Gathered, asked: Question, values: NDArray, measured: Measu
         known = survey_rows(gathered.surveyed, problem.parameters)
         known = np.linalg.solve(np.linalg.cholesky(gathered.surveyed.covariance), known)
         rows = np.concatenate([rows, np.pad(known, ((0, 0), (0, rows.shape[1] - size)))])
-    return Linear(rows[:, : -len(entries)], rows[:, -len(entries) :])
+    return LinearKnowledge(rows[:, : -len(entries)], rows[:, -len(entries) :])
 
 
-def observe_model(gathered: Gathered, fitted: Measured, chosen: Calibration) -> Observability:
+def observe_model(gathered: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Observability:
     """Return the observability of the chosen model's numbers, by all that was measured: targets on legs and
     attachments too."""
     asked = _whole_question(gathered, fitted, chosen.case)
@@ -91,12 +93,12 @@ def observe_model(gathered: Gathered, fitted: Measured, chosen: Calibration) -> 
     return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
 
 
-def _whole_question(gathered: Gathered, measured: Measured, case: Case) -> Question:
+def _whole_question(gathered: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
     asked = question(gathered, measured, case)
     return with_targets(asked, gathered, measured, case) or asked
 
 
-def _with_common_known(jacobian: NDArray, asked: Question) -> NDArray:
+def _with_common_known(jacobian: NDArray, asked: CalibrationQuestion) -> NDArray:
     """Return the derivatives with what is known beforehand of errors common to all poses below."""
     known = np.zeros((asked.common, jacobian.shape[1]))
     known[:, jacobian.shape[1] - asked.common :] = np.eye(asked.common)
@@ -111,7 +113,7 @@ def _without(jacobian: NDArray, count: int) -> NDArray:
     return jacobian[:, :count] - others @ (others.T @ jacobian[:, :count])
 
 
-def observe_legs(gathered: Gathered, fitted: Measured) -> list[Observability]:
+def observe_legs(gathered: CalibrationData, fitted: MeasuredPlatform) -> list[Observability]:
     """Return the observability of each leg's numbers: joints, direction, length, reference reading and kappa."""
     machine = gathered.machine
     parameters = full_set(machine, "linear", rho0=True)
@@ -139,7 +141,7 @@ def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray
     return np.where(given > 0, given, widest(parameters))
 
 
-def _absorption(gathered: Gathered, fitted: Measured, calibration: Calibration) -> Absorption:
+def _absorption(gathered: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration) -> Absorption:
     """Return what the calibration's parameters take over of each entry of K, seen from before any fit.
 
     The maximum-likelihood fit weighs what was measured by its noise, and has the tolerances as prior; the implicit one
@@ -160,7 +162,7 @@ def _absorption(gathered: Gathered, fitted: Measured, calibration: Calibration) 
     return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
 
 
-def _told_apart(calibration: Calibration, whole: Calibration) -> NDArray:
+def _told_apart(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
     """Return the variance (P,) of what the whole fit knows more, or less, of the parameters: it has other data."""
     place = dict(zip(whole.parameters.labels, np.diag(whole.declared), strict=True))
     own = np.diag(calibration.declared)
@@ -168,7 +170,7 @@ def _told_apart(calibration: Calibration, whole: Calibration) -> NDArray:
     return np.abs(own - more) if calibration.estimator == MAXIMUM_LIKELIHOOD else np.zeros(len(own))
 
 
-def _counterparts(calibration: Calibration, whole: Calibration) -> NDArray:
+def _counterparts(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
     """Return the values (P,) that the calibration's parameters have in one with the whole deformation.
 
     kappa is counted from its nominal value, of which the effect left out is counted too.
@@ -193,7 +195,9 @@ class Absorbed:
     sigma: NDArray
 
 
-def absorbed(gathered: Gathered, fitted: Measured, calibration: Calibration, whole: Calibration) -> Absorbed:
+def absorbed(
+    gathered: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration, whole: MachineCalibration
+) -> Absorbed:
     """Return what a calibration with less deformation takes over of K; ``whole`` has all of K."""
     known, count = gathered.deformations["matrix"], len(calibration.parameters.entries)
     found = _absorption(gathered, fitted, calibration)
@@ -210,13 +214,13 @@ def absorbed(gathered: Gathered, fitted: Measured, calibration: Calibration, who
 class Answered:
     """The chosen calibration, fitted once more from where it stood."""
 
-    gathered: Gathered
-    asked: Question
+    gathered: CalibrationData
+    asked: CalibrationQuestion
     fit: ErrorsInVariablesFit
 
 
 def answered_again(
-    gathered: Gathered, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
+    gathered: CalibrationData, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
 ) -> Answered | None:
     """The maximum-likelihood calibration of a model (structure, deformation), from where it ended.
 
@@ -273,7 +277,7 @@ def _prior(answered: Answered, ratio: float) -> tuple[dict[Source, Array], tuple
     return found, tuple(source for source in found if source is SURVEYED)
 
 
-def _kinds(asked: Question) -> dict[Source, list[int]]:
+def _kinds(asked: CalibrationQuestion) -> dict[Source, list[int]]:
     """Which values each kind of knowledge is of: tolerances by kind, deformation as seen, and what is merely wide."""
     places: dict[Source, list[int]] = {}
     for i in range(len(asked.problem.start)):
@@ -285,7 +289,7 @@ def _kinds(asked: Question) -> dict[Source, list[int]]:
     return places
 
 
-def _tolerance(entry: Parameter) -> Source:
+def _tolerance(entry: LegParameter) -> Source:
     if is_deformation(entry):
         return Source("deformation, as the targets on the attachments showed it", "B")
     return Source(f"tolerance of the {_TOLERANCES.get(entry.name.partition('_')[0], entry.name)}", "B")

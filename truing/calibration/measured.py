@@ -13,7 +13,7 @@ from truing.simulation.mechanisms.structures.structure import Machine
 
 
 @dataclass(frozen=True)
-class BodyPoses:
+class PosesWithCovariance:
     """Poses of a body in its parent: p (B, 3) m, R (B, 3, 3), covariance (B, 6, 6) of (p, theta) with
     R <- exp(theta) R; NaN where the body was not found."""
 
@@ -21,9 +21,9 @@ class BodyPoses:
     R: NDArray
     covariance: NDArray
 
-    def chosen(self, rows: NDArray) -> BodyPoses:
+    def chosen(self, rows: NDArray) -> PosesWithCovariance:
         """Return some of the poses."""
-        return BodyPoses(self.p[rows], self.R[rows], self.covariance[rows])
+        return PosesWithCovariance(self.p[rows], self.R[rows], self.covariance[rows])
 
     @property
     def found(self) -> NDArray:
@@ -32,20 +32,20 @@ class BodyPoses:
 
 
 @dataclass(frozen=True)
-class Shifts:
+class SurveyShifts:
     """Shifts (B, L), m, of the attachments along z of the platform off their survey, and sigma (B, L) of what their own
     targets bring to it; NaN where none was seen, or a gross error was."""
 
     shift: NDArray
     sigma: NDArray
 
-    def chosen(self, rows: NDArray) -> Shifts:
+    def chosen(self, rows: NDArray) -> SurveyShifts:
         """Return those of some poses."""
-        return Shifts(self.shift[rows], self.sigma[rows])
+        return SurveyShifts(self.shift[rows], self.sigma[rows])
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredPlatform:
     """Measured poses of the platform with the actuators' readings, rho (B, L) m, and the poses of legs with targets.
 
     Platform and legs are seen from the base, the base from the measurement: its error is common to all of them. Where
@@ -54,16 +54,16 @@ class Measured:
 
     poses: tuple[int | str, ...]
     roles: NDArray  # (B,) of text
-    base: BodyPoses
-    platform: BodyPoses
+    base: PosesWithCovariance
+    platform: PosesWithCovariance
     rho: NDArray
-    legs: Mapping[int, BodyPoses]  # by leg, counted from 0
-    shifts: Shifts | None = None
+    legs: Mapping[int, PosesWithCovariance]  # by leg, counted from 0
+    shifts: SurveyShifts | None = None
     network: NetworkErrors | None = None
 
-    def chosen(self, rows: NDArray) -> Measured:
+    def chosen(self, rows: NDArray) -> MeasuredPlatform:
         """Return some of the poses, by mask (B,)."""
-        return Measured(
+        return MeasuredPlatform(
             tuple(pose for pose, kept in zip(self.poses, rows, strict=True) if kept),
             self.roles[rows],
             self.base.chosen(rows),
@@ -93,10 +93,10 @@ class SurveyedAttachments:
 
 
 @dataclass(frozen=True)
-class Gathered:
+class CalibrationData:
     """Measured poses that can be used, the nominal machine, what is known beforehand, and what was left out."""
 
-    measured: Measured
+    measured: MeasuredPlatform
     machine: Machine
     tolerance: Mapping[str, float]  # one sigma of a, b, l, rho0 (m) and u (1), where campaign.toml gives it
     reading_sigma: float  # m

@@ -8,13 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.measured import BodyPoses, Deformation, Gathered, Measured, SurveyedAttachments
+from truing.calibration.measured import (
+    CalibrationData,
+    Deformation,
+    MeasuredPlatform,
+    PosesWithCovariance,
+    SurveyedAttachments,
+)
 from truing.estimation.covariance import shared_parent_covariance
 from truing.estimation.errors_in_variables.fit import Prior
 from truing.estimation.measured_numbers import pose_numbers, shift_number
 from truing.simulation.mechanisms.calibration_problem import AttachmentShifts, CalibrationProblem, CommonErrors
 from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegPoses, seated
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
 from truing.simulation.mechanisms.structures.structure import Machine, Structure
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
@@ -23,7 +29,7 @@ DEFORMATIONS = ("none", "linear", "matrix")
 _FREE_DEFORMATION = 0.1
 
 
-def with_bodies(problem: CalibrationProblem, measured: Measured) -> CalibrationProblem:
+def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> CalibrationProblem:
     """Return the problem with the legs whose own targets give their poses, where there are any and it knows legs."""
     carrying = [leg for leg, found in measured.legs.items() if found.found.any()]
     if not carrying:
@@ -35,7 +41,9 @@ def with_bodies(problem: CalibrationProblem, measured: Measured) -> CalibrationP
     return replace(problem, leg_bodies=bodies) if bodies.fits(problem.structure, problem.nominal) else problem
 
 
-def with_shifts(problem: CalibrationProblem, gathered: Gathered, measured: Measured) -> CalibrationProblem:
+def with_shifts(
+    problem: CalibrationProblem, gathered: CalibrationData, measured: MeasuredPlatform
+) -> CalibrationProblem:
     """Return the problem with the shifts of attachments that carry targets, where these have been measured."""
     if measured.shifts is None or gathered.surveyed is None:
         return problem
@@ -45,13 +53,13 @@ def with_shifts(problem: CalibrationProblem, gathered: Gathered, measured: Measu
     return replace(problem, shifts=found) if len(seen) else problem
 
 
-def with_common(problem: CalibrationProblem, measured: Measured) -> CalibrationProblem:
+def with_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> CalibrationProblem:
     """Return the problem with the errors that all poses have in common among its numbers, where there are any."""
     found = None if measured.network is None else _in_common(problem, measured)[1]
     return problem if found is None or not found.any() else replace(problem, common=CommonErrors(found))
 
 
-def _in_common(problem: CalibrationProblem, measured: Measured) -> tuple[NDArray, NDArray]:
+def _in_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> tuple[NDArray, NDArray]:
     """Return what a network of rays tells of the deviations: covariance (B, N, N), NaN where it tells nothing, and
     effects (B, N, K) of errors common to all poses."""
     legs, poses = measured.rho.shape[1], len(measured.rho)
@@ -67,7 +75,7 @@ def _in_common(problem: CalibrationProblem, measured: Measured) -> tuple[NDArray
     return measured.network.of(names, np.concatenate(told, 1))
 
 
-def noise_of_all(problem: CalibrationProblem, measured: Measured, noise: NDArray) -> NDArray:
+def noise_of_all(problem: CalibrationProblem, measured: MeasuredPlatform, noise: NDArray) -> NDArray:
     """Return the covariance (B, N, N) of all deviations; ``noise`` (B, n, n) is that of platform and readings.
 
     Errors common to all poses are no part of it: they are numbers of the problem.
@@ -85,7 +93,7 @@ def noise_of_all(problem: CalibrationProblem, measured: Measured, noise: NDArray
     return np.where(np.isfinite(own), own, whole)
 
 
-def _fill_legs(whole: NDArray, bodies: LegBodies, measured: Measured, first: int) -> None:
+def _fill_legs(whole: NDArray, bodies: LegBodies, measured: MeasuredPlatform, first: int) -> None:
     """Fill in the legs: they are seen from the base as the platform is, whose own error moves all of them together."""
     places = np.concatenate([np.arange(6), first + np.arange(bodies.deviations)])
     common = _of_base(measured, np.concatenate([measured.platform.p[:, None], bodies.t], 1))
@@ -97,7 +105,9 @@ def _fill_legs(whole: NDArray, bodies: LegBodies, measured: Measured, first: int
         whole[:, own, own] = _leg_noise(measured.legs[int(leg)])
 
 
-def _fill_shifts(whole: NDArray, problem: CalibrationProblem, shifts: AttachmentShifts, measured: Measured) -> None:
+def _fill_shifts(
+    whole: NDArray, problem: CalibrationProblem, shifts: AttachmentShifts, measured: MeasuredPlatform
+) -> None:
     """Fill in the shifts, counted from the platform as it was measured: where that is too high, they are too low."""
     found = measured.shifts.sigma[:, shifts.leg] if measured.shifts is not None else np.zeros((0, 0))
     seen = np.isfinite(found)
@@ -117,13 +127,13 @@ def _heights_per_twist(problem: CalibrationProblem, shifts: AttachmentShifts) ->
     return np.concatenate([z, np.cross(arms, z)], -1)
 
 
-def _of_base(measured: Measured, places: NDArray) -> NDArray:
+def _of_base(measured: MeasuredPlatform, places: NDArray) -> NDArray:
     """Return what the error of the base's pose gives to bodies at places (B, K, 3) in it, (B, 6 K, 6 K)."""
     base = measured.base
     return shared_parent_covariance(base.R, np.nan_to_num(base.p), np.nan_to_num(base.covariance), places)
 
 
-def _leg_noise(found: BodyPoses) -> NDArray:
+def _leg_noise(found: PosesWithCovariance) -> NDArray:
     """Return the covariance (B, 6, 6) of a leg's poses; so wide that it says nothing where the leg was not found."""
     unknown = np.diag([FREE_LENGTH_M**2] * 3 + [FREE_ANGLE_RAD**2] * 3)
     return np.where(found.found[:, None, None], np.nan_to_num(found.covariance), unknown)
@@ -154,7 +164,7 @@ class Case:
         return self.structure.name, self.deformation
 
 
-def cases(gathered: Gathered, structures: tuple[Structure, ...]) -> Iterator[Case]:
+def cases(gathered: CalibrationData, structures: tuple[Structure, ...]) -> Iterator[Case]:
     """Return every model that the machine's numbers and the deformation stage allow."""
     for structure in structures:
         for deformation in DEFORMATIONS[:1] if gathered.modulo_plane else DEFORMATIONS:
@@ -170,7 +180,7 @@ def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformati
 
 
 @dataclass(frozen=True)
-class Question:
+class CalibrationQuestion:
     """A problem over measured poses, the noise (B, N, N) of all that was measured, and what is known beforehand.
 
     tolerance (P,): one sigma of each number of the machine, NaN where campaign.toml says nothing.
@@ -193,21 +203,25 @@ class Question:
         return len(self.problem.common.entries) if self.problem.common else 0
 
 
-def question(gathered: Gathered, measured: Measured, case: Case) -> Question:
+def question(gathered: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
     """Return what errors in variables asks of platform and readings: all numbers of the machine, none held."""
     parameters = free(full_set(case.nominal, case.deformation, rho0="rho0" in gathered.tolerance), gathered)
     problem, tolerance = problem_of(case, parameters, measured), tolerances(gathered, case, parameters)
     prior = _prior(gathered.surveyed, parameters, problem.start, tolerance)
     problem = with_common(problem, measured)
-    return Question(problem, own_covariance(measured, gathered.reading_sigma), tolerance, prior_of_all(problem, prior))
+    return CalibrationQuestion(
+        problem, own_covariance(measured, gathered.reading_sigma), tolerance, prior_of_all(problem, prior)
+    )
 
 
-def nothing_open(gathered: Gathered, case: Case) -> bool:
+def nothing_open(gathered: CalibrationData, case: Case) -> bool:
     """Return whether tolerances of zero declare every number of a case exact."""
     return not len(free(full_set(case.nominal, case.deformation), gathered))
 
 
-def with_targets(asked: Question, gathered: Gathered, measured: Measured, case: Case) -> Question | None:
+def with_targets(
+    asked: CalibrationQuestion, gathered: CalibrationData, measured: MeasuredPlatform, case: Case
+) -> CalibrationQuestion | None:
     """Return the question with what targets on legs and, of a deforming platform, on attachments measure; None without.
 
     The deformation's coefficients then follow from these shifts themselves, and nothing is known of them beforehand.
@@ -222,15 +236,15 @@ def with_targets(asked: Question, gathered: Gathered, measured: Measured, case: 
         bent = np.array([is_deformation(entry) for entry in asked.problem.parameters.entries])
         tolerance, prior = np.where(bent, np.nan, tolerance), _opened(prior, bent)
     noise = noise_of_all(problem, measured, asked.noise)
-    return Question(problem, noise, tolerance, prior_of_all(problem, prior))
+    return CalibrationQuestion(problem, noise, tolerance, prior_of_all(problem, prior))
 
 
-def _of_machine(asked: Question) -> Prior:
+def _of_machine(asked: CalibrationQuestion) -> Prior:
     """Return what is known beforehand of the machine's numbers alone; nothing else is correlated with them there."""
     return Prior(asked.prior.mean[: asked.count], asked.prior.information[: asked.count, : asked.count])
 
 
-def is_deformation(entry: Parameter) -> bool:
+def is_deformation(entry: LegParameter) -> bool:
     """Return whether a parameter is a coefficient of the platform's deformation."""
     return entry.name == "kappa" or entry.name.startswith("K")
 
@@ -242,14 +256,14 @@ def _opened(prior: Prior, bent: NDArray) -> Prior:
     return Prior(prior.mean, information)
 
 
-def problem_of(case: Case, parameters: ParameterSet, measured: Measured) -> CalibrationProblem:
+def problem_of(case: Case, parameters: ParameterSet, measured: MeasuredPlatform) -> CalibrationProblem:
     """Return the problem of identifying parameters of a case at measured poses."""
     return CalibrationProblem(
         case.structure, case.nominal, parameters, measured.platform.p, measured.platform.R, measured.rho
     )
 
 
-def observation_covariance(measured: Measured, reading_sigma: float) -> NDArray:
+def observation_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
     """Return the covariance (B, 6 + L, 6 + L) of the platform's pose and of the readings."""
     legs = measured.rho.shape[1]
     whole = np.zeros((len(measured.rho), 6 + legs, 6 + legs))
@@ -258,7 +272,7 @@ def observation_covariance(measured: Measured, reading_sigma: float) -> NDArray:
     return whole
 
 
-def own_covariance(measured: Measured, reading_sigma: float) -> NDArray:
+def own_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
     """Return that covariance without the errors that all poses have in common, which are numbers of the problem."""
     whole = observation_covariance(measured, reading_sigma)
     effects = common_effects(measured)
@@ -266,20 +280,20 @@ def own_covariance(measured: Measured, reading_sigma: float) -> NDArray:
     return whole
 
 
-def common_effects(measured: Measured) -> NDArray:
+def common_effects(measured: MeasuredPlatform) -> NDArray:
     """Return what the errors common to all poses do to those of the platform, (B, 6, K)."""
     if measured.network is None:
         return np.zeros((len(measured.rho), 6, 0))
     return measured.network.effects[:, :6]
 
 
-def free(parameters: ParameterSet, gathered: Gathered) -> ParameterSet:
+def free(parameters: ParameterSet, gathered: CalibrationData) -> ParameterSet:
     """Return the parameters without those that a tolerance of zero declares exact."""
     exact = {name for name, sigma in gathered.tolerance.items() if sigma == 0}
     return ParameterSet(tuple(e for e in parameters.entries if e.name.partition("_")[0] not in exact))
 
 
-def tolerances(gathered: Gathered, case: Case, parameters: ParameterSet) -> NDArray:
+def tolerances(gathered: CalibrationData, case: Case, parameters: ParameterSet) -> NDArray:
     """Return one sigma (P,) of what is known of each parameter beforehand; NaN where nothing is."""
     known = gathered.deformations.get(case.deformation)
     found = np.full(len(parameters), np.nan)

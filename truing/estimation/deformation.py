@@ -172,7 +172,7 @@ def _sandwich(J: Array, C: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Shifts:
+class LegShifts:
     """Shift of each leg's attachment along z of the platform.
 
     shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y; noise (B, L, L) of the measurement,
@@ -214,7 +214,7 @@ class AttachmentModels:
     in_plane: Mapping[str, ResponseFit]
 
 
-def attachment_models(drive: Array, shifts: Shifts, heldout: Mask) -> AttachmentModels:
+def attachment_models(drive: Array, shifts: LegShifts, heldout: Mask) -> AttachmentModels:
     """Return the models of the shifts by drives (B, L), m (telescope report, eq. 1-4); heldout (B,) poses test them."""
     fitted = ~heldout
     prior = {"offset_cov": shifts.survey}
@@ -235,7 +235,7 @@ def attachment_models(drive: Array, shifts: Shifts, heldout: Mask) -> Attachment
     return AttachmentModels(fits, told, gains, held, rejected, kept, fitted, in_plane)
 
 
-def _in_plane_models(drive: Array, shifts: Shifts, good: Mask, fitted: Mask) -> dict[str, ResponseFit]:
+def _in_plane_models(drive: Array, shifts: LegShifts, good: Mask, fitted: Mask) -> dict[str, ResponseFit]:
     """The models of the shifts along x and y by drives (B, L), m, over the poses fitted."""
     across = np.where(good[..., None], shifts.across, np.nan)[fitted]
     y = across.reshape(len(across), -1)
@@ -263,7 +263,9 @@ def _leg_by_leg(drive: Array, shift: Array, noise: Array) -> ResponseFit:
     return fit_response(drive, shift, alone, form="linear")
 
 
-def attachment_shifts(survey: SurveyPoints, platform: FittedPoints, framed: FramedPoints | None, n_legs: int) -> Shifts:
+def attachment_shifts(
+    survey: SurveyPoints, platform: FittedPoints, framed: FramedPoints | None, n_legs: int
+) -> LegShifts:
     """Shifts of the attachments from residuals of the platform's targets, which are those of its survey, in its axes.
 
     framed: what points have in common, None where they are independent.
@@ -278,7 +280,7 @@ def attachment_shifts(survey: SurveyPoints, platform: FittedPoints, framed: Fram
     together = {axes: None if framed is None else correlated_shifts(framed, per_leg, axes) for axes in (_Z, _IN_PLANE)}
     of_points, shared = _averaged(per_leg, measured, typical, surveyed, _Z, together[_Z])
     of_plane, shared_plane = _averaged(per_leg, measured, typical, surveyed, _IN_PLANE, together[_IN_PLANE])
-    return Shifts(
+    return LegShifts(
         shift[:, :, 2],
         shift[:, :, :2],
         of_points,
@@ -316,7 +318,7 @@ def _of_legs(per_leg: Array, covariance: Array, axes: Sequence[int]) -> Array:
     return np.asarray(found.reshape(batch, legs * count, legs * count))
 
 
-def _consistent_attachments(drive: Array, shifts: Shifts, fitted: Mask) -> Mask:
+def _consistent_attachments(drive: Array, shifts: LegShifts, fitted: Mask) -> Mask:
     """(B, L) attachments whose shift, along z and across it, agrees with a matrix model of its own direction.
 
     The noise along z stands for that across: a gross error is many times either.

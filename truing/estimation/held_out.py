@@ -40,14 +40,14 @@ class Contender:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ContenderChoice:
     """Which contender is chosen, and which others (N,) the data cannot tell from it."""
 
     chosen: int
     indistinguishable: NDArray
 
 
-def choose_model(contenders: Sequence[Contender]) -> Choice:
+def choose_model(contenders: Sequence[Contender]) -> ContenderChoice:
     """Return the choice: of those that held-out poses do not refute, the most probable, the simplest of equals.
 
     Simple means few parameters, then early in the given order. Raises ValueError without any contender.
@@ -66,7 +66,7 @@ def choose_model(contenders: Sequence[Contender]) -> Choice:
     best = np.max(evidence[eligible])
     equal = eligible & (evidence >= best - np.log(INDISTINGUISHABLE))
     chosen = min(np.flatnonzero(equal).tolist(), key=lambda i: (contenders[i].parameters, i))
-    return Choice(chosen, equal & (np.arange(len(contenders)) != chosen))
+    return ContenderChoice(chosen, equal & (np.arange(len(contenders)) != chosen))
 
 
 def _refuted(contenders: Sequence[Contender]) -> NDArray:

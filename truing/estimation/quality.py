@@ -70,7 +70,7 @@ def _regress_out(values: Array, weight: Array, design: Array) -> tuple[Array, Ar
 
 
 @dataclass(frozen=True)
-class Step:
+class TargetStep:
     """The best step of each target: before which pose (index), its size (T, 3) in m, sigma, and p-value over
     all onsets."""
 
@@ -80,7 +80,7 @@ class Step:
     p_value: Array
 
 
-def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> Step:
+def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> TargetStep:
     """The most significant step in each target's residuals over poses in time order.
 
     values, sigma (B, T, 3), kept (B, T). The chi-square (3 degrees of freedom) of the difference of weighted
@@ -103,7 +103,7 @@ def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> St
     single = chdtrc(3, np.maximum(chi_square[best, target], 0.0))
     p = np.where(found, np.minimum(1.0, enough.sum(axis=0) * single), 1.0)
     pick = np.where(found[:, None], difference[best, target], 0.0)
-    return Step(best + 1, pick, np.sqrt(np.where(found[:, None], variance[best, target], 0.0)), p)
+    return TargetStep(best + 1, pick, np.sqrt(np.where(found[:, None], variance[best, target], 0.0)), p)
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def exchanged_pairs(fitted_from: Array, measured: Array, gross: Mask, limit: Arr
 
 
 @dataclass(frozen=True)
-class Shape:
+class BodyShape:
     """Geometry of one body: root mean square extents along its principal axes (m, descending), leverage of
     each target."""
 
@@ -168,14 +168,14 @@ class Shape:
     leverage: Array
 
 
-def body_shape(points: Array) -> Shape:
+def body_shape(points: Array) -> BodyShape:
     """How well points (T, 3) fix a frame: principal extents, and the share of the fit that hangs on each
     target (0..1)."""
     centred = points - points.mean(axis=0)
     extents = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(points))
     design = rigid_motions(centred)
     inverse = np.linalg.pinv(np.einsum("tia,tib->ab", design, design), rcond=1e-9, hermitian=True)
-    return Shape(extents, np.einsum("tia,ab,tib->t", design, inverse, design) / 3.0)
+    return BodyShape(extents, np.einsum("tia,ab,tib->t", design, inverse, design) / 3.0)
 
 
 def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:

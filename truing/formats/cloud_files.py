@@ -49,7 +49,7 @@ class ListProperty:
 
 
 @dataclass(frozen=True)
-class Element:
+class PlyElement:
     """One kind of thing that a PLY file holds, such as vertices or faces; scalar properties by name and type."""
 
     name: str
@@ -104,8 +104,8 @@ class CloudLayout:
     points: int
     begin: int
     lines: int
-    before: tuple[Element, ...] = ()
-    after: tuple[Element, ...] = ()
+    before: tuple[PlyElement, ...] = ()
+    after: tuple[PlyElement, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -168,14 +168,14 @@ def ply_layout(path: Path) -> CloudLayout:
     lines = head_lines(path)
     if not lines or lines[0][0] != ["ply"]:
         raise Unusable(f"{_WHOLE_PLY}, whose first line is ply", row=1)
-    form, elements = "", list[Element]()
+    form, elements = "", list[PlyElement]()
     for line, (words, stop) in enumerate(lines[1:], start=2):
         if words == ["end_header"]:
             return _layout_of_ply(form, elements, stop, line)
         if words[:1] == ["format"] and words[1:2] and words[1] in _PLY_FORMS and words[2:] == ["1.0"] and not form:
             form = words[1]
         elif words[:1] == ["element"] and len(words) == 3 and form:
-            elements.append(Element(words[1], announced(words[2:], "PLY", line), ()))
+            elements.append(PlyElement(words[1], announced(words[2:], "PLY", line), ()))
         elif words[:1] == ["property"] and elements:
             elements[-1] = _with_property(elements[-1], words[1:], _PLY_FORMS[form], line)
         elif words and words[0] not in _PASSED_OVER:
@@ -183,7 +183,7 @@ def ply_layout(path: Path) -> CloudLayout:
     raise Unusable(f"{_WHOLE_PLY}, whose head ends with end_header")
 
 
-def _with_property(element: Element, words: list[str], order: str, line: int) -> Element:
+def _with_property(element: PlyElement, words: list[str], order: str, line: int) -> PlyElement:
     added: tuple[str, np.dtype] | ListProperty
     if len(words) == 4 and words[0] == "list" and {*words[1:3]} <= _TYPES.keys() and _TYPES[words[1]][0] != "f":
         count, item = (np.dtype(order + _TYPES[name]) for name in words[1:3])
@@ -193,10 +193,10 @@ def _with_property(element: Element, words: list[str], order: str, line: int) ->
     else:
         expected = f"{_WHOLE_PLY}: a property with one of the types {', '.join(_TYPES)}"
         raise Unusable(expected, row=line, value=" ".join(words)[:40])
-    return Element(element.name, element.count, (*element.properties, added))
+    return PlyElement(element.name, element.count, (*element.properties, added))
 
 
-def _layout_of_ply(form: str, elements: list[Element], begin: int, lines: int) -> CloudLayout:
+def _layout_of_ply(form: str, elements: list[PlyElement], begin: int, lines: int) -> CloudLayout:
     places = [i for i, element in enumerate(elements) if element.name == "vertex"]
     if len(places) != 1 or not elements[places[0]].properties or not elements[places[0]].count:
         raise Unusable("a whole PLY file with points: one element vertex with properties, and at least one of it")
@@ -226,7 +226,7 @@ def ply_vertices(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.voi
     return data[begin:end].view(layout.record)
 
 
-def _passed(elements: Sequence[Element], data: NDArray[np.uint8], at: int, vertices: int) -> int:
+def _passed(elements: Sequence[PlyElement], data: NDArray[np.uint8], at: int, vertices: int) -> int:
     """The byte behind elements of a binary file."""
     for element in elements:
         if element.record is not None:
@@ -238,7 +238,7 @@ def _passed(elements: Sequence[Element], data: NDArray[np.uint8], at: int, verti
     return at
 
 
-def _passed_lists(element: Element, data: NDArray[np.uint8], at: int, vertices: int) -> int:
+def _passed_lists(element: PlyElement, data: NDArray[np.uint8], at: int, vertices: int) -> int:
     """The byte behind elements with lists: all at once where they are equally long, else one by one."""
     if not element.count:
         return at
@@ -257,7 +257,7 @@ def _passed_lists(element: Element, data: NDArray[np.uint8], at: int, vertices: 
     return at
 
 
-def _record_end(element: Element, data: NDArray[np.uint8], at: int, vertices: int) -> int:
+def _record_end(element: PlyElement, data: NDArray[np.uint8], at: int, vertices: int) -> int:
     for part in element.properties:
         if not isinstance(part, ListProperty):
             at += part[1].itemsize
@@ -273,7 +273,7 @@ def _record_end(element: Element, data: NDArray[np.uint8], at: int, vertices: in
     return at
 
 
-def _check_corners(element: Element, part: ListProperty, items: NDArray, vertices: int) -> None:
+def _check_corners(element: PlyElement, part: ListProperty, items: NDArray, vertices: int) -> None:
     """Refuse faces without corners, or with such as are no vertices: where they stand, something else does."""
     if element.names_corners(part) and not (items.size and items.min() >= 0 and items.max() < vertices):
         raise Unusable(
@@ -281,7 +281,7 @@ def _check_corners(element: Element, part: ListProperty, items: NDArray, vertice
         )
 
 
-def _fewer(element: Element) -> Unusable:
+def _fewer(element: PlyElement) -> Unusable:
     return Unusable(f"{_WHOLE_PLY}: {element.count} of {element.name}, as its head announces")
 
 

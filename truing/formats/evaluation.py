@@ -25,9 +25,9 @@ from truing.formats.dictionaries import (
     with_values,
 )
 from truing.formats.faultlog import CellFaults, Records
-from truing.formats.mapping import Plan
+from truing.formats.mapping import MappingPlan
 from truing.formats.numbers import Notation
-from truing.formats.origins import Constant, Group, Joined, RawColumn, RowNumber, Spread, joined_by
+from truing.formats.origins import Constant, Joined, PatternGroup, RawColumn, RowNumber, Spread, joined_by
 from truing.formats.patterns import bounded
 from truing.formats.raw import RawBatch
 from truing.formats.shapes import COORDINATES
@@ -54,7 +54,7 @@ def as_meant(values: pa.Array, meant: RawValue) -> pa.Array:
     return pa.array(plain / (meant.coverage or 1.0), mask=gone)
 
 
-def spread_arrays(plan: Plan, batch: RawBatch) -> RawBatch:
+def spread_arrays(plan: MappingPlan, batch: RawBatch) -> RawBatch:
     """A batch with a column for every number that the cells of some columns hold together."""
     if not plan.entry.arrays or not batch.rows:
         return batch
@@ -76,7 +76,7 @@ def spread_arrays(plan: Plan, batch: RawBatch) -> RawBatch:
     return RawBatch(columns, batch.records[whole], tuple(faults))
 
 
-def widen(plan: Plan, batch: RawBatch) -> RawBatch:
+def widen(plan: MappingPlan, batch: RawBatch) -> RawBatch:
     """A batch with one row per target, where its records hold several targets side by side."""
     groups = plan.wide
     if not groups:
@@ -124,7 +124,7 @@ def coordinates(batch: TableBatch) -> Array:
     return np.column_stack([np.asarray(batch.columns[name], dtype=float) for name in COORDINATES])
 
 
-def evaluate(plan: Plan, batch: RawBatch) -> TableBatch:
+def evaluate(plan: MappingPlan, batch: RawBatch) -> TableBatch:
     """The rows of a table that a batch of raw records gives."""
     batch = widen(plan, spread_arrays(plan, batch))
     selection = _Work(plan, batch)
@@ -158,7 +158,7 @@ def _seconds(text: str, time_format: str) -> float | None:
 
 @dataclass
 class _Work:
-    plan: Plan
+    plan: MappingPlan
     batch: RawBatch
     faults: list[CellFaults] = field(default_factory=list)
     left_out: Counter[str] = field(default_factory=Counter)
@@ -215,7 +215,7 @@ class _Work:
             return as_dictionary(strings(origin.of(self.batch.records).tolist()))
         if isinstance(origin, Joined):
             return self._joined(origin)
-        if isinstance(origin, Group):
+        if isinstance(origin, PatternGroup):
             return self._group(origin)
         return as_dictionary(self._unnamed(name))
 
@@ -236,7 +236,7 @@ class _Work:
         joined = [joined_by(origin.template, row) for row in zip(*parts, strict=True)]
         return as_dictionary(strings(joined))
 
-    def _group(self, origin: Group) -> pa.DictionaryArray:
+    def _group(self, origin: PatternGroup) -> pa.DictionaryArray:
         texts = self._to_split(origin.column)
         matches = [origin.pattern.fullmatch(text or "") for text in texts.dictionary.to_pylist()]
         return with_values(texts, [(match[origin.name] or "") if match else "" for match in matches])

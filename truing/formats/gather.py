@@ -13,13 +13,13 @@ from truing.arrays import Mask
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import CellFaults, FaultLog, Records
 from truing.formats.read import FileRows, read_table
-from truing.formats.shapes import Shape
+from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.schemas.covariates import marked
 
 
 @dataclass
-class Gathered:
+class CollectedRows:
     """The rows of a table in the order in which they came; ``left_out`` counts by (file, reason).
 
     ``faulty``: by column, the rows (N,) whose cell was faulty as it was read; columns without any are absent.
@@ -57,7 +57,9 @@ class Gathered:
             log.cells(file.raw.name, CellFaults(expected, column, (cell,), 1), file.locate)
 
 
-def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str | None = None) -> Gathered | None:
+def gather(
+    source: CampaignFiles, shape: TableShape, log: FaultLog, identifier: str | None = None
+) -> CollectedRows | None:
     """A whole table, its ``identifier`` column int64 where every value is an integer, else text.
 
     None where the campaign has no such table, or none that could be read at all (which is noted then).
@@ -78,7 +80,7 @@ def gather(source: CampaignFiles, shape: Shape, log: FaultLog, identifier: str |
     tables = [batch for _, batch in batches]
     table = _concatenated(tables)
     kept = {name: marked(name) if shape.is_set_apart(name) else name for name in table.column_names}
-    return Gathered(table.rename_columns(list(kept.values())), parts, left_out, _faulty(tables, kept))
+    return CollectedRows(table.rename_columns(list(kept.values())), parts, left_out, _faulty(tables, kept))
 
 
 def _faulty(batches: list[TableBatch], kept: Mapping[str, str]) -> dict[str, Mask]:
@@ -89,7 +91,9 @@ def _faulty(batches: list[TableBatch], kept: Mapping[str, str]) -> dict[str, Mas
     }
 
 
-def _read(source: CampaignFiles, shape: Shape, *, as_text: bool) -> tuple[list[tuple[FileRows, TableBatch]], FaultLog]:
+def _read(
+    source: CampaignFiles, shape: TableShape, *, as_text: bool
+) -> tuple[list[tuple[FileRows, TableBatch]], FaultLog]:
     log = FaultLog()
     return list(read_table(source, shape, log, poses_as_text=as_text)), log
 

@@ -43,7 +43,7 @@ _DAMAGED = "a whole photograph; this one is damaged or ends early"
 
 
 @dataclass(frozen=True)
-class Head:
+class ImageHeader:
     """Size of an image in pixels, bits of a grey value, and as far as told: camera's model and serial number, focal
     length in mm, principal distance in px and where that comes from, time by the camera's clock, how it is turned."""
 
@@ -59,7 +59,7 @@ class Head:
     turned: str = ""
 
 
-def read_head(path: Path, sensor_width_mm: float | None = None) -> Head:
+def read_head(path: Path, sensor_width_mm: float | None = None) -> ImageHeader:
     """The head of a JPEG, PNG or TIFF; raises Unusable where there is none, or of an image that is not measured.
 
     ``sensor_width_mm`` is the longer side of the sensor where it is known.
@@ -72,7 +72,7 @@ def read_head(path: Path, sensor_width_mm: float | None = None) -> Head:
     if bits not in (8, 16):
         raise Unusable("8 or 16 bits of a grey value", value=str(bits))
     distance, told_by = _principal_distance(exif, width, height, sensor_width_mm)
-    return Head(
+    return ImageHeader(
         width,
         height,
         bits,
@@ -190,7 +190,7 @@ def _taken_at(value: Any, split_second: Any) -> str | None:
     return f"{match[1]}-{match[2]}-{match[3]}T{match[4]}" + (f".{split}" if split.isdecimal() else "")
 
 
-def read_grey(path: Path, head: Head) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def read_grey(path: Path, head: ImageHeader) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """Grey values (height, width) of a photograph, of colours their luminance (ITU-R BT.601).
 
     Raises Unusable where the file is damaged, or is not what its head told.

@@ -12,9 +12,9 @@ from functools import cached_property
 from truing.formats.numbers import is_plain_number
 from truing.formats.origins import (
     Constant,
-    Group,
     Joined,
     Origin,
+    PatternGroup,
     RawColumn,
     RowNumber,
     Spread,
@@ -24,7 +24,7 @@ from truing.formats.origins import (
 )
 from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
-from truing.formats.shapes import COORDINATES, Shape
+from truing.formats.shapes import COORDINATES, TableShape
 from truing.formats.units import UnknownUnit, conversion, expanded, unit_in_brackets
 from truing.schemas.column import Column
 from truing.schemas.mapping import FileMapping, is_uncertainty
@@ -50,11 +50,11 @@ class WideGroup:
 
 
 @dataclass(frozen=True)
-class Plan:
+class MappingPlan:
     """A mapping worked out for one file with columns ``names``: where each column of the table comes from."""
 
     entry: FileMapping
-    shape: Shape
+    shape: TableShape
     file_name: str
     names: tuple[str, ...]
     preset: frozenset[str] = frozenset()
@@ -94,10 +94,10 @@ class Plan:
         return found | {name: RowNumber(entry.number_rows.get(name, 1), count) for name, count in per.items()}
 
     @cached_property
-    def groups(self) -> dict[str, Group]:
+    def groups(self) -> dict[str, PatternGroup]:
         """Columns that a regular expression takes from another column."""
         patterns = {name: bounded(pattern, f"split.{name}") for name, pattern in self.entry.split.items()}
-        return {name: Group(column, p, name) for column, p in patterns.items() for name in p.groupindex}
+        return {name: PatternGroup(column, p, name) for column, p in patterns.items() for name in p.groupindex}
 
     @cached_property
     def wide(self) -> tuple[WideGroup, ...]:
@@ -222,7 +222,7 @@ class Plan:
             self.misfits.append(Misfit("a column that is not made of itself", column=name))
             return
         origin = self.origin(name)
-        if isinstance(origin, Group) and origin.column == name:
+        if isinstance(origin, PatternGroup) and origin.column == name:
             origin = self.origin(name, within=name)
         if isinstance(origin, RawColumn):
             position = self._array_position(origin.position)
@@ -371,7 +371,7 @@ def _template_pattern(template: str) -> str:
     return "".join(parts)
 
 
-def _told_otherwise(plan: Plan) -> Iterator[Misfit]:
+def _told_otherwise(plan: MappingPlan) -> Iterator[Misfit]:
     """Columns whose raw name says another unit than they are read in, or that they are no standard deviation."""
     for name, column in plan.columns.items():
         raw = plan.raw_name(name)

@@ -151,7 +151,7 @@ class RawColumn:
 
 
 @dataclass(frozen=True)
-class Group:
+class PatternGroup:
     """A named group of a regular expression that another column's whole value matches."""
 
     column: str
@@ -174,11 +174,11 @@ class Spread:
     name: str
 
 
-Origin = Constant | RawColumn | Group | RowNumber | Joined | Spread
+Origin = Constant | RawColumn | PatternGroup | RowNumber | Joined | Spread
 
 
 def made_of(origin: Origin | None) -> tuple[str, ...]:
-    if isinstance(origin, Group):
+    if isinstance(origin, PatternGroup):
         return (origin.column,)
     return origin.columns if isinstance(origin, Joined) else ()
 

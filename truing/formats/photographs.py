@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.image_files import Head, read_head
+from truing.formats.image_files import ImageHeader, read_head
 from truing.formats.patterns import TooSlow, bounded
 from truing.formats.raw import Unusable
 from truing.formats.source import PICTURES, CampaignFiles, PassedOver, RawFile, passed_over, why_not_read
@@ -37,11 +37,11 @@ class Photograph:
     pose: str
     camera: str
     file: RawFile
-    head: Head
+    head: ImageHeader
 
 
 @dataclass
-class Photographs:
+class PhotographFiles:
     """The photographs in the order of poses and names; how many other files lie beside them, by (folder, reason)."""
 
     found: list[Photograph] = field(default_factory=list)
@@ -53,9 +53,9 @@ class Photographs:
         return all(re.fullmatch(r"[+-]?\d{1,18}", one.pose) for one in self.found)
 
 
-def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: FaultLog) -> Photographs:
+def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: FaultLog) -> PhotographFiles:
     """Every photograph of the campaign with its head; what is wrong with one goes into ``log``, and it is left out."""
-    found, seen = Photographs(), set[RawFile]()
+    found, seen = PhotographFiles(), set[RawFile]()
     for entry in source.entries("images"):
         for fault in _faults_of_entry(entry):
             log.add(fault)
@@ -73,7 +73,7 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
     return found
 
 
-def _tell(one: PassedOver, found: Photographs, log: FaultLog) -> None:
+def _tell(one: PassedOver, found: PhotographFiles, log: FaultLog) -> None:
     """A fault for what was meant as a photograph and is not read; everything else is counted."""
     if one.is_fault:
         log.add(Fault(one.name, one.why))
@@ -89,7 +89,7 @@ def _faults_of_entry(entry: FileMapping) -> Iterator[Fault]:
         yield Fault("campaign.toml", f"one of {', '.join(sorted(_GROUPS))}", column=_COLUMN, value=name)
 
 
-def _files(source: CampaignFiles, pattern: str, found: Photographs, log: FaultLog) -> Iterator[RawFile]:
+def _files(source: CampaignFiles, pattern: str, found: PhotographFiles, log: FaultLog) -> Iterator[RawFile]:
     """The files of a pattern that are photographs by their ending; of a folder's others it is counted how many."""
     files = source.resolve(pattern)
     photographs = [raw for raw in files if raw.path.suffix.lower() in _ENDINGS]
@@ -180,7 +180,7 @@ def _check_names(found: Iterable[Photograph], log: FaultLog) -> None:
         first.setdefault(one.image, one.file)
 
 
-def _once(photographs: Photographs, log: FaultLog) -> list[Photograph]:
+def _once(photographs: PhotographFiles, log: FaultLog) -> list[Photograph]:
     """The photographs without copies: what a picture tells counts once. A copy in another pose is a fault."""
     kept: list[Photograph] = []
     alike: dict[tuple[int, bytes], list[Photograph]] = defaultdict(list)

@@ -38,7 +38,7 @@ class _Photo:
 
 
 @dataclass(frozen=True)
-class _Block:
+class _NumberBlock:
     """Lines of numbers (N, K), and where the first of them stands in the file, from 1."""
 
     rows: Array
@@ -53,8 +53,8 @@ class _Block:
 class _Export:
     size: tuple[int, int]
     photos: list[_Photo]
-    points: _Block
-    marks: _Block
+    points: _NumberBlock
+    marks: _NumberBlock
 
 
 def read_photomodeler(path: Path, wanted: Wanted, table: str) -> Iterator[RawBatch]:
@@ -108,13 +108,13 @@ def _photos(lines: list[str]) -> tuple[list[_Photo], int]:
     return photos, at + 1
 
 
-def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[_Block, int]:
+def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[_NumberBlock, int]:
     """Lines of ``count`` numbers up to a blank one, and the line after that."""
     rows, first = [], at + 1
     while at < len(lines) and lines[at].strip():
         rows.append(finite_numbers(lines[at], expected, at + 1, count))
         at += 1
-    return _Block(np.array(rows).reshape(-1, count), first), at + 1
+    return _NumberBlock(np.array(rows).reshape(-1, count), first), at + 1
 
 
 def _rays(export: _Export) -> dict[str, Any]:

@@ -66,7 +66,7 @@ def _read_text(stream: IO[bytes], layout: CloudLayout, entry: FileMapping, wante
         found.append(wanted(names, unit))
         return found[0]
 
-    rows = _Rows(stream, as_delimited.skip_lines, layout.points)
+    rows = _RowStream(stream, as_delimited.skip_lines, layout.points)
     yield from read_delimited(rows, as_delimited, as_announced)  # type: ignore[arg-type]
     if found == [None]:
         return
@@ -93,7 +93,7 @@ def _check_beyond(lines: Iterator[bytes], layout: CloudLayout) -> None:
         raise Unusable(expected, value=f"{beyond} more" if beyond else f"{more} fewer")
 
 
-class _Rows:
+class _RowStream:
     """A stream that ends behind so many lines and rows, blank ones apart."""
 
     def __init__(self, stream: IO[bytes], lines: int, rows: int) -> None:

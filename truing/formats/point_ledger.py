@@ -27,7 +27,7 @@ STEP = 1 << 18
 _CELLS = 1 << 27
 
 
-class Names(Generic[T]):
+class NameNumbers(Generic[T]):
     """Names in order of appearance, and their numbers."""
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class PointLedger:
 
     def __init__(self, poses: pa.Array, folder: Path | None = None) -> None:
         self.poses = poses
-        self.labels: Names[tuple[str, str]] = Names()  # body and target
+        self.labels: NameNumbers[tuple[str, str]] = NameNumbers()  # body and target
         plain = np.asarray(poses) if pa.types.is_int64(poses.type) else np.zeros(0, np.int64)
         self._order = np.argsort(plain, kind="stable")
         self._sorted = plain[self._order]
@@ -111,8 +111,8 @@ class PointLedger:
     def label_columns(self, label: NDArray[np.int32]) -> tuple[pa.DictionaryArray, pa.DictionaryArray]:
         """Body and target of labels given by their numbers."""
         if self._named != len(self.labels.values):
-            bodies: Names[str] = Names()
-            targets: Names[str] = Names()
+            bodies: NameNumbers[str] = NameNumbers()
+            targets: NameNumbers[str] = NameNumbers()
             pairs = [(bodies.number(body), targets.number(target)) for body, target in self.labels.values]
             self._codes = np.array(pairs, dtype=np.int32).reshape(-1, 2)
             self._columns = (strings(bodies.values), strings(targets.values))

@@ -13,12 +13,12 @@ from truing.formats.compression import DAMAGED, Refused, open_plain, plain_path
 from truing.formats.delimited import read_delimited, separator_of
 from truing.formats.evaluation import TableBatch, evaluate
 from truing.formats.faultlog import FaultLog, discreet, discreet_cells
-from truing.formats.mapping import Plan
+from truing.formats.mapping import MappingPlan
 from truing.formats.origins import RowCount, is_side_by_side
 from truing.formats.patterns import TooSlow
 from truing.formats.presets import format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
-from truing.formats.shapes import Shape
+from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles, RawFile
 from truing.formats.text import EndlessLine, Lines, OpenQuotation, line_numbers, record_blocks, skip_lines, utf8_chunks
 from truing.schemas.faults import Fault
@@ -135,7 +135,7 @@ class FileRows:
 
 
 def read_table(
-    source: CampaignFiles, shape: Shape, log: FaultLog, *, poses_as_text: bool = False
+    source: CampaignFiles, shape: TableShape, log: FaultLog, *, poses_as_text: bool = False
 ) -> Iterator[tuple[FileRows, TableBatch]]:
     """The rows of a table, batch by batch, in the order of the mapping's entries and files.
 
@@ -159,7 +159,7 @@ def ahead(items: Iterator[T]) -> Iterator[T]:
             yield item
 
 
-def _files(source: CampaignFiles, shape: Shape, entry: FileMapping, log: FaultLog) -> Iterator[RawFile]:
+def _files(source: CampaignFiles, shape: TableShape, entry: FileMapping, log: FaultLog) -> Iterator[RawFile]:
     for pattern in entry.paths:
         found = source.resolve(pattern)
         if not found and not source.is_mapped(shape.name):
@@ -171,7 +171,7 @@ def _files(source: CampaignFiles, shape: Shape, entry: FileMapping, log: FaultLo
 
 
 def _read_file(
-    raw: RawFile, entry: FileMapping, shape: Shape, log: FaultLog, poses_as_text: bool, source: CampaignFiles
+    raw: RawFile, entry: FileMapping, shape: TableShape, log: FaultLog, poses_as_text: bool, source: CampaignFiles
 ) -> Iterator[tuple[FileRows, TableBatch]]:
     file_format = format_of(raw, entry)
     completed, preset = with_preset(entry, file_format, shape.name)
@@ -179,7 +179,7 @@ def _read_file(
     rows = FileRows(_with_sheet(raw, completed, file_format), completed, file_format, side_by_side)
     file_name, raw = raw.name, rows.raw
     outside = source.is_outside(raw)
-    plans: list[Plan] = []
+    plans: list[MappingPlan] = []
 
     def wanted(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
         if len(names) > _MOST_COLUMNS:
@@ -188,7 +188,7 @@ def _read_file(
         settled = completed if unit is None or completed.unit else completed.model_copy(update={"unit": unit})
         if file_format == "trc":
             settled = rows._delimited()
-        plan = Plan(settled, shape, file_name, names, preset, poses_as_text, outside)
+        plan = MappingPlan(settled, shape, file_name, names, preset, poses_as_text, outside)
         misfits = plan.check()
         for misfit in misfits:
             log.add(Fault(raw.name, misfit.expected, column=misfit.column, value=misfit.value))

@@ -79,7 +79,7 @@ _CARRIED_UNITS = (
 
 
 @dataclass(frozen=True)
-class Shape:
+class TableShape:
     """A raw table: columns it must have, may have, a numbered family, and whether other numbers are carried along.
 
     ``partial`` marks a look at a few columns of a table whose mapping says more; ``may_be_empty`` are columns that have
@@ -136,44 +136,46 @@ def _carried_unit(name: str) -> str:
     return next((unit for ending, unit in _CARRIED_UNITS if name.endswith(ending)), "")
 
 
-POINTS = Shape("points", ("pose", *_POINT), ("body", "target", *_SPREAD))
-TARGETS = Shape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
-RESURVEYS = Shape("resurveys", ("survey", "body", "target", *_POINT), (*_SPREAD, "leg"))
-POSES = Shape(
+POINTS = TableShape("points", ("pose", *_POINT), ("body", "target", *_SPREAD))
+TARGETS = TableShape("targets", ("body", "target", *_POINT), (*_SPREAD, "leg"))
+RESURVEYS = TableShape("resurveys", ("survey", "body", "target", *_POINT), (*_SPREAD, "leg"))
+POSES = TableShape(
     "poses",
     ("pose", "body"),
     (*_POINT, *_QUATERNION, *_VECTOR, *_EULER, *_MATRIX, *_POSE_SIGMAS, *_POSE_COVARIANCE),
 )
-SCANS = Shape("scans", ("pose", "body", *_POINT))
-SURFACES = Shape("surfaces", ("body", *_POINT))
-CONFIGURATIONS = Shape(
+SCANS = TableShape("scans", ("pose", "body", *_POINT))
+SURFACES = TableShape("surfaces", ("body", *_POINT))
+CONFIGURATIONS = TableShape(
     "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of"), family="rho", covariates=True
 )
 _LOADED = (*_WRENCH, "load_axis", "load", "role", TRANSIT)
-DISPLACEMENT = Shape("displacement", ("run", "step", "time_s"), (*_MOTION, *_LOADED, *_SURROUNDINGS), covariates=True)
-INTERFEROMETER = Shape(
+DISPLACEMENT = TableShape(
+    "displacement", ("run", "step", "time_s"), (*_MOTION, *_LOADED, *_SURROUNDINGS), covariates=True
+)
+INTERFEROMETER = TableShape(
     "interferometer",
     ("run", "step", "time_s", "channel", "reading"),
     ("sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
 # What is planned has no readings yet; without a channel, all of them will be read.
-PLANNED = Shape(
+PLANNED = TableShape(
     "interferometer", ("run", "step", "time_s"), ("channel", "reading", *INTERFEROMETER.optional), covariates=True
 )
-SIGNALS = Shape(
+SIGNALS = TableShape(
     "signals", ("run", "step"), ("time_s", *_SHOWN, *_LOADED, *_SURROUNDINGS), family="signal", covariates=True
 )
 
-QUADRATURE = Shape(
+QUADRATURE = TableShape(
     "quadrature",
     ("run", "step", "channel"),
     ("time_s", "signal_x", "signal_y", "phase_deg", "radius", "sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
-POSITIONING = Shape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"), _SURROUNDINGS)
+POSITIONING = TableShape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"), _SURROUNDINGS)
 
-IMAGE_POINTS = Shape(
+IMAGE_POINTS = TableShape(
     "image_points",
     ("pose", "image", "x_px", "y_px"),
     (
@@ -182,17 +184,17 @@ IMAGE_POINTS = Shape(
     ),
     may_be_empty=("point", "body", "target", "kind", "sigma_x_px", "sigma_y_px"),
 )
-IMAGE_TARGETS = Shape("image_targets", ("family", "code", "body", "target"), ("diameter_mm", "size_mm"))
-SCALE_BARS = Shape(
+IMAGE_TARGETS = TableShape("image_targets", ("family", "code", "body", "target"), ("diameter_mm", "size_mm"))
+SCALE_BARS = TableShape(
     "scale_bars",
     ("bar", "first", "second", "length_mm", "sigma_mm"),
     ("repeat_sigma_mm", "serves", "expansion_per_k", "reference_temperature_c", "pose"),
     may_be_empty=("repeat_sigma_mm", "serves"),
 )
-KNOWN_POINTS = Shape(
+KNOWN_POINTS = TableShape(
     "known_points", _POINT, ("pose", "point", "body", "target", *_SPREAD), may_be_empty=("point", "body", "target")
 )
-CAMERAS = Shape(
+CAMERAS = TableShape(
     "cameras",
     ("camera",),
     (

@@ -49,7 +49,7 @@ class WhyUntested(StrEnum):
 
 
 @dataclass(frozen=True)
-class LackOfFit:
+class AdequacyTest:
     """One test of the final model: what was looked for, along which column, how much was found, the chance of so much.
 
     ``value`` is noise over the declared one, the correlation of neighbours, or the mean square of means over the
@@ -66,12 +66,12 @@ class LackOfFit:
 class Adequacy:
     """All tests of a final model."""
 
-    tests: tuple[LackOfFit, ...]
+    tests: tuple[AdequacyTest, ...]
     repeated: bool = False  # whether anything was measured twice at the same command
     not_asked: frozenset[Lack] = frozenset()  # of what nothing is known: which commands were given, which inputs
 
     @property
-    def worst(self) -> LackOfFit | None:
+    def worst(self) -> AdequacyTest | None:
         """The test that speaks most against the model, None where nothing could be tested."""
         return min(self.tests, key=self.corrected, default=None)
 
@@ -91,7 +91,7 @@ class Adequacy:
         is_known = lack == Lack.PURE_ERROR and not self.repeated
         return WhyUntested.NO_REPEATS if is_known else WhyUntested.TOO_FEW
 
-    def corrected(self, test: LackOfFit) -> float:
+    def corrected(self, test: AdequacyTest) -> float:
         """A test's p-value, corrected for the kinds of misfit and for the tests of its kind (Bonferroni)."""
         kinds = len({other.lack for other in self.tests})
         return min(1.0, test.p_value * kinds * sum(other.lack == test.lack for other in self.tests))
@@ -104,7 +104,7 @@ def adequacy_of(
 
     ``repeats`` (B,): numbers of commands that were given more than once, -1 for the others.
     """
-    tests = [LackOfFit(Lack.OBSERVATION_NOISE, "", noise.ratio, noise.p_value)]
+    tests = [AdequacyTest(Lack.OBSERVATION_NOISE, "", noise.ratio, noise.p_value)]
     ratio, freedom = final.input_noise
     if freedom >= _FEWEST_EPOCHS:
         tests.append(noise_excess(Lack.INPUT_NOISE, ratio, freedom))
@@ -139,15 +139,15 @@ def is_unordered(rest: Array, own: Mask, fitted: FittedModel[CauseT], level: flo
     return bool(tests) and min(test.p_value for test in tests) * len(tests) > level
 
 
-def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[LackOfFit]:
+def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[AdequacyTest]:
     """Yield the F test of lack of fit against pure error, where enough was repeated; repeats (B,) by number, -1 for
     none."""
     found = means_against_scatter(residuals, repeats, _FEWEST_REPEATS)
     if found is not None:
-        yield LackOfFit(Lack.PURE_ERROR, "", found.ratio, found.p_value)
+        yield AdequacyTest(Lack.PURE_ERROR, "", found.ratio, found.p_value)
 
 
-def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterator[LackOfFit]:
+def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterator[AdequacyTest]:
     """Yield the F test of the means over regions of the inputs, each (B,), against the scatter about them."""
     columns = np.column_stack(list(inputs.values())) if inputs else np.zeros((len(residuals.values), 0))
     varies = np.isfinite(columns).all(0) & (np.ptp(columns, axis=0) > 0.0)
@@ -157,18 +157,18 @@ def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterato
     if own.max() + 1 < FEWEST_BLOCKS or np.bincount(own).min() < _FEWEST_EPOCHS:
         return
     if (found := means_against_scatter(residuals, own, _FEWEST_REPEATS)) is not None:
-        yield LackOfFit(Lack.BY_REGION, " ".join(inputs), found.ratio, found.p_value)
+        yield AdequacyTest(Lack.BY_REGION, " ".join(inputs), found.ratio, found.p_value)
 
 
-def noise_excess(lack: Lack, ratio: float, freedom: float) -> LackOfFit:
+def noise_excess(lack: Lack, ratio: float, freedom: float) -> AdequacyTest:
     """Test noise found over declared noise, from so many degrees of freedom; declared noise is known to about 10 %."""
     spread = math.sqrt(0.5 / NOISE_PRIOR_FREEDOM + 0.5 / freedom)
-    return LackOfFit(lack, "", ratio, 0.5 * math.erfc(math.log(ratio) / spread / math.sqrt(2.0)))
+    return AdequacyTest(lack, "", ratio, 0.5 * math.erfc(math.log(ratio) / spread / math.sqrt(2.0)))
 
 
 def like_neighbours(
     rest: Array, columns: Mapping[str, Array], rng: np.random.Generator, groups: Integers | None = None
-) -> Iterator[LackOfFit]:
+) -> Iterator[AdequacyTest]:
     """Yield how alike residuals (B, K, d) of epochs are that are neighbours along each of the columns (B,) or (B, D).
 
     Residuals have unit noise, and are NaN where nothing was seen. Epochs are compared with the nearest ones, channel by
@@ -187,7 +187,7 @@ def like_neighbours(
     for name, values in columns.items():
         own = np.asarray(values, float).reshape(len(values), -1)[chosen]
         if np.isfinite(own).all() and np.ptp(own, axis=0).any():
-            yield LackOfFit(Lack.LIKE_NEIGHBOURS, name, *_likeness(products, _neighbours(own), orders))
+            yield AdequacyTest(Lack.LIKE_NEIGHBOURS, name, *_likeness(products, _neighbours(own), orders))
 
 
 def _products(rows: Array) -> Array:

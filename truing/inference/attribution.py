@@ -66,7 +66,7 @@ class _Residuals:
 
 
 @dataclass(frozen=True)
-class _Block:
+class _FunctionBlock:
     """Functions (n, m) of some inputs, and what they are tested beside (n, k)."""
 
     inputs: tuple[str, ...]
@@ -246,7 +246,7 @@ def _followed(
         rest = whole - held @ (held.T @ whole)
 
 
-def _blocks(columns: Mapping[str, Array], in_time: _InTime) -> Iterator[_Block]:
+def _blocks(columns: Mapping[str, Array], in_time: _InTime) -> Iterator[_FunctionBlock]:
     """Yield all blocks of functions of inputs: of each, of its history, of every pair."""
     epochs = len(next(iter(columns.values()), np.zeros(0)))
     none, timed = np.zeros((epochs, 0)), _timed(columns, in_time)
@@ -256,10 +256,10 @@ def _blocks(columns: Mapping[str, Array], in_time: _InTime) -> Iterator[_Block]:
     for name, own in columns.items():
         most = _most(_OF_TIME if name in timed else _BESIDE, epochs, _EPOCHS_PER_FUNCTION_BESIDE)
         fine[name] = _orthonormal(_centred(_smooth(own[:, None], most, _FINE_SCALE)))
-        yield _Block((name,), "input", mains[name], none, fine[name], name in timed)
+        yield _FunctionBlock((name,), "input", mains[name], none, fine[name], name in timed)
     for name, own in columns.items():
         if name not in timed and (history := in_time.history(own)) is not None:
-            yield _Block((name,), "history", history, fine[name], np.column_stack([history, mains[name]]))
+            yield _FunctionBlock((name,), "history", history, fine[name], np.column_stack([history, mains[name]]))
     drifts = {name for name, own in columns.items() if any(_drifts(own, fine[time]) for time in timed)}
     for pair in combinations(columns, 2):
         if drifts >= set(pair):  # two that drift are functions of time together
@@ -267,7 +267,7 @@ def _blocks(columns: Mapping[str, Array], in_time: _InTime) -> Iterator[_Block]:
         both = np.column_stack([columns[name] for name in pair])
         own = _smooth(both, _most(_OF_TWO, epochs, _EPOCHS_PER_FUNCTION_OF_TWO), _SCALE_OF_TWO)
         beside = np.column_stack([fine[name] for name in pair])
-        yield _Block(pair, "pair", own, beside, np.column_stack([own, *(mains[name] for name in pair)]))
+        yield _FunctionBlock(pair, "pair", own, beside, np.column_stack([own, *(mains[name] for name in pair)]))
 
 
 def _most(count: int, epochs: int, each: int) -> int:
@@ -288,7 +288,7 @@ def _drifts(values: Array, of_time: Array) -> bool:
     return bool(np.sum((of_time.T @ own) ** 2) > _DRIFT * np.sum(own**2))
 
 
-def _tested(block: _Block, rest: Array, held: Array, whitener: _Filter) -> tuple[float, float] | None:
+def _tested(block: _FunctionBlock, rest: Array, held: Array, whitener: _Filter) -> tuple[float, float] | None:
     """Return the p-value of a block on residuals rest (n, q), beside functions held (n, h), and the squares that it
     predicts, chance taken out; None where it says nothing new, or too few epochs are left to tell."""
     beside = _orthonormal(np.column_stack([held, block.beside]), _SAME) if block.beside.shape[1] else held

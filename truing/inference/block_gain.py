@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
-from truing.inference.blocks import BlockKind, Blocks
+from truing.inference.blocks import BlockKind, EpochBlocks
 from truing.inference.linear_problem import Whitened
 
 # A block tells of a cause whose effect there is this large, in squares of the noise, and better known from the others
@@ -32,7 +32,7 @@ class BlockGain:
     log_gain: float
 
 
-def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[Blocks]) -> BlockGain | None:
+def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[EpochBlocks]) -> BlockGain | None:
     """Return the gain by a cause in blocks of the first kind of which two tell; None where no kind has as many.
 
     ``own``: its places among the shared unknowns; ``value`` (P,): what is linear in them, as fitted in prior sigmas,

@@ -28,7 +28,7 @@ class BlockKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class Blocks:
+class EpochBlocks:
     """Which block each epoch (B,) is of, by number, -1 for none; what the epochs of a block have in common."""
 
     kind: BlockKind
@@ -40,14 +40,14 @@ class Blocks:
         return int(self.numbers.max(initial=-1)) + 1
 
 
-def possible_blocks(groupings: Mapping[BlockKind, Integers], epochs: int) -> list[Blocks]:
+def possible_blocks(groupings: Mapping[BlockKind, Integers], epochs: int) -> list[EpochBlocks]:
     """Return the groupings (B,), -1 for none, that can be left out block by block, in the order of their kinds.
 
     They have three blocks or more, each of four epochs or more and of at most half of all, and two thirds of the epochs
     in them.
     """
     numbered = ((kind, _large_enough(groupings[kind], epochs)) for kind in BlockKind if kind in groupings)
-    return [Blocks(kind, numbers) for kind, numbers in numbered if numbers is not None]
+    return [EpochBlocks(kind, numbers) for kind, numbers in numbered if numbers is not None]
 
 
 def _large_enough(groups: Integers, epochs: int) -> Integers | None:

@@ -24,7 +24,7 @@ MOST = 12
 
 
 @dataclass(frozen=True)
-class Comparison:
+class NumberComparison:
     """Numbers (n,) before and now, with the covariance (n, n) of their difference where nothing has changed.
 
     ``answers`` (n, n) is how the difference follows true changes: less than one to one where data are few. ``told``
@@ -112,7 +112,7 @@ def compare(
     covariance_now: Array,
     shared: Array,
     apart: Array | float = 0.0,
-) -> Comparison:
+) -> NumberComparison:
     """Return the comparison of estimates (n,), covariance (n, n) each.
 
     shared (n, n): the information that both rest on; apart (n, n): by what else they differ (they are counted from
@@ -124,7 +124,7 @@ def compare(
     covariance, covariance_now = _within(covariance, root), _within(covariance_now, root)
     crossed = covariance @ shared @ covariance_now
     spread = covariance + covariance_now - crossed - crossed.T + apart
-    return Comparison(now - before, (spread + spread.T) / 2, np.eye(len(now)) - covariance_now @ shared, told)
+    return NumberComparison(now - before, (spread + spread.T) / 2, np.eye(len(now)) - covariance_now @ shared, told)
 
 
 def _within(covariance: Array, root: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 
 from truing.inference.arrays import Array
 from truing.inference.model import CauseT
-from truing.inference.search import Candidate, ChannelFamily, Search
+from truing.inference.search import CauseCandidate, ChannelFamily, Search
 from truing.inference.verdicts import NOT_TESTABLE, REJECTED, Reason, Verdict
 
 POWER = 0.8
@@ -30,7 +30,7 @@ _ROOTS = np.linspace(0.0, 40.0, 401)
 
 
 @dataclass(frozen=True)
-class Rule:
+class AcceptanceRule:
     """When a search accepts a candidate: its F test of ``rank`` directions gives a p, not corrected, below a threshold.
 
     ``freedom`` are the degrees of freedom behind the noise, the candidate's included.
@@ -55,13 +55,13 @@ class Rule:
 
 
 @dataclass(frozen=True)
-class Sight(Generic[CauseT]):
+class EffectSensitivity(Generic[CauseT]):
     """How well a campaign sees one sort of effect: ``per_scale`` (D,) are the signal-to-noise ratios of patterns of its
     parameters, in no particular direction, whose root mean square is one plausible scale."""
 
     cause: CauseT  # a typical one of its sort
     kind: str
-    rule: Rule
+    rule: AcceptanceRule
     per_scale: Array
 
     def power(self, size: float) -> float:
@@ -102,18 +102,18 @@ def _patterns(parameters: int) -> Array:
     return np.asarray(pattern * np.sqrt(parameters) / np.linalg.norm(pattern, axis=1, keepdims=True))
 
 
-def sights(search: Search[CauseT], level: float) -> list[Sight[CauseT]]:
+def sights(search: Search[CauseT], level: float) -> list[EffectSensitivity[CauseT]]:
     """Return how well a search sees every sort of effect: per kind, subject (the whole, or a single one), parameters.
 
     Of candidates of one sort that differ in shape (onset, pitch, time constant) the one that is seen middling well.
     """
-    sorts: dict[tuple[object, ...], list[Sight[CauseT]]] = {}
+    sorts: dict[tuple[object, ...], list[EffectSensitivity[CauseT]]] = {}
     for sight in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
         sorts.setdefault((sight.kind, *_sort(sight.cause, search.part_count)), []).append(sight)
     return [_middling(own) for own in sorts.values()]
 
 
-def sight(search: Search[CauseT], cause: CauseT, level: float) -> Sight[CauseT] | None:
+def sight(search: Search[CauseT], cause: CauseT, level: float) -> EffectSensitivity[CauseT] | None:
     """Return how well a search sees one of its candidates; None where it has no such candidate."""
     key = cause.key
     own = (candidate for candidate in search.candidates if candidate.key == key)
@@ -139,19 +139,19 @@ def _is_hidden(verdict: Verdict[CauseT], plausible: Mapping[str, bool]) -> bool:
 
 
 def _of_candidates(
-    search: Search[CauseT], level: float, candidates: Iterable[Candidate[CauseT]]
-) -> Iterator[Sight[CauseT]]:
-    rules: dict[tuple[str, int], Rule] = {}
+    search: Search[CauseT], level: float, candidates: Iterable[CauseCandidate[CauseT]]
+) -> Iterator[EffectSensitivity[CauseT]]:
+    rules: dict[tuple[str, int], AcceptanceRule] = {}
     for candidate in candidates:
         own, sort = candidate.signature, (candidate.kind, candidate.signature.rank)
         if not candidate.cause.catalogued or candidate.cause.concerns_several:
             continue
         if sort not in rules:
             rules[sort] = _rule(search, *sort, level)
-        yield Sight(candidate.cause, candidate.kind, rules[sort], per_scale(own.strengths, own.loadings))
+        yield EffectSensitivity(candidate.cause, candidate.kind, rules[sort], per_scale(own.strengths, own.loadings))
 
 
-def _of_families(search: Search[CauseT], level: float) -> Iterator[Sight[CauseT]]:
+def _of_families(search: Search[CauseT], level: float) -> Iterator[EffectSensitivity[CauseT]]:
     """Yield how well single channels are seen, each at its middling shape."""
     for family in search.families:
         own = family.signatures
@@ -161,7 +161,7 @@ def _of_families(search: Search[CauseT], level: float) -> Iterator[Sight[CauseT]
             yield from (sight for sight in found if sight is not None and sight.cause.catalogued)
 
 
-def _of_channel(family: ChannelFamily[CauseT], channel: int, rule: Rule) -> Sight[CauseT] | None:
+def _of_channel(family: ChannelFamily[CauseT], channel: int, rule: AcceptanceRule) -> EffectSensitivity[CauseT] | None:
     own = family.signatures
     shapes = np.flatnonzero(own.seen[:, channel])
     if not len(shapes):
@@ -170,14 +170,14 @@ def _of_channel(family: ChannelFamily[CauseT], channel: int, rule: Rule) -> Sigh
     shape = int(shapes[np.argsort(strength)[len(shapes) // 2]])
     values, vectors = np.linalg.eigh(own.gram[shape, channel])
     cause = family.cause.member(channel, shape)
-    return Sight(cause, family.kind, rule, per_scale(np.sqrt(np.maximum(values, 0.0)), vectors))
+    return EffectSensitivity(cause, family.kind, rule, per_scale(np.sqrt(np.maximum(values, 0.0)), vectors))
 
 
-def _rule(search: Search[CauseT], kind: str, rank: int, level: float) -> Rule:
+def _rule(search: Search[CauseT], kind: str, rank: int, level: float) -> AcceptanceRule:
     if rank == 0:
-        return Rule(0, 1.0, level)
+        return AcceptanceRule(0, 1.0, level)
     group = search.null.group_of(kind, rank)
-    return Rule(rank, search.noise.freedom(group.input_share), search.null.threshold(group, level))
+    return AcceptanceRule(rank, search.noise.freedom(group.input_share), search.null.threshold(group, level))
 
 
 def _sort(cause: CauseT, parts: int) -> tuple[object, ...]:
@@ -185,6 +185,6 @@ def _sort(cause: CauseT, parts: int) -> tuple[object, ...]:
     return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(parts)))
 
 
-def _middling(own: Sequence[Sight[CauseT]]) -> Sight[CauseT]:
+def _middling(own: Sequence[EffectSensitivity[CauseT]]) -> EffectSensitivity[CauseT]:
     ranked = sorted(own, key=lambda s: float(np.mean(s.per_scale**2)) if s.rule.rank else 0.0)
     return ranked[len(ranked) // 2]

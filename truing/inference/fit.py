@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 
 from truing.inference.arrays import Array, Integers
-from truing.inference.linear_problem import Linearised, Whitened, columns_of, whiten
+from truing.inference.linear_problem import LinearisedModel, Whitened, columns_of, whiten
 from truing.inference.model import Predict
 from truing.inference.observations import Frames, Observations
 
@@ -108,7 +108,7 @@ def linearise(
     by_shared: bool = True,
     *,
     compact: bool = False,
-) -> Linearised:
+) -> LinearisedModel:
     """Return the whitened problem at some values of the unknowns; the frames' six come first among the local ones.
 
     Derivatives by the shared unknowns are many, and left out (G = 0) where they are not asked for; ``compact`` keeps,
@@ -122,7 +122,7 @@ def linearise(
     epochs, height = len(arms), arms.shape[1] * arms.shape[2]
     kept = columns_of(np.any(found.by_shared, (1, 2))) if compact else None
     slopes = found.by_shared if kept is None else _kept(found.by_shared, kept[0])
-    return Linearised(
+    return LinearisedModel(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
         by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
         by_shared=_turned(turned, slopes).reshape(epochs, height, -1 if by_shared else 0),

@@ -11,10 +11,18 @@ from typing import Generic
 import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
-from truing.inference.blocks import Blocks, possible_blocks
+from truing.inference.blocks import EpochBlocks, possible_blocks
 from truing.inference.fit import Fit, fit_model
 from truing.inference.linear_problem import Contribution, rows_by_source
-from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, Model, ScatterCandidate, Scene
+from truing.inference.model import (
+    CampaignModel,
+    CauseT,
+    ConditionsLike,
+    ConditionsT,
+    Model,
+    ScatterCandidate,
+    SceneLike,
+)
 from truing.inference.noise import (
     NoiseComponents,
     NoiseDependence,
@@ -78,7 +86,7 @@ class FittedModel(Generic[CauseT]):
         return noise_floor(self.model, self.fit, self.measured, np.random.default_rng(self.seed))
 
     @cached_property
-    def scene(self) -> Scene[CauseT]:
+    def scene(self) -> SceneLike[CauseT]:
         """Return what the campaign offers to causes, with what was seen of it."""
         return self.model.scene.with_seen(self.measured.seen)
 
@@ -166,8 +174,8 @@ class Fitter(Generic[CauseT]):
         progress: Callable[[str], None] = lambda what: None,
     ) -> None:
         self.model: Model[CauseT] = model
-        self.calibration: Epochs[Conditions] = calibration
-        self.held_out: Epochs[Conditions] | None = held_out
+        self.calibration: Epochs[ConditionsLike] = calibration
+        self.held_out: Epochs[ConditionsLike] | None = held_out
         self._declared: Model[CauseT] = model
         self._held_out_model: Model[CauseT] | None = None if held_out is None else model.at(held_out.conditions)
         self.declared = calibration.measured.covariance
@@ -183,7 +191,7 @@ class Fitter(Generic[CauseT]):
         return self.calibration.repeats
 
     @property
-    def blocks(self) -> list[Blocks] | None:
+    def blocks(self) -> list[EpochBlocks] | None:
         """Return the groupings of epochs that can be left out block by block; None where nobody asked."""
         groupings = self.calibration.groupings
         return None if groupings is None else possible_blocks(groupings, len(self.calibration.measured.seen))

@@ -26,7 +26,7 @@ PLAUSIBLE, WIDE = "plausible", "wide"
 
 
 @dataclass(frozen=True)
-class Linearised:
+class LinearisedModel:
     """Measured minus predicted, and derivatives, at some values of the unknowns; whitened, zero where missing.
 
     Where many shared unknowns act in few epochs each (the zeros of runs), ``by_shared`` holds C columns for every epoch
@@ -65,7 +65,7 @@ class Linearised:
 class Whitened:
     """The problem with its local unknowns eliminated; rows: those of epochs with local priors, extra ones, priors."""
 
-    problem: Linearised
+    problem: LinearisedModel
     local_basis: Array  # (B, M + H, H) orthonormal
     local_factor: Array  # (B, H, H) triangular
     own: Array  # (B, M + H, G or C) shared derivatives in the rows of epochs
@@ -239,7 +239,7 @@ class Whitened:
         return np.subtract(columns, explained, out=explained)
 
 
-def whiten(problem: Linearised) -> Whitened:
+def whiten(problem: LinearisedModel) -> Whitened:
     """Return the problem with its local unknowns eliminated (batched QR of each epoch's rows and priors)."""
     epochs, _, count = problem.by_local.shape
     identity = np.broadcast_to(np.eye(count), (epochs, count, count))
@@ -255,7 +255,7 @@ def whiten(problem: Linearised) -> Whitened:
     return Whitened(problem, basis, factor, own, stacked)
 
 
-def _shared_rows(problem: Linearised, basis: Array) -> Array:
+def _shared_rows(problem: LinearisedModel, basis: Array) -> Array:
     """Return the derivatives (N, G) by the shared unknowns less what the local ones explain; they are the largest array
     of all, so that each is written in its place at once."""
     rows = _stacked(problem, None)
@@ -266,7 +266,7 @@ def _shared_rows(problem: Linearised, basis: Array) -> Array:
     return rows
 
 
-def _stacked(problem: Linearised, own: Array | None) -> Array:
+def _stacked(problem: LinearisedModel, own: Array | None) -> Array:
     """Return rows (N, G): those of epochs (B, M + H, G), left open where none are given, extra ones, priors."""
     extra, size = problem.extra_by_shared.shape
     first = problem.residual.size + problem.local_value.size

@@ -12,7 +12,7 @@ from truing.inference.arrays import Array, Integers, Mask
 OBSERVED = "observed"
 
 
-class Parameter(Protocol):
+class ParameterLike(Protocol):
     """A parameter of a cause: its name and unit as in the tables, and one sigma of a plausible size, SI."""
 
     @property
@@ -23,8 +23,8 @@ class Parameter(Protocol):
     def scale(self) -> float: ...
 
 
-class Cause(Protocol):
-    """What is asked of a cause. Causes of one sort belong to one sort of model; `Scene` tells which to propose."""
+class CauseLike(Protocol):
+    """What is asked of a cause. Causes of one sort belong to one sort of model; `SceneLike` tells which to propose."""
 
     @property
     def id(self) -> str:
@@ -57,7 +57,7 @@ class Cause(Protocol):
     def excludes(self, other: Self, /) -> bool:
         """Whether a model that holds this cause has no place for another."""
 
-    def parameters(self, parts: int, /) -> Sequence[Parameter]:
+    def parameters(self, parts: int, /) -> Sequence[ParameterLike]:
         """Return the parameters for so many like parts."""
 
     def alike(self, parts: int, /) -> Sequence[int]:
@@ -79,10 +79,10 @@ class Cause(Protocol):
         """Return at which epochs (B,) it claims to hold."""
 
 
-CauseT = TypeVar("CauseT", bound=Cause)
+CauseT = TypeVar("CauseT", bound=CauseLike)
 
 
-class Conditions(Protocol):
+class ConditionsLike(Protocol):
     """What is known of some epochs, and all that a model needs there."""
 
     @property
@@ -90,9 +90,9 @@ class Conditions(Protocol):
         """Columns (B,) or (B, L), by name."""
 
 
-ConditionsT = TypeVar("ConditionsT", bound=Conditions)
-ConditionsT_co = TypeVar("ConditionsT_co", bound=Conditions, covariant=True)
-ConditionsT_contra = TypeVar("ConditionsT_contra", bound=Conditions, contravariant=True)
+ConditionsT = TypeVar("ConditionsT", bound=ConditionsLike)
+ConditionsT_co = TypeVar("ConditionsT_co", bound=ConditionsLike, covariant=True)
+ConditionsT_contra = TypeVar("ConditionsT_contra", bound=ConditionsLike, contravariant=True)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class ScatterCandidate(Generic[CauseT]):
     of_inputs: bool
 
 
-class Scene(Protocol[CauseT]):
+class SceneLike(Protocol[CauseT]):
     """What a campaign offers to causes of one sort: which candidates are worth testing there."""
 
     @property
@@ -156,7 +156,7 @@ class Scene(Protocol[CauseT]):
         """Return the candidates of a kind that make inputs or observations scatter."""
 
 
-class Predicted(Protocol):
+class PredictionLike(Protocol):
     """What a model predicts, with derivatives per prior sigma, and whitened rows of knowledge, which concern no
     epoch."""
 
@@ -192,7 +192,7 @@ class Predicted(Protocol):
 class Predict(Protocol):
     """Observations as a function of unknowns, which are counted in standard deviations of their priors."""
 
-    def __call__(self, shared: Array, local: Array, by_shared: bool = True) -> Predicted:
+    def __call__(self, shared: Array, local: Array, by_shared: bool = True) -> PredictionLike:
         """Return observations and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked
         for."""
 
@@ -270,7 +270,7 @@ class Model(Protocol[CauseT]):
         they would have to be predicted from others before and after."""
 
     @property
-    def scene(self) -> Scene[CauseT]:
+    def scene(self) -> SceneLike[CauseT]:
         """Return what the campaign offers to causes."""
 
     def with_causes(self, causes: Sequence[CauseT], /) -> Self:

@@ -15,7 +15,7 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
-from truing.inference.model import Cause
+from truing.inference.model import CauseLike
 from truing.inference.observations import Observations
 
 # How many observations the declared noise level counts for: known to about 10 %.
@@ -234,7 +234,7 @@ class Driver:
     within: Integers
     column: str = ""
     channels: tuple[int, ...] = ()
-    cause: Cause | None = None
+    cause: CauseLike | None = None
 
     @property
     def is_one_sided(self) -> bool:

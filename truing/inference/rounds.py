@@ -13,10 +13,10 @@ import numpy as np
 from truing.inference.arrays import Array
 from truing.inference.evidence import alike_log_evidence, log_evidence, log_possible, probabilities
 from truing.inference.fitted_model import FittedModel
-from truing.inference.model import Cause, CauseT
+from truing.inference.model import CauseLike, CauseT
 from truing.inference.search import (
     FURTHER_SHARE,
-    Candidate,
+    CauseCandidate,
     NullDistribution,
     Search,
     candidate_of,
@@ -42,7 +42,7 @@ STRETCH = 3.0
 _ALIKE = 0.7
 
 
-def is_form_of_a_subject(cause: Cause) -> bool:
+def is_form_of_a_subject(cause: CauseLike) -> bool:
     """Return whether a cause is a form that nobody declared, of something in particular: what concerns all is about
     nothing in particular, and no name's rival for its subject."""
     return not cause.catalogued and bool(cause.subject)
@@ -69,15 +69,15 @@ def _acting(fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT) -> t
 
 
 @dataclass(frozen=True)
-class Pair(Generic[CauseT]):
+class CandidatePair(Generic[CauseT]):
     """Two candidates that together explain what no single one does, the one to be accepted first before the other.
 
     ``rivals`` would explain it as well in place of the first, beside the second, with their log odds over the first.
     """
 
-    first: Candidate[CauseT]
-    second: Candidate[CauseT]
-    rivals: tuple[tuple[Candidate[CauseT], float], ...]
+    first: CauseCandidate[CauseT]
+    second: CauseCandidate[CauseT]
+    rivals: tuple[tuple[CauseCandidate[CauseT], float], ...]
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,12 @@ class Round(Generic[CauseT]):
 
     fitted: FittedModel[CauseT]
     null: NullDistribution
-    candidates: tuple[Candidate[CauseT], ...]
+    candidates: tuple[CauseCandidate[CauseT], ...]
     scores: dict[str, Score] = field(repr=False)  # by the cause's key
     tried: int  # how many candidates there were
     search: Search[CauseT] | None = field(repr=False)  # None once the round is over
 
-    def p_value(self, candidate: Candidate[CauseT]) -> float:
+    def p_value(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return a candidate's p-value, corrected for everything that was tried."""
         if not candidate.signature.rank:
             return 1.0
@@ -99,9 +99,9 @@ class Round(Generic[CauseT]):
         return self.null.corrected(self.scores[candidate.key].squares, group)
 
     @cached_property
-    def best(self) -> dict[str, Candidate[CauseT]]:
+    def best(self) -> dict[str, CauseCandidate[CauseT]]:
         """Return the most probable candidate of every kind."""
-        found: dict[str, Candidate[CauseT]] = {}
+        found: dict[str, CauseCandidate[CauseT]] = {}
         for candidate in self.candidates:
             rival = found.setdefault(candidate.kind, candidate)
             if self.posterior(candidate) > self.posterior(rival):
@@ -113,7 +113,7 @@ class Round(Generic[CauseT]):
         kept = tuple(candidate.light() for candidate in self.best.values())
         return replace(self, candidates=kept, search=None)
 
-    def posterior(self, candidate: Candidate[CauseT]) -> float:
+    def posterior(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return a candidate's log posterior odds against the model without it."""
         return self.scores[candidate.key].log_posterior
 
@@ -122,12 +122,12 @@ class Round(Generic[CauseT]):
         """Return the probability of every kind of cause, among them and none."""
         return probabilities({kind: self.posterior(candidate) for kind, candidate in self.best.items()})
 
-    def scale_holds(self, candidate: Candidate[CauseT], rivals: Sequence[Candidate[CauseT]]) -> bool:
+    def scale_holds(self, candidate: CauseCandidate[CauseT], rivals: Sequence[CauseCandidate[CauseT]]) -> bool:
         """Return whether a candidate stays the most probable where plausible scales are tripled."""
         own = self._stretched(candidate)
         return all(own >= self._stretched(rival) for rival in rivals)
 
-    def _stretched(self, candidate: Candidate[CauseT]) -> float:
+    def _stretched(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return a candidate's log posterior odds with plausible scales tripled."""
         score = self.scores[candidate.key]
         if not candidate.signature.rank:
@@ -136,7 +136,7 @@ class Round(Generic[CauseT]):
         return log_evidence_of(candidate, self.fitted, score.along, STRETCH) + score.log_signs + beforehand
 
     @cached_property
-    def best_pair(self) -> Pair[CauseT] | None:
+    def best_pair(self) -> CandidatePair[CauseT] | None:
         """Return the pair of candidates with the most evidence, the stronger one first, if it beats any single one."""
         if len(self.candidates) < 2 or self.search is None:
             return None
@@ -153,9 +153,9 @@ class Round(Generic[CauseT]):
         first, second = sorted(best, key=lambda i: (_unnamed([tried[i]]), -self.posterior(tried[i])))
         behind = {sum(pair) - second: own - odds[best] for pair, own in odds.items() if second in pair}
         rivals = [(tried[i], lead) for i, lead in behind.items() if i != first and lead >= -np.log(RIVAL_FACTOR)]
-        return Pair(tried[first], tried[second], tuple(rivals))
+        return CandidatePair(tried[first], tried[second], tuple(rivals))
 
-    def _least_of_pair(self, pair: Sequence[Candidate[CauseT]]) -> float:
+    def _least_of_pair(self, pair: Sequence[CauseCandidate[CauseT]]) -> float:
         """Return the least log odds at which a name is told beside a form that nobody declared: that form is rough, so
         that what is left of it is its own further terms, or another form of the same subject, unless the name is far
         more probable."""
@@ -164,7 +164,7 @@ class Round(Generic[CauseT]):
             return -np.inf
         return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
 
-    def _with_rest(self, form: Candidate[CauseT]) -> float:
+    def _with_rest(self, form: CauseCandidate[CauseT]) -> float:
         """Return the log odds of a form that nobody declared with what speaks most for it in forms of its subject."""
         if form.key not in self._rests:
             assert self.search is not None
@@ -174,7 +174,7 @@ class Round(Generic[CauseT]):
             self._rests[form.key] = max([self.posterior(form), *beside])
         return self._rests[form.key]
 
-    def is_remainder(self, candidate: Candidate[CauseT]) -> bool:
+    def is_remainder(self, candidate: CauseCandidate[CauseT]) -> bool:
         """Return whether a candidate is small beside a form that nobody declared and that the model holds, where it
         acts on the same."""
         if self.search is None:
@@ -200,13 +200,13 @@ class Round(Generic[CauseT]):
         return {}
 
     @cached_property
-    def _unnamed_best(self) -> list[Candidate[CauseT]]:
+    def _unnamed_best(self) -> list[CauseCandidate[CauseT]]:
         """Return the most probable forms that nobody declared, those of an accepted one's further terms among them."""
         ranked = sorted(self.candidates, key=self.posterior, reverse=True)
         unnamed = [c for c in ranked if not c.cause.catalogued and c.signature.rank]
         return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.is_higher_order]
 
-    def _further(self, form: Candidate[CauseT]) -> list[Candidate[CauseT]]:
+    def _further(self, form: CauseCandidate[CauseT]) -> list[CauseCandidate[CauseT]]:
         """Return the further terms of a form as candidates, as they would be proposed once it was accepted."""
         assert self.search is not None
         pathways, proposed = self.search.pathways, opened(self.fitted, self.fitted.scene.higher_order_terms(form.cause))
@@ -214,7 +214,7 @@ class Round(Generic[CauseT]):
         found = [candidate_of(self.fitted, pathways, cause, form.kind, prior) for cause in proposed]
         return [candidate for candidate in found if candidate.signature.rank]
 
-    def _score(self, candidate: Candidate[CauseT]) -> Score:
+    def _score(self, candidate: CauseCandidate[CauseT]) -> Score:
         """Return what the data say of a candidate, of one that is not yet proposed as well."""
         if candidate.key in self.scores or self.search is None:
             return self.scores[candidate.key]
@@ -223,15 +223,15 @@ class Round(Generic[CauseT]):
         return score_of(candidate, self.fitted, pathways, along)
 
     @cached_property
-    def _paired(self) -> list[Candidate[CauseT]]:
+    def _paired(self) -> list[CauseCandidate[CauseT]]:
         """Return the most probable candidates, a few of each kind."""
-        taken: list[Candidate[CauseT]] = []
+        taken: list[CauseCandidate[CauseT]] = []
         for candidate in sorted(self.candidates, key=self.posterior, reverse=True):
             if candidate.signature.rank and sum(c.kind == candidate.kind for c in taken) < _OF_A_KIND:
                 taken.append(candidate)
         return taken[:_PAIRED]
 
-    def _pair_evidence(self, pathways: Pathways, *pair: Candidate[CauseT]) -> float:
+    def _pair_evidence(self, pathways: Pathways, *pair: CauseCandidate[CauseT]) -> float:
         strengths, loadings = joint(pathways, pair[0].signature, pair[1].signature)
         raw = np.concatenate([raw_scores(c.signature, self._score(c)) for c in pair])
         along = (raw @ loadings) / strengths
@@ -241,7 +241,7 @@ class Round(Generic[CauseT]):
         signs = self._signs(pair, values, covariance)
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
 
-    def _signs(self, pair: Sequence[Candidate[CauseT]], values: Array, covariance: Array) -> float:
+    def _signs(self, pair: Sequence[CauseCandidate[CauseT]], values: Array, covariance: Array) -> float:
         """Return what the evidence of candidates together owes to signs, from all their parameters (P,)."""
         parts, first, found = self.fitted.model.part_count, 0, 0.0
         for candidate in pair:
@@ -250,14 +250,14 @@ class Round(Generic[CauseT]):
             first = own.stop
         return found
 
-    def _of_likeness(self, candidate: Candidate[CauseT]) -> float:
+    def _of_likeness(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return what a candidate's log evidence owes to parameters of like size."""
         score, (total, freedom) = self._score(candidate), total_of(self.fitted)
         owed = score.log_evidence - score.log_signs
         return owed - float(log_evidence(score.along, candidate.signature.strengths, total, freedom))
 
 
-def _index_pairs(tried: Sequence[Candidate[CauseT]]) -> list[tuple[int, int]]:
+def _index_pairs(tried: Sequence[CauseCandidate[CauseT]]) -> list[tuple[int, int]]:
     """Return the pairs worth trying: of two kinds, or of two single channels."""
     return [
         (i, j)
@@ -266,12 +266,12 @@ def _index_pairs(tried: Sequence[Candidate[CauseT]]) -> list[tuple[int, int]]:
     ]
 
 
-def _unnamed(candidates: Iterable[Candidate[CauseT]]) -> int:
+def _unnamed(candidates: Iterable[CauseCandidate[CauseT]]) -> int:
     """Return how many candidates are dependences in a form that nobody declared."""
     return sum(not candidate.cause.catalogued for candidate in candidates)
 
 
-def _apart(first: Candidate[CauseT], second: Candidate[CauseT]) -> bool:
+def _apart(first: CauseCandidate[CauseT], second: CauseCandidate[CauseT]) -> bool:
     """Return whether two candidates act on pathways none of which they share, as two single channels do."""
     return not np.isin(first.signature.index, second.signature.index).any()
 
@@ -306,7 +306,7 @@ class Score:
         return float(np.sqrt(self.squares))
 
 
-def score_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], pathways: Pathways, along: Array) -> Score:
+def score_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], pathways: Pathways, along: Array) -> Score:
     own = candidate.signature
     if not own.rank:
         return Score(0.0, 0.0, float(np.log(candidate.prior)), np.zeros(0))
@@ -316,7 +316,7 @@ def score_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], pathways
     return Score(float(parts @ parts), odds, odds + float(np.log(max(candidate.prior, 1e-300))), parts, signs)
 
 
-def signs_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: Array) -> float:
+def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], parts: Array) -> float:
     """Return what a candidate's log evidence owes to the signs of parameters that nature makes on one side only."""
     places = candidate.cause.one_sided(fitted.model.part_count)
     if not places:
@@ -327,7 +327,7 @@ def signs_of(candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: A
 
 
 def log_evidence_of(
-    candidate: Candidate[CauseT], fitted: FittedModel[CauseT], parts: Array, stretch: float = 1.0
+    candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], parts: Array, stretch: float = 1.0
 ) -> float:
     """Return a candidate's log evidence: of parameters of like size where there are such, or independent ones."""
     own, (total, freedom) = candidate.signature, total_of(fitted)

@@ -47,7 +47,7 @@ FURTHER_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Candidate(Generic[CauseT]):
+class CauseCandidate(Generic[CauseT]):
     """One candidate: its cause, the kind it belongs to, its signature, and its probability beforehand in its kind."""
 
     cause: CauseT
@@ -60,7 +60,7 @@ class Candidate(Generic[CauseT]):
         """Return the name that tells it from all others."""
         return self.cause.key
 
-    def light(self) -> Candidate[CauseT]:
+    def light(self) -> CauseCandidate[CauseT]:
         """Return it without its design, which only a search needs."""
         return replace(self, signature=replace(self.signature, design=np.zeros((0, self.signature.parameters))))
 
@@ -85,7 +85,7 @@ class Search(Generic[CauseT]):
 
     pathways: Pathways
     noise: NoiseComponents
-    candidates: Sequence[Candidate[CauseT]]
+    candidates: Sequence[CauseCandidate[CauseT]]
     families: Sequence[ChannelFamily[CauseT]]
     shares: dict[str, float]
     draws: int
@@ -93,18 +93,18 @@ class Search(Generic[CauseT]):
     part_count: int = 0  # of the model: how many like parts have parameters of their own in some causes
 
     @cached_property
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[CandidateGroup, ...]:
         """Return the groups: those of candidates, then one for every family of channels."""
         found: dict[tuple[str, int], list[float]] = {}
         for candidate in self._seen:
             own = candidate.signature
             found.setdefault((candidate.kind, own.rank), []).append(own.input_share)
-        listed = [Group(kind, rank, float(np.mean(shares))) for (kind, rank), shares in found.items()]
-        listed += [Group(p.kind, p.signatures.parameters, 0.0) for p in self.families]
+        listed = [CandidateGroup(kind, rank, float(np.mean(shares))) for (kind, rank), shares in found.items()]
+        listed += [CandidateGroup(p.kind, p.signatures.parameters, 0.0) for p in self.families]
         return tuple(listed)
 
     @cached_property
-    def _seen(self) -> list[Candidate[CauseT]]:
+    def _seen(self) -> list[CauseCandidate[CauseT]]:
         return [candidate for candidate in self.candidates if candidate.signature.rank]
 
     @cached_property
@@ -215,7 +215,7 @@ class Search(Generic[CauseT]):
         along = self.pathways.along(self.pathways.whitened.rest[None])
         squares, found = self.squares(along)[0], []
         for number, candidate in enumerate(self._seen):
-            group = Group(candidate.kind, candidate.signature.rank, candidate.signature.input_share)
+            group = CandidateGroup(candidate.kind, candidate.signature.rank, candidate.signature.input_share)
             noise = self.noise.without(float(squares[number]), group.rank, group.input_share)
             found.append(float(f_test(squares[number], group, noise, self.noise)))
         if not found:
@@ -240,7 +240,7 @@ def _signs(rng: np.random.Generator, count: int, size: int) -> Array:
 
 
 @dataclass(frozen=True)
-class Group:
+class CandidateGroup:
     """Candidates of one kind with the same number of directions: comparable by their squares alone."""
 
     kind: str
@@ -253,7 +253,7 @@ class NullDistribution:
     """The null distribution of a search: ``drawn`` and ``flipped`` (draws, kinds) hold the smallest p of every kind on
     simulated and on sign-flipped residuals; ``shares`` (by kind) are the parts of the budget of false alarms."""
 
-    groups: tuple[Group, ...]
+    groups: tuple[CandidateGroup, ...]
     noise: NoiseComponents
     shares: dict[str, float]
     drawn: Array
@@ -264,7 +264,7 @@ class NullDistribution:
         """Return the kinds of cause of which the campaign could see any."""
         return kinds_of(self.groups)
 
-    def raw(self, squares: Array | float, group: Group, noise: Array | float) -> Array:
+    def raw(self, squares: Array | float, group: CandidateGroup, noise: Array | float) -> Array:
         """Return the F test's p of squares (...) of a group, at a level of the noise estimated without them."""
         return f_test(squares, group, noise, self.noise)
 
@@ -281,28 +281,28 @@ class NullDistribution:
     def _minima(self) -> tuple[Array, Array]:
         return np.min(self.drawn * self.cost, 1), np.min(self.flipped * self.cost, 1)
 
-    def corrected(self, squares: float, group: Group) -> float:
+    def corrected(self, squares: float, group: CandidateGroup) -> float:
         """Return the p-value of a candidate's squares: how often a search of everything finds as much by chance."""
         noise = self.noise.without(squares, group.rank, group.input_share)
         statistic = float(self.raw(squares, group, noise) * self.cost[self.kinds.index(group.kind)])
         return min(1.0, max(_share(minima, statistic) for minima in self._minima))
 
-    def group_of(self, kind: str, rank: int) -> Group:
+    def group_of(self, kind: str, rank: int) -> CandidateGroup:
         """Return the group of a kind's candidates with so many directions."""
         return next(group for group in self.groups if group.kind == kind and group.rank == rank)
 
-    def threshold(self, group: Group, level: float) -> float:
+    def threshold(self, group: CandidateGroup, level: float) -> float:
         """Return the p, not corrected, that a candidate of the group must stay below for a p-value of level."""
         limits = [float(np.quantile(minima, level)) for minima in self._minima]
         return min(limits) / float(self.cost[self.kinds.index(group.kind)])
 
 
-def kinds_of(groups: Sequence[Group]) -> tuple[str, ...]:
+def kinds_of(groups: Sequence[CandidateGroup]) -> tuple[str, ...]:
     """Return the kinds of some groups, each once."""
     return tuple(dict.fromkeys(group.kind for group in groups))
 
 
-def f_test(squares: Array | float, group: Group, noise: Array | float, components: NoiseComponents) -> Array:
+def f_test(squares: Array | float, group: CandidateGroup, noise: Array | float, components: NoiseComponents) -> Array:
     """Return the F test's p of squares (...) of a group's candidates, at a level of the noise."""
     from scipy.special import fdtrc
 
@@ -336,8 +336,8 @@ def search_of(
     return Search(pathways, fitted.noise, candidates, families, shares, draws, rng, fitted.model.part_count)
 
 
-def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[Candidate[CauseT]]:
-    found: list[Candidate[CauseT]] = []
+def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[CauseCandidate[CauseT]]:
+    found: list[CauseCandidate[CauseT]] = []
     scene = fitted.scene
     for kind in kinds:
         further = opened(
@@ -348,7 +348,7 @@ def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
             whole = max(weights.sum(), 1e-300) / (FURTHER_SHARE if further else 1.0)
             own = signatures_of(pathways, (fitted.design_matrix(cause) for cause in proposed))
             for cause, weight, one in zip(proposed, weights / whole, own, strict=True):
-                found.append(Candidate(cause, kind.id, one, float(weight)))
+                found.append(CauseCandidate(cause, kind.id, one, float(weight)))
     return found
 
 
@@ -359,8 +359,8 @@ def opened(fitted: FittedModel[CauseT], proposed: Sequence[CauseT]) -> list[Caus
 
 def candidate_of(
     fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT, kind: str, prior: float
-) -> Candidate[CauseT]:
-    return Candidate(cause, kind, signature(pathways, fitted.design_matrix(cause)), prior)
+) -> CauseCandidate[CauseT]:
+    return CauseCandidate(cause, kind, signature(pathways, fitted.design_matrix(cause)), prior)
 
 
 def _families(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[ChannelFamily[CauseT]]:
@@ -379,7 +379,7 @@ def _families(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
 
 def _best_members(
     fitted: FittedModel[CauseT], pathways: Pathways, own: ChannelFamily[CauseT], along: Array
-) -> list[Candidate[CauseT]]:
+) -> list[CauseCandidate[CauseT]]:
     """Return the candidates over single channels with the most evidence, each channel at its best shape."""
     signatures = own.signatures
     scores = signatures.scores(signatures.rotated.along(along[None][:, :, pathways.places[OBSERVED]]))[..., 0]

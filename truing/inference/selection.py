@@ -18,9 +18,9 @@ from truing.inference.adequacy import Adequacy, adequacy_of, is_unordered
 from truing.inference.arrays import Array, Mask
 from truing.inference.attribution import Attributed, attributed
 from truing.inference.block_gain import BlockGain, block_gain
-from truing.inference.blocks import Blocks
+from truing.inference.blocks import EpochBlocks
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue, residuals_of_inputs
-from truing.inference.model import CampaignModel, CauseT, Conditions, ConditionsT, ScatterCandidate
+from truing.inference.model import CampaignModel, CauseT, ConditionsLike, ConditionsT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, variance_gain
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
@@ -33,7 +33,7 @@ from truing.inference.rounds import (
     share_explained,
 )
 from truing.inference.scatter import FoundScatter
-from truing.inference.search import Candidate, Search
+from truing.inference.search import CauseCandidate, Search
 from truing.inference.search_end import MOST_CAUSES, EndOfSearch, end_of_search, limit_reached
 from truing.inference.verdicts import (
     FOUND,
@@ -95,7 +95,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Diagnosis(Generic[CauseT]):
+class CauseDiagnosis(Generic[CauseT]):
     """All verdicts, found ones first; the plain and the final model; all rounds; what was left out."""
 
     verdicts: tuple[Verdict[CauseT], ...]
@@ -110,9 +110,9 @@ class Diagnosis(Generic[CauseT]):
     adequacy: Adequacy  # whether the final model holds as a whole
     end: EndOfSearch[CauseT]  # whether the search came to its end
     scatters: tuple[FoundScatter[CauseT], ...]  # what makes inputs scatter; their priors are as wide accordingly
-    held_out: Epochs[Conditions] | None
+    held_out: Epochs[ConditionsLike] | None
     unasked: tuple[CauseT, ...] = ()  # kinds that have no candidate in this campaign
-    blocks: tuple[Blocks, ...] = ()  # groupings of epochs that can be left out block by block
+    blocks: tuple[EpochBlocks, ...] = ()  # groupings of epochs that can be left out block by block
     attributed: tuple[Attributed, ...] = ()  # inputs that predict what is missed, where no model of causes holds
 
 
@@ -120,14 +120,14 @@ class Diagnosis(Generic[CauseT]):
 class _Accepted(Generic[CauseT]):
     """A cause that was accepted: what was chosen, the round in which it was, and the model with it."""
 
-    chosen: Choice[CauseT]
+    chosen: CandidateChoice[CauseT]
     round: Round[CauseT]
     cause: CauseT  # in the form that was fitted
     after: FittedModel[CauseT]
     is_outdone: bool  # a form that nobody declared was more probable, but was refused
 
     @property
-    def candidate(self) -> Candidate[CauseT]:
+    def candidate(self) -> CauseCandidate[CauseT]:
         """Return the candidate that was accepted."""
         return self.chosen.candidate
 
@@ -151,7 +151,7 @@ class _Searched(Generic[CauseT]):
         return found
 
 
-class Acceptance(Generic[CauseT]):
+class CauseSelection(Generic[CauseT]):
     """The search over a catalogue for one campaign; ``run`` returns every verdict and the final model.
 
     ``given`` are causes that are certain before any search (labels that were exchanged): in every model from the start.
@@ -169,7 +169,7 @@ class Acceptance(Generic[CauseT]):
         self._fitter = Fitter(model, calibration, held_out, settings.seed, progress)
         self._settings, self._progress, self._given = settings, progress, tuple(given)
 
-    def run(self, kinds: Sequence[CauseT]) -> Diagnosis[CauseT]:
+    def run(self, kinds: Sequence[CauseT]) -> CauseDiagnosis[CauseT]:
         """Return what is decided on all kinds of cause of a catalogue."""
         first = self._round(self._fitter.prepared(self._given), kinds, 0)
         noise_dependences = self._noisier_for_a_while(first, kinds)
@@ -206,7 +206,7 @@ class Acceptance(Generic[CauseT]):
         verdicts = [self._doubted(verdict, final, doubt, outdone) for verdict in verdicts]
         is_sure = doubt is None and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         left = "" if is_sure else doubt or Reason.UNNAMED  # what a doubtful model leaves scatters by more than noise
-        return Diagnosis(
+        return CauseDiagnosis(
             tuple(sorted(verdicts, key=lambda verdict: verdict.rank)),
             searched.plain,
             final,
@@ -420,8 +420,8 @@ class Acceptance(Generic[CauseT]):
             rounds.append(next_round)
 
     def _fitted(
-        self, chosen: Choice[CauseT], current: Round[CauseT]
-    ) -> tuple[Choice[CauseT], CauseT, FittedModel[CauseT]]:
+        self, chosen: CandidateChoice[CauseT], current: Round[CauseT]
+    ) -> tuple[CandidateChoice[CauseT], CauseT, FittedModel[CauseT]]:
         """Return what was chosen in the form that is fitted, and the model with it; without those of its parts that do
         nothing then."""
         while True:
@@ -503,31 +503,33 @@ class Acceptance(Generic[CauseT]):
         return found
 
 
-def _is_told(rival: Candidate[CauseT], lead: float) -> bool:
+def _is_told(rival: CauseCandidate[CauseT], lead: float) -> bool:
     """Return whether a rival is worth telling: a form that nobody declared only where it is not the less probable."""
     return rival.cause.catalogued or lead >= 0.0
 
 
 @dataclass(frozen=True)
-class Choice(Generic[CauseT]):
+class CandidateChoice(Generic[CauseT]):
     """The candidate to accept, and which ones the data cannot tell from it, with their log odds over it.
 
     ``of_two``: it is accepted as one of two that together explain what one would swallow; ``subjects``: what else it
     may concern, with the odds against each.
     """
 
-    candidate: Candidate[CauseT]
-    rivals: tuple[tuple[Candidate[CauseT], float], ...]
+    candidate: CauseCandidate[CauseT]
+    rivals: tuple[tuple[CauseCandidate[CauseT], float], ...]
     of_two: bool = False
     subjects: tuple[tuple[str, float], ...] = ()
 
-    def light(self) -> Choice[CauseT]:
+    def light(self) -> CandidateChoice[CauseT]:
         """Return it without designs, which only a search needs."""
         rivals = tuple((rival.light(), lead) for rival, lead in self.rivals)
         return replace(self, candidate=self.candidate.light(), rivals=rivals)
 
 
-def choose(current: Round[CauseT], refused: set[str], level: float, *, pairs: bool = True) -> Choice[CauseT] | None:
+def choose(
+    current: Round[CauseT], refused: set[str], level: float, *, pairs: bool = True
+) -> CandidateChoice[CauseT] | None:
     """Return the candidate to accept: of the kinds that explain the data equally well the one with the fewest
     parameters, a named one unless no name is more probable; where two together explain what one would swallow, the
     stronger of them, whose rivals are those that do as well beside the other.
@@ -541,7 +543,7 @@ def choose(current: Round[CauseT], refused: set[str], level: float, *, pairs: bo
     pair = current.best_pair if pairs else None
     if pair is not None and pair.first.kind not in refused and _leads(current, pair.first, level):
         also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
-        return Choice(pair.first, also, True, _other_subjects(current, pair.first))
+        return CandidateChoice(pair.first, also, True, _other_subjects(current, pair.first))
     unnamed = [c for c in rivals if not c.cause.catalogued]
     least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
     named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
@@ -549,11 +551,11 @@ def choose(current: Round[CauseT], refused: set[str], level: float, *, pairs: bo
     if chosen is None:
         return None
     also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
-    return Choice(chosen, also, False, _other_subjects(current, chosen))
+    return CandidateChoice(chosen, also, False, _other_subjects(current, chosen))
 
 
 def confirmed(
-    current: Round[CauseT], choice: Choice[CauseT], next_round: Round[CauseT], level: float, refused: set[str]
+    current: Round[CauseT], choice: CandidateChoice[CauseT], next_round: Round[CauseT], level: float, refused: set[str]
 ) -> bool:
     """Return whether what was chosen as one of two, and the best beside it once everything was fitted anew, are still
     more probable than any single one that was not refused: before, the evidence of two is an estimate.
@@ -568,7 +570,7 @@ def confirmed(
     return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
 
 
-def is_real(current: Round[CauseT], candidate: Candidate[CauseT], level: float) -> bool:
+def is_real(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: float) -> bool:
     """Return whether chance is ruled out, and the data speak for the cause rather than for none.
 
     The second is no matter of course: many parameters may be far from zero together, and of no plausible size in any
@@ -578,21 +580,21 @@ def is_real(current: Round[CauseT], candidate: Candidate[CauseT], level: float) 
     return speaks and current.p_value(candidate) <= level
 
 
-def is_outdone(current: Round[CauseT], chosen: Candidate[CauseT], refused: set[str]) -> bool:
+def is_outdone(current: Round[CauseT], chosen: CauseCandidate[CauseT], refused: set[str]) -> bool:
     """Whether a form that nobody declared is more probable than a name, though one of its kind was refused."""
     unnamed = (c for c in current.candidates if not c.cause.catalogued and c.kind in refused)
     least = current.posterior(chosen) + NAMED
     return chosen.cause.catalogued and any(current.posterior(candidate) > least for candidate in unnamed)
 
 
-def _equals(current: Round[CauseT], level: float, refused: set[str]) -> list[Candidate[CauseT]]:
+def _equals(current: Round[CauseT], level: float, refused: set[str]) -> list[CauseCandidate[CauseT]]:
     """Return the best candidates of those kinds that stand and are within a factor 20 of the best in evidence."""
     real = [c for c in current.best.values() if c.kind not in refused and _holds_up(current, c, level)]
     best = max((current.posterior(c) for c in real), default=0.0)
     return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
 
-def _holds_up(current: Round[CauseT], candidate: Candidate[CauseT], level: float) -> bool:
+def _holds_up(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: float) -> bool:
     """Return whether a candidate is real, and a name no remainder of a form that nobody declared.
 
     Such forms are rough, so that something is left of them: beside one, a name has to be told from its further terms,
@@ -611,14 +613,14 @@ def _holds_up(current: Round[CauseT], candidate: Candidate[CauseT], level: float
     return current.posterior(candidate) >= least and not current.is_remainder(candidate)
 
 
-def _leads(current: Round[CauseT], first: Candidate[CauseT], level: float) -> bool:
+def _leads(current: Round[CauseT], first: CauseCandidate[CauseT], level: float) -> bool:
     """Return whether the first of a pair is accepted: beside forms of a subject as if it came alone."""
     if any(is_form_of_a_subject(cause) for cause in current.fitted.causes):
         return _holds_up(current, first, level)
     return is_real(current, first, level)
 
 
-def _other_subjects(current: Round[CauseT], chosen: Candidate[CauseT]) -> tuple[tuple[str, float], ...]:
+def _other_subjects(current: Round[CauseT], chosen: CauseCandidate[CauseT]) -> tuple[tuple[str, float], ...]:
     """Return what else a named cause may concern, the most probable first, with the odds against each."""
     if not chosen.cause.catalogued:
         return ()
@@ -633,7 +635,7 @@ def _other_subjects(current: Round[CauseT], chosen: Candidate[CauseT]) -> tuple[
 
 
 def gain_in_blocks(
-    final: FittedModel[CauseT], cause: CauseT, size: int, possible: Sequence[Blocks]
+    final: FittedModel[CauseT], cause: CauseT, size: int, possible: Sequence[EpochBlocks]
 ) -> BlockGain | None:
     """Return by how much a cause of the final model pays in blocks that are left out; all of its parameters but the
     first ``size`` are its shape. None where no kind of block tells."""

@@ -11,11 +11,11 @@ import numpy as np
 from truing.inference.arrays import Array
 from truing.inference.block_gain import BlockGain
 from truing.inference.fitted_model import FittedModel
-from truing.inference.model import OBSERVED, CauseT, Conditions
+from truing.inference.model import OBSERVED, CauseT, ConditionsLike
 from truing.inference.observations import Epochs, Observations, whitened_columns
 from truing.inference.prediction import NoiseFloor, PredictionError, prediction_error
 from truing.inference.rounds import Round
-from truing.inference.search import LEAST_P, Candidate
+from truing.inference.search import LEAST_P, CauseCandidate
 from truing.inference.signatures import Signature
 
 FOUND, SUSPECTED, INDISTINGUISHABLE, REJECTED = "found", "suspected", "indistinguishable", "rejected"
@@ -77,9 +77,9 @@ class Verdict(Generic[CauseT]):
 
 def first_order(
     current: Round[CauseT],
-    candidate: Candidate[CauseT],
+    candidate: CauseCandidate[CauseT],
     verdict: str,
-    held_out: Epochs[Conditions] | None,
+    held_out: Epochs[ConditionsLike] | None,
     reason: Reason | None = None,
 ) -> Verdict[CauseT]:
     """Return a verdict on a candidate with what it would do to a round's model, to first order."""
@@ -108,7 +108,10 @@ def first_order(
 
 
 def _held_out(
-    fitted: FittedModel[CauseT], candidate: Candidate[CauseT], values: Array, held_out: Epochs[Conditions] | None
+    fitted: FittedModel[CauseT],
+    candidate: CauseCandidate[CauseT],
+    values: Array,
+    held_out: Epochs[ConditionsLike] | None,
 ) -> tuple[PredictionError[CauseT] | None, PredictionError[CauseT] | None]:
     """Return what is predicted wrongly of held-out epochs, without and with a candidate; of blocks only fits tell."""
     after = held_out_after_first_step(fitted, candidate.cause, candidate.signature, values, held_out)
@@ -136,7 +139,7 @@ def fitted(
     )
 
 
-def certain(cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[Conditions] | None) -> Verdict[CauseT]:
+def certain(cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[ConditionsLike] | None) -> Verdict[CauseT]:
     """Return the verdict on a cause that was certain before any search, and is in the plain model."""
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
@@ -176,7 +179,7 @@ def after_first_step(
 
 
 def held_out_after_first_step(
-    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: Array, held_out: Epochs[Conditions] | None
+    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: Array, held_out: Epochs[ConditionsLike] | None
 ) -> PredictionError[CauseT] | None:
     """Return the same on held-out epochs, None where there are none."""
     if held_out is None or fitted.held_out is None:

@@ -21,7 +21,7 @@ _ODD_POSE = 1e-6
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class PoseSurroundings:
     """The poses in the order of time, with what may drive the bodies.
 
     poses (B ids); time (B,) in s; settings (B, D) actuator or drive readings in the units of the table,
@@ -117,7 +117,7 @@ def _gross_attachments(residuals: Array, sigma: Array, seen: Mask, covariates: A
 
 
 def body_view(
-    body: str, place: SurveyPoints, points: PosePoints, around: Surroundings, *, is_surveyed: bool
+    body: str, place: SurveyPoints, points: PosePoints, around: PoseSurroundings, *, is_surveyed: bool
 ) -> BodyView:
     """Return a body fitted robustly pose by pose to its survey, or to its first shape."""
     frame = place.leg == 0

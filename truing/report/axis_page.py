@@ -9,7 +9,7 @@ from plotly.subplots import make_subplots
 
 from truing.report.figure_style import BLUE, ORANGE, style
 from truing.report.numbers import count, rough, sign
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, filled
 
 _NAMES = {"motor": "encoder at the motor", "load": "encoder at the load", "measured": "outside instrument"}
@@ -20,7 +20,7 @@ _CAPTION = (
 )
 
 
-def axis(tables: Tables) -> Section | None:
+def axis(tables: Tables) -> ReportSection | None:
     """What each encoder misses, by the command alone and by the extended model; None where no axis was measured."""
     errors = filled(tables, "axis_errors")
     if errors is None:
@@ -29,7 +29,7 @@ def axis(tables: Tables) -> Section | None:
     rows = count(errors["pose"].nunique(), "row")
     lead = f"{rows} of one axis, recorded by {count(len(encoders), 'encoder')}. A constant zero of each is taken out."
     figures = tuple((_drawn(errors, column, title), _CAPTION) for column, title in _pictures(errors))
-    return Section("axis", "Axis", lead, figures=figures, listings=(_listing(errors, encoders),))
+    return ReportSection("axis", "Axis", lead, figures=figures, listings=(_listing(errors, encoders),))
 
 
 def _pictures(errors: pd.DataFrame) -> list[tuple[str, str]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from truing.belonging.relation import Slip, SlipKind, State, Tested
+from truing.belonging.relation import RecordSlip, RelationState, SlipKind, Tested
 from truing.report.numbers import two_decimals
 
 _MOST = 6  # subjects that a sentence lists
@@ -132,12 +132,12 @@ def message(tested: Tested) -> str:
         error, noise = (f"{1e3 * (size or 0.0):.2g} µm" for size in (tested.misfit, tested.limit))
         words = "; ".join(map(slip_words, tested.slips))
         return f"{sides} belong together, but: {words}. That is an error of {error}, declared noise {noise}."
-    if tested.slips and tested.state == State.FAILS:
+    if tested.slips and tested.state == RelationState.FAILS:
         return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
     said = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
     if tested.slips:
         return f"{said} {_meant(tested)}"
-    if tested.tried and tested.state in (State.OK, State.ATTENTION, State.FAILS):
+    if tested.tried and tested.state in (RelationState.OK, RelationState.ATTENTION, RelationState.FAILS):
         said += f" {tested.tried} slips were tried."
     if tested.hidden:
         said += f" This campaign cannot show: {listed([slip_words(slip) for slip in tested.hidden], sep='; ')}."
@@ -162,12 +162,12 @@ def _meant(tested: Tested) -> str:
     return f"{meant}{after}{rivals}"
 
 
-def slip_words(slip: Slip) -> str:
+def slip_words(slip: RecordSlip) -> str:
     """Return one slip as a phrase that says what was recorded and what to change."""
     return _WORDS[slip.kind](slip)
 
 
-def _of(slip: Slip) -> str:
+def _of(slip: RecordSlip) -> str:
     return f"{slip.quantity} {listed(slip.subjects)}".strip()
 
 
@@ -177,7 +177,7 @@ def listed(names: Sequence[str], most: int = _MOST, sep: str = ", ") -> str:
     return f"{sep.join(names[:most])}{more}"
 
 
-def _unit(slip: Slip) -> str:
+def _unit(slip: RecordSlip) -> str:
     if slip.factor == 1.0:
         return f"{_of(slip)} in another unit"
     own = slip.quantity if slip.quantity in _FACTORS else slip.dimension
@@ -188,12 +188,12 @@ def _unit(slip: Slip) -> str:
     return f"{_of(slip)} {'in another unit' if named else 'off by a factor'}: multiply by {slip.factor:.7g}{what}"
 
 
-def _zero(slip: Slip) -> str:
+def _zero(slip: RecordSlip) -> str:
     by = f": add {slip.offset:.4g}" if slip.offset else ""
     return f"{_of(slip)} counted from another zero{by}"
 
 
-def _copied(slip: Slip) -> str:
+def _copied(slip: RecordSlip) -> str:
     said = f"{slip.quantity} {listed(slip.subjects)} are the same in every digit"
     if not slip.rows:
         return said

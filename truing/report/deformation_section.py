@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
 from truing.report.model_tests import ModelTest, by_p, listing_of
 from truing.report.numbers import p_equals, p_value, plain, quantity, with_uncertainty
-from truing.report.page import Drawn, Listing, Section
+from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_deformation
 from truing.report.scene.by_leg import by_leg
 from truing.report.scene.scenes import pose_scene
@@ -33,7 +33,7 @@ _IN_PLANE = "in-plane"  # the model of shifts along x and y
 _LINES = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
 
-def deformation(tables: Tables) -> Section | None:
+def deformation(tables: Tables) -> ReportSection | None:
     """The deformation picture, the shifts against their drives, and the models."""
     if "deformation" not in tables:
         return None
@@ -41,10 +41,10 @@ def deformation(tables: Tables) -> Section | None:
     shown = [*_picture(tables), *_legs(tables), *_targets(tables)]
     if not modelled:
         why = why_no_deformation(tables)
-        return Section("deformation", "Deformation", why, tuple(shown), _legwise(tables), "not evaluated")
+        return ReportSection("deformation", "Deformation", why, tuple(shown), _legwise(tables), "not evaluated")
     tests = _tests(tables)
     listings = (listing_of(tests, "Tests of the models"), *_legwise(tables), _errors(tables))
-    return Section("deformation", "Deformation", _sentence(tables), tuple(shown), listings)
+    return ReportSection("deformation", "Deformation", _sentence(tables), tuple(shown), listings)
 
 
 def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -53,10 +53,10 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return None
     rigid, said = _tests(tables)[0], _sentence(tables)
     if rigid.holds is None:
-        return SectionVerdict("deformation", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, rigid.says)
+        return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, rigid.says)
     if rigid.holds:
-        return SectionVerdict("deformation", State.OK, ReasonCode.RIGID, said, rigid.p, "1")
-    return SectionVerdict("deformation", State.ATTENTION, ReasonCode.DEFORMS, said, rigid.p, "1")
+        return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, said, rigid.p, "1")
+    return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, said, rigid.p, "1")
 
 
 def _tests(tables: Tables) -> list[ModelTest]:

@@ -7,7 +7,7 @@ import math
 import pandas as pd
 
 from truing.report.numbers import count, p_value, plain, quantity, with_uncertainty
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, filled
 
 _AXES = "xyz"
@@ -16,7 +16,7 @@ _UNEQUAL = 1e-3
 _SURE = 0.05  # all subjects of a model together
 
 
-def during(tables: Tables) -> Section | None:
+def during(tables: Tables) -> ReportSection | None:
     """Later surveys, changed names and repeats; None where the campaign has none of them."""
     told = {
         "resurveys": _surveys,
@@ -30,7 +30,7 @@ def during(tables: Tables) -> Section | None:
     if not known:
         return None
     listings = tuple(listing for tell, table in known for listing in tell(table))
-    return Section("during", "During the campaign", _lead(tables), listings=listings, said=tuple(_said(tables)))
+    return ReportSection("during", "During the campaign", _lead(tables), listings=listings, said=tuple(_said(tables)))
 
 
 def _lead(tables: Tables) -> str:

@@ -8,19 +8,19 @@ from typing import Any
 import pandas as pd
 
 from truing.report.numbers import count, plain, quantity
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.tables import SHIFT, Tables, cell, each, filled
 
 # Longer listings are folded away.
 _OPEN = 40
 
 
-def excluded(tables: Tables) -> Section:
+def excluded(tables: Tables) -> ReportSection:
     """Rows of raw files, points, attachments and scans that were left out; and what persons decided."""
     told = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
     listings = [listing for tell in (*told, _of_models, _scans) if (listing := tell(tables)).rows]
     lead = "The tables of this run record nothing that was left out."
-    return Section("excluded", "Left out", _lead(tables) if listings else lead, listings=tuple(listings))
+    return ReportSection("excluded", "Left out", _lead(tables) if listings else lead, listings=tuple(listings))
 
 
 def _lead(tables: Tables) -> str:

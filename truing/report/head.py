@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.calibration.calibrations import EXTENDED, TO_POINTS, figures_by_calibration, main_calibration
 from truing.report.calibration.with_findings import choice_verdicts
 from truing.report.diagnosis.words import diagnosis_details
 from truing.report.numbers import quantity
-from truing.report.page import Head, Verdict
+from truing.report.page import PageHead, Verdict
 from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.tables import Tables, filled, in_channel_order, is_bench, load_steps, signal_names
 from truing.report.verdict import with_verdict
@@ -30,10 +30,10 @@ _TOGETHER = {
 _SILENT = (ReasonCode.NO_READINGS,)
 
 
-def build_head(campaign: str, tables: Tables) -> Head:
+def build_head(campaign: str, tables: Tables) -> PageHead:
     """The sentences that a busy person acts on, read from the table ``verdict``, and the figures that place them."""
     rows = verdict_rows(with_verdict(tables))
-    return Head(campaign, tuple(_lines(rows, tables)), tuple(_tiles(tables)))
+    return PageHead(campaign, tuple(_lines(rows, tables)), tuple(_tiles(tables)))
 
 
 def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
@@ -54,7 +54,7 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
     return [*lines, *choice_verdicts(tables), *_together(others)]
 
 
-_URGENCY = {State.FAILS: 0, State.ATTENTION: 1, State.OK: 2, State.NOT_TESTED: 3}
+_URGENCY = {RelationState.FAILS: 0, RelationState.ATTENTION: 1, RelationState.OK: 2, RelationState.NOT_TESTED: 3}
 
 
 def _explanation(rows: dict[str, SectionVerdict], section: str) -> str:
@@ -63,15 +63,15 @@ def _explanation(rows: dict[str, SectionVerdict], section: str) -> str:
 
 def _has_line(one: SectionVerdict) -> bool:
     """Whether a section has a line: all that fails, and of the others those that a reader looks for."""
-    if one.state == State.FAILS:
+    if one.state == RelationState.FAILS:
         return True
-    if one.state == State.ATTENTION:
+    if one.state == RelationState.ATTENTION:
         return one.section != "deformation" and one.reason_code != ReasonCode.NOTHING_FOUND
     return one.section in _OWN_LINE and one.reason_code not in _SILENT
 
 
 def _together(others: list[SectionVerdict]) -> list[Verdict]:
-    named = [_TOGETHER[one.section] for one in others if one.section in _TOGETHER and one.state == State.OK]
+    named = [_TOGETHER[one.section] for one in others if one.section in _TOGETHER and one.state == RelationState.OK]
     return [("pass", f"Tested too: {', '.join(named)}.")] if named else []
 
 

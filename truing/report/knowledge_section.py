@@ -13,7 +13,7 @@ from truing.report.absorption import absorbed_by, agreement, swallowed
 from truing.report.calibration.calibrations import Key, called, rows_of, shown_calibration
 from truing.report.figure_style import label, style
 from truing.report.numbers import plain, with_uncertainty
-from truing.report.page import Drawn, Listing, Section
+from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, shown_in, symbols
 from truing.report.reasons import why_not_known
 from truing.report.tables import Tables, filled
@@ -27,20 +27,20 @@ _OPEN = 20
 _ROW = 28
 
 
-def knowledge(tables: Tables) -> Section | None:
+def knowledge(tables: Tables) -> ReportSection | None:
     """Rank and unidentifiable combinations, how well each parameter is known, and the absorption map."""
     if "observability" not in tables:
         return None
     observed = filled(tables, "observability")
     if observed is None:
-        return Section("knowledge", _TITLE, why_not_known(tables), state="not evaluated")
+        return ReportSection("knowledge", _TITLE, why_not_known(tables), state="not evaluated")
     fitted = filled(tables, "calibration")
     key = shown_calibration(tables, fitted if fitted is not None else observed)
     absorbed = absorbed_by(tables, key)
     said = " ".join(words for words in (_rank(observed, key), swallowed(absorbed)) if words)
     listings = [*_observability(observed, key), *([_absorbed(absorbed)] if absorbed is not None else [])]
     shown = tuple(listing for listing in listings if listing.rows)
-    return Section("knowledge", _TITLE, said, (*_known(tables, key), *_absorption(absorbed)), shown)
+    return ReportSection("knowledge", _TITLE, said, (*_known(tables, key), *_absorption(absorbed)), shown)
 
 
 def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:

@@ -13,7 +13,7 @@ from truing.belonging.counted_times import merely_counts
 from truing.report import poses_section as pose_figures
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
 from truing.report.numbers import count, duration, in_one_unit, plain, quantity
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.tables import (
     LOAD_UNITS,
     LOADS,
@@ -44,7 +44,7 @@ _COLOURS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 _WHAT = {"air": "refractive index of the air", "material": "temperature of the material"}
 
 
-def measured(tables: Tables) -> Section | None:
+def measured(tables: Tables) -> ReportSection | None:
     """Bodies and targets with what was seen of them, or the loads of a bench; None of an axis."""
     if filled(tables, "axis_errors") is not None:
         return None
@@ -64,7 +64,7 @@ def measured(tables: Tables) -> Section | None:
     if filled(tables, "scans") is not None:
         listings.append(_scans(tables["scans"]))
     shown = tuple(listing for listing in listings if listing.rows)
-    return Section("measured", "Measured", _campaign_sentence(tables), (picture,), shown)
+    return ReportSection("measured", "Measured", _campaign_sentence(tables), (picture,), shown)
 
 
 def _known_targets(tables: Tables, points: pd.DataFrame) -> pd.Series:
@@ -144,19 +144,19 @@ def _target_row(r: Any) -> tuple[str, ...]:
     )
 
 
-def _measured_scans(tables: Tables) -> Section:
+def _measured_scans(tables: Tables) -> ReportSection:
     sentence = _campaign_sentence(tables)
-    return Section("measured", "Measured", sentence, listings=(_scans(tables["scans"]),))
+    return ReportSection("measured", "Measured", sentence, listings=(_scans(tables["scans"]),))
 
 
-def _measured_poses(tables: Tables, given: pd.DataFrame) -> Section:
+def _measured_poses(tables: Tables, given: pd.DataFrame) -> ReportSection:
     """Poses that an instrument gave as such, with what was recorded beside them."""
     rows = tuple((str(body), f"{len(part):,}") for body, part in given.groupby("body", sort=False))
     listings = [Listing(("body", "poses"), rows, caption="Bodies whose poses were measured")]
     if (conf := filled(tables, "configurations")) is not None and _ranges(conf).rows:
         listings.append(_ranges(conf))
     said = f"{_campaign_sentence(tables)} Poses were measured as such, without targets: {len(given):,} of them."
-    return Section("measured", "Measured", said, listings=tuple(listings))
+    return ReportSection("measured", "Measured", said, listings=tuple(listings))
 
 
 def _scans(scans: pd.DataFrame) -> Listing:
@@ -197,7 +197,7 @@ def _time_words(times: Any) -> str:
     return f" over {duration(float(np.ptp(times)))}"
 
 
-def measured_loads(tables: Tables) -> Section:
+def measured_loads(tables: Tables) -> ReportSection:
     """Runs, steps, loads, channels and surroundings of a bench."""
     steps = load_steps(tables)
     if not len(steps):
@@ -205,9 +205,9 @@ def measured_loads(tables: Tables) -> Section:
             runs = count(approaches["run"].nunique(), "run")
             places = count(approaches["target_mm"].nunique(), "target")
             said = f"{count(len(approaches), 'approach')} of an axis to {places}, in {runs}: see Positioning."
-            return Section("measured", "Measured", said)
+            return ReportSection("measured", "Measured", said)
         why = "The campaign holds neither object points nor load steps."
-        return Section("measured", "Measured", why, state="empty")
+        return ReportSection("measured", "Measured", why, state="empty")
     read, axes = _read(tables), axes_of(steps)
     figures: list[tuple[object, str]] = []
     if axes:
@@ -223,7 +223,7 @@ def measured_loads(tables: Tables) -> Section:
         _runs(steps, read, tables),
     )
     shown = tuple(listing for listing in listings if listing.rows)
-    return Section("measured", "Measured", _lead(steps, read, tables), tuple(figures), shown)
+    return ReportSection("measured", "Measured", _lead(steps, read, tables), tuple(figures), shown)
 
 
 def _read(tables: Tables) -> pd.DataFrame:

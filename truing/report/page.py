@@ -45,7 +45,7 @@ class Listing:
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportSection:
     """One part of the page: sentences to begin with, then figures with captions, tables, and parts of its own.
 
     ``said`` are further sentences, each a mark of colour and words; ``see`` the sections where more of it stands.
@@ -58,12 +58,12 @@ class Section:
     listings: tuple[Listing, ...] = ()
     state: str = ""  # pass, fail, changed, or what is not evaluated
     said: tuple[tuple[str, str], ...] = ()
-    parts: tuple[Section, ...] = ()
+    parts: tuple[ReportSection, ...] = ()
     see: tuple[tuple[str, str], ...] = ()  # id of a section, words
 
 
 @dataclass(frozen=True)
-class Head:
+class PageHead:
     """The top of the page: the campaign, the sentences of the verdict, and the tiles of key figures."""
 
     campaign: str
@@ -71,7 +71,7 @@ class Head:
     tiles: tuple[tuple[str, str], ...] = field(default=())  # what, how much
 
 
-def all_of(sections: Sequence[Section]) -> Iterator[Section]:
+def all_of(sections: Sequence[ReportSection]) -> Iterator[ReportSection]:
     """Sections, each before its parts."""
     for section in sections:
         yield section

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
 from truing.report.numbers import count as counted
 from truing.report.numbers import rough
-from truing.report.page import Head, Listing, Section
+from truing.report.page import Listing, PageHead, ReportSection
 
 _STATION_HEADS = (
     "station",
@@ -39,7 +39,7 @@ _EYE = {"x": 0.95, "y": -1.1, "z": 0.7}
 _SYMBOL = 0.16  # a camera's pyramid, of the object's size
 
 
-def plan_head(campaign: str, said: Sequence[str], reaches: bool, frames: Mapping[str, pd.DataFrame]) -> Head:
+def plan_head(campaign: str, said: Sequence[str], reaches: bool, frames: Mapping[str, pd.DataFrame]) -> PageHead:
     """What a busy person takes along."""
     targets = frames["targets"]
     tiles = [
@@ -49,17 +49,17 @@ def plan_head(campaign: str, said: Sequence[str], reaches: bool, frames: Mapping
         ("rays per target", f"{targets['rays'].mean():.0f}"),
     ]
     marks = ["pass" if reaches else "warn", *[""] * (len(said) - 1)]
-    return Head(f"{campaign}: where to stand", tuple(zip(marks, said, strict=True)), tuple(tiles))
+    return PageHead(f"{campaign}: where to stand", tuple(zip(marks, said, strict=True)), tuple(tiles))
 
 
 @common_look()
 def plan_sections(
     frames: Mapping[str, pd.DataFrame], R: NDArray[np.float64], half: tuple[float, float], wanted_mm: float | None
-) -> list[Section]:
+) -> list[ReportSection]:
     """The network, the stations, the number of stations, the targets; R (K, 3, 3) from camera axes, half the format's
     width and height over the principal distance."""
     stations, targets = frames["stations"], frames["targets"]
-    network = Section(
+    network = ReportSection(
         "network",
         "The network",
         "Cameras where they stand, each with its field of view; targets coloured by how well they will be known. "
@@ -75,7 +75,7 @@ def plan_sections(
     listing = Listing(
         _STATION_HEADS, tuple(map(tuple, _station_rows(stations))), caption="In the order of a walk round the object"
     )
-    where = Section(
+    where = ReportSection(
         "stations",
         "Where to stand",
         "Places are in the frame of the targets. The camera looks at their middle: azimuth and elevation are those of "
@@ -178,7 +178,7 @@ def _station_rows(stations: pd.DataFrame) -> list[list[str]]:
     ]
 
 
-def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Section:
+def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> ReportSection:
     figure = go.Figure()
     for column, name, colour in (("worst_mm", "worst target", ORANGE), ("mean_mm", "mean of all", BLUE)):
         look = {"mode": "lines+markers", "line": {"color": colour}}
@@ -191,7 +191,7 @@ def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Sectio
     figure.update_xaxes(title={"text": "photographs"})
     figure.update_yaxes(type="log", title={"text": "σ, µm"})
     lead = f"{taken} are taken here. Fewer than four rays to a target cannot show a gross error in one of them."
-    return Section(
+    return ReportSection(
         "number",
         "How many photographs",
         lead,
@@ -199,7 +199,7 @@ def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Sectio
     )
 
 
-def _known(frames: Mapping[str, pd.DataFrame]) -> Section:
+def _known(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
     targets, bodies = frames["targets"], frames["bodies"]
     ordered = targets.sort_values("sigma_mm", ascending=False, na_position="first")
     rows = tuple(
@@ -227,7 +227,7 @@ def _known(frames: Mapping[str, pd.DataFrame]) -> Section:
         ),
     )
     lead = "Standard deviations in the free datum: with respect to all targets together. What limits them:"
-    return Section("targets", "How well the targets will be known", lead, listings=listings, said=said)
+    return ReportSection("targets", "How well the targets will be known", lead, listings=listings, said=said)
 
 
 def _body_rows(bodies: pd.DataFrame) -> tuple[tuple[str, ...], ...]:

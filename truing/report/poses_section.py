@@ -10,7 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.figure_style import (
     BLUE,
     MANY_POINTS,
@@ -23,7 +23,7 @@ from truing.report.figure_style import (
     style,
 )
 from truing.report.numbers import count, quantity, with_uncertainty
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import SIGMA, Tables, filled
 from truing.schemas.verdict import ReasonCode
@@ -39,18 +39,18 @@ _METHODS = {
 _POINTS_SHOWN = 60
 
 
-def poses(tables: Tables) -> Section | None:
+def poses(tables: Tables) -> ReportSection | None:
     """Poses of every body with what their fits leave and how well they are known."""
     if "poses" not in tables:
         return None
     if not len(tables["poses"]):
-        return Section("poses", "Poses", "The campaign holds no object points.", state="not evaluated")
+        return ReportSection("poses", "Poses", "The campaign holds no object points.", state="not evaluated")
     chosen = tables["poses"][tables["poses"]["default"]]
     good = chosen[chosen["status"] == "ok"]
     lost = chosen[chosen["status"] != "ok"]
     listings = [_lost(lost)] if len(lost) else []
     listings.append(_all(chosen))
-    return Section("poses", "Poses", _lead(chosen, good), _figures(tables, good), tuple(listings))
+    return ReportSection("poses", "Poses", _lead(chosen, good), _figures(tables, good), tuple(listings))
 
 
 def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -62,8 +62,8 @@ def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
     good = chosen[chosen["status"] == "ok"]
     lost, said = float(len(chosen) - len(good)), _lead(chosen, good)
     if lost:
-        return SectionVerdict("poses", State.ATTENTION, ReasonCode.POSES_LOST, said, lost, "1")
-    return SectionVerdict("poses", State.OK, ReasonCode.COMPLETE, said, lost, "1")
+        return SectionVerdict("poses", RelationState.ATTENTION, ReasonCode.POSES_LOST, said, lost, "1")
+    return SectionVerdict("poses", RelationState.OK, ReasonCode.COMPLETE, said, lost, "1")
 
 
 def _lead(chosen: pd.DataFrame, good: pd.DataFrame) -> str:

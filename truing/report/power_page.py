@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
 from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
 from truing.report.numbers import count, printed, rough
-from truing.report.page import Head, Listing, Section
+from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.wordings.catalogue import cause_words
 
 SIZE_HEADS = ("cause", "concerns", "theory", "found from", "19 of 20 times from", "also taken for")
@@ -19,7 +19,7 @@ _NEVER = "not at any plausible size"
 _NOT_DRAWN = "–"
 
 
-def power_head(campaign: str, sizes: pd.DataFrame, rates: pd.DataFrame) -> Head:
+def power_head(campaign: str, sizes: pd.DataFrame, rates: pd.DataFrame) -> PageHead:
     """What a busy person takes along."""
     alarms = rates[rates["cause"] == "nothing"]
     said = [("none", said) for said in (alarm_words(rates),) if said]
@@ -32,7 +32,7 @@ def power_head(campaign: str, sizes: pd.DataFrame, rates: pd.DataFrame) -> Head:
     tiles = [("campaigns drawn and diagnosed", f"{drawn:,}"), ("sorts of effect", str(len(sizes)))]
     if len(alarms):
         tiles.append(("false alarms", f"{100 * alarms['found'].iloc[0]:.1f} %"))
-    return Head(f"{campaign}: what it would show", tuple(said), tuple(tiles))
+    return PageHead(f"{campaign}: what it would show", tuple(said), tuple(tiles))
 
 
 def alarm_words(rates: pd.DataFrame) -> str:
@@ -47,7 +47,7 @@ def alarm_words(rates: pd.DataFrame) -> str:
 
 
 @common_look()
-def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[Section]:
+def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[ReportSection]:
     """The sizes of all causes, then a part for each with how often it was found and named."""
     lead = (
         "An effect of the size told here is found with a probability of 80 % (and of 95 %, in the column beside it) by "
@@ -55,17 +55,17 @@ def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[Section]:
         "what drawn campaigns leave open, with a probability of 95 %."
     )
     listing = Listing(SIZE_HEADS, tuple(map(tuple, size_rows(sizes))), caption="Smallest sizes that are found")
-    sections = [Section("sizes", "From which size on", lead, listings=(listing,))]
+    sections = [ReportSection("sizes", "From which size on", lead, listings=(listing,))]
     drawn = rates[rates["cause"] != "nothing"]
     for cause, own in drawn.groupby("cause", sort=False):
         sections.append(_of_cause(str(cause), own))
     return sections
 
 
-def section_of_photographs(said: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
+def section_of_photographs(said: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> ReportSection:
     """What photographs show, which no campaign was drawn for."""
     listing = Listing(tuple(heads), tuple(map(tuple, rows)), caption="What the run would have shown, by theory")
-    return Section("photographs", "What photographs show", said, listings=(listing,) if rows else ())
+    return ReportSection("photographs", "What photographs show", said, listings=(listing,) if rows else ())
 
 
 def size_rows(sizes: pd.DataFrame) -> list[list[str]]:
@@ -101,11 +101,11 @@ def _with_bounds(row: dict[str, object], level: str) -> str:
     return f"{found} ({low} to {high}) {printed(unit)}".strip()
 
 
-def _of_cause(cause: str, rates: pd.DataFrame) -> Section:
+def _of_cause(cause: str, rates: pd.DataFrame) -> ReportSection:
     lead = f"{count(int(rates['campaigns'].sum()), 'campaign')} drawn with this effect hidden at several sizes."
     sorts = rates.groupby(["concerns", "parameter", "unit", "beside"], sort=False)
     figures = tuple((_curve(own, str(key[0])), _caption(own)) for key, own in sorts)
-    return Section(f"cause-{cause}", cause_words(cause), lead, figures=figures)
+    return ReportSection(f"cause-{cause}", cause_words(cause), lead, figures=figures)
 
 
 def _caption(rates: pd.DataFrame) -> str:

@@ -7,11 +7,11 @@ from typing import Any
 
 import pandas as pd
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.belonging import RELATIONS, listed
 from truing.report.numbers import count as counted
 from truing.report.numbers import printed, quantity
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_no_quality
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
@@ -24,12 +24,12 @@ _HEADS = ("verdict", "check", "subject", "value", "limit", "what it says")
 _OPEN = 12
 
 
-def qa(tables: Tables) -> Section | None:
+def qa(tables: Tables) -> ReportSection | None:
     """Every check with its verdict, the failed ones first; what a person accepted stands by itself."""
     if "qa" not in tables:
         return None
     if not len(tables["qa"]):
-        return Section("qa", "Quality", why_no_quality(tables), state="not evaluated")
+        return ReportSection("qa", "Quality", why_no_quality(tables), state="not evaluated")
     qa = tables["qa"].assign(order=tables["qa"]["verdict"].map(_ORDER)).sort_values("order", kind="stable")
     accepted = accepted_verdicts(qa)
     listings = [
@@ -42,7 +42,7 @@ def qa(tables: Tables) -> Section | None:
     told = [f"{counts[v]} {v}" for v in _ORDER if v in counts]
     lead = ", ".join([*told, *([f"{int(accepted.sum())} accepted"] if accepted.any() else [])])
     shown = tuple(x for x in listings if x.rows)
-    return Section("qa", "Quality", f"{counted(len(qa), 'check')}: {lead}.", listings=shown)
+    return ReportSection("qa", "Quality", f"{counted(len(qa), 'check')}: {lead}.", listings=shown)
 
 
 def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -53,21 +53,21 @@ def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sectio
         return _apart(failed)
     if relations is None:
         return None
-    by_state = {state: relations[relations["state"].eq(state.value)] for state in State}
-    odd = by_state[State.ATTENTION]
+    by_state = {state: relations[relations["state"].eq(state.value)] for state in RelationState}
+    odd = by_state[RelationState.ATTENTION]
     odd = odd[odd["accepted"].isna()]
     if len(odd):
         first = odd.iloc[0]
         said = _warning(qa, str(first["relation"])) or f"Under Quality, look at: {_named(odd)}."
         numbers = _number(first["misfit"]), cell(first["unit"]) or None, _number(first["limit"])
-        return SectionVerdict("belonging", State.ATTENTION, ReasonCode.DEPARTS, said, *numbers)
-    untested = by_state[State.NOT_TESTED]
+        return SectionVerdict("belonging", RelationState.ATTENTION, ReasonCode.DEPARTS, said, *numbers)
+    untested = by_state[RelationState.NOT_TESTED]
     rest = f" Not tested: {_named(untested)}." if len(untested) else ""
-    if not len(by_state[State.OK]):
+    if not len(by_state[RelationState.OK]):
         said = f"Whether the tables belong together was not tested.{rest}"
-        return SectionVerdict("belonging", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
-    said = f"The data belong together, as far as tested: {_named(by_state[State.OK])}.{rest}"
-    return SectionVerdict("belonging", State.OK, ReasonCode.BELONG, said)
+        return SectionVerdict("belonging", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+    said = f"The data belong together, as far as tested: {_named(by_state[RelationState.OK])}.{rest}"
+    return SectionVerdict("belonging", RelationState.OK, ReasonCode.BELONG, said)
 
 
 def _warning(qa: pd.DataFrame | None, check: str) -> str:
@@ -91,7 +91,7 @@ def _apart(failed: pd.DataFrame) -> SectionVerdict:
         first = f"Quality check {name} failed: {printed(own['message'].iloc[0])}{more}"
         do = printed(check.to_do.replace("`", ""))
         sentences.append(f"{first} {do} Until then {check.stages_withheld} are not evaluated.")
-    return _of_checks("belonging", State.FAILS, ReasonCode.DO_NOT_BELONG, " ".join(sentences), failed)
+    return _of_checks("belonging", RelationState.FAILS, ReasonCode.DO_NOT_BELONG, " ".join(sentences), failed)
 
 
 def _named(relations: pd.DataFrame) -> str:
@@ -99,7 +99,7 @@ def _named(relations: pd.DataFrame) -> str:
 
 
 def _of_checks(
-    section: str, state: State, code: ReasonCode, said: str, checks: pd.DataFrame | None = None
+    section: str, state: RelationState, code: ReasonCode, said: str, checks: pd.DataFrame | None = None
 ) -> SectionVerdict:
     """A verdict with the figures of the first of some checks."""
     if checks is None or not {"value", "unit", "limit"} <= set(checks):
@@ -122,21 +122,23 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
     if not len(qa):
         why = why_no_quality(tables)
         said = f"Quality not evaluated: {why[:1].lower()}{why[1:]}"
-        return SectionVerdict("quality", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+        return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
     accepted = accepted_verdicts(qa)
     also = f" {counted(int(accepted.sum()), 'verdict')} accepted by a person, see Quality." if accepted.any() else ""
     failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
     if len(failed):
-        return _of_checks("quality", State.FAILS, ReasonCode.CHECK_FAILED, _failed_words(failed, qa, also), failed)
+        return _of_checks(
+            "quality", RelationState.FAILS, ReasonCode.CHECK_FAILED, _failed_words(failed, qa, also), failed
+        )
     if len(warned):
         first = printed(warned["message"].iloc[0])
         said = f"No quality check failed; {len(warned)} of {len(qa)} call for a look. First: {first}{also}"
-        return _of_checks("quality", State.ATTENTION, ReasonCode.CHECK_WARNS, said, warned)
+        return _of_checks("quality", RelationState.ATTENTION, ReasonCode.CHECK_WARNS, said, warned)
     if (qa["verdict"] == "not evaluated").all():
         said = f"None of the {len(qa)} quality checks could be evaluated.{also}"
-        return SectionVerdict("quality", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+        return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
     said = f"None of the {len(qa)} quality checks failed or calls for a look.{also}"
-    return SectionVerdict("quality", State.OK, ReasonCode.CHECKS_HOLD, said)
+    return SectionVerdict("quality", RelationState.OK, ReasonCode.CHECKS_HOLD, said)
 
 
 def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:

@@ -6,11 +6,16 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.tables import Tables, filled
 from truing.schemas.verdict import ReasonCode
 
-_MARKS = {State.OK: "pass", State.ATTENTION: "warn", State.FAILS: "fail", State.NOT_TESTED: "none"}
+_MARKS = {
+    RelationState.OK: "pass",
+    RelationState.ATTENTION: "warn",
+    RelationState.FAILS: "fail",
+    RelationState.NOT_TESTED: "none",
+}
 # A result is neither passed nor failed.
 _OF_RESULTS = {
     ReasonCode.FOUND: "found",
@@ -24,7 +29,7 @@ class SectionVerdict:
     """State of a section, the code and the sentence of its reason, and the figure that the state rests on."""
 
     section: str
-    state: State
+    state: RelationState
     reason_code: ReasonCode
     explanation: str
     value: float | None = None
@@ -48,7 +53,7 @@ def _row(row: dict[str, object]) -> SectionVerdict:
     unit = row["unit"]
     return SectionVerdict(
         str(row["section"]),
-        State(str(row["state"])),
+        RelationState(str(row["state"])),
         ReasonCode(str(row["reason_code"])),
         str(row["explanation"]),
         value,

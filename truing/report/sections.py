@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 
 if TYPE_CHECKING:
     from truing.report.section_verdict import SectionVerdict
@@ -74,7 +74,7 @@ def tables_read() -> tuple[str, ...]:
     return tuple(dict.fromkeys([*_TABLES.split(), *(name for section in SECTIONS for name in section.reads)]))
 
 
-def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) -> list[Section]:
+def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) -> list[ReportSection]:
     """Every section, in one order for every kind of campaign; a bench has displacements where others have poses.
 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): where each body's targets sit.
@@ -98,7 +98,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
 _ROWS = {"qa": ("belonging", "quality"), "gain": ("adequacy",)}
 
 
-def _marked(section: Section, rows: Mapping[str, SectionVerdict]) -> Section:
+def _marked(section: ReportSection, rows: Mapping[str, SectionVerdict]) -> ReportSection:
     """A section and its parts with the marks that the verdict has for them; its own where the verdict has none."""
     own = [rows[name] for name in _ROWS.get(section.id, (section.id,)) if name in rows]
     parts = tuple(_marked(part, rows) for part in section.parts)
@@ -111,24 +111,24 @@ def _marked(section: Section, rows: Mapping[str, SectionVerdict]) -> Section:
 _GRAVITY = ("fails", "attention", "ok", "not tested")
 
 
-def _drawn(section: PageSection, tables: Tables) -> Section | None:
+def _drawn(section: PageSection, tables: Tables) -> ReportSection | None:
     for module in section.modules:
-        draw: Callable[[Tables], Section | None] = getattr(importlib.import_module(module), section.name)
+        draw: Callable[[Tables], ReportSection | None] = getattr(importlib.import_module(module), section.name)
         if (found := draw(tables)) is not None:
             return found
     return None
 
 
-def _absent(section: PageSection, drawn: Mapping[str, Section | None], tables: Tables) -> Section | None:
+def _absent(section: PageSection, drawn: Mapping[str, ReportSection | None], tables: Tables) -> ReportSection | None:
     """A section whose tables no stage left, saying so; None where nothing is to be said of that."""
     from truing.report.reasons import why_absent
 
     if not section.title or drawn.get(section.instead) is not None:
         return None
-    return Section(section.name, section.title, why_absent(section.name, tables), state="not evaluated")
+    return ReportSection(section.name, section.title, why_absent(section.name, tables), state="not evaluated")
 
 
-def _provenance(provenance: Mapping[str, Mapping[str, str]]) -> Section:
+def _provenance(provenance: Mapping[str, Mapping[str, str]]) -> ReportSection:
     """Which artifacts the page was made from, with the digest of everything each was made of."""
     rows = tuple(
         (name, facts.get("stage", ""), facts.get("software_version", ""), facts.get("digest", "")[:16])
@@ -136,4 +136,4 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]]) -> Section:
     )
     lead = "The digest of an artifact covers its inputs, its settings and the source that made it."
     listing = Listing(("artifact", "stage", "version", "digest"), rows)
-    return Section("provenance", "Provenance", lead, listings=(listing,))
+    return ReportSection("provenance", "Provenance", lead, listings=(listing,))

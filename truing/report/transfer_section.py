@@ -5,21 +5,21 @@ from __future__ import annotations
 import pandas as pd
 
 from truing.report.numbers import count, plain, quantity, sign
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, filled, reason
 
 _TITLE = "A second campaign of the same machine"
 _ARTIFACT = "second_campaign_errors"
 
 
-def transfer(tables: Tables) -> Section | None:
+def transfer(tables: Tables) -> ReportSection | None:
     """Errors of the second campaign by every model; None where the campaign names none."""
     if _ARTIFACT not in tables:
         return None
     errors = filled(tables, _ARTIFACT)
     if errors is None:
-        return Section("transfer", _TITLE, f"Not evaluated: {reason(tables, _ARTIFACT)}", state="not evaluated")
-    return Section("transfer", _TITLE, _lead(errors), listings=(_listing(errors),))
+        return ReportSection("transfer", _TITLE, f"Not evaluated: {reason(tables, _ARTIFACT)}", state="not evaluated")
+    return ReportSection("transfer", _TITLE, _lead(errors), listings=(_listing(errors),))
 
 
 def _lead(errors: pd.DataFrame) -> str:

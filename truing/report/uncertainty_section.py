@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.numbers import count, plain, rough, sign, with_uncertainty
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_absent
 from truing.report.tables import Tables, cell, filled, reason
 
@@ -38,12 +38,12 @@ _REST = "all others"
 _SEEN = 5e-3  # of a bar: what is narrower cannot be seen
 
 
-def uncertainty(tables: Tables) -> Section:
+def uncertainty(tables: Tables) -> ReportSection:
     """Every kind of result with its expanded uncertainties and its budget; and what is no part of any."""
     stated = filled(tables, "uncertainty")
     if stated is None:
         why = reason(tables, "uncertainty") or why_absent("uncertainty", tables)
-        return Section("uncertainty", _TITLE, why, state="not evaluated")
+        return ReportSection("uncertainty", _TITLE, why, state="not evaluated")
     budget = tables.get("uncertainty_budget")
     parts = []
     for kind, title in KINDS.items():
@@ -51,9 +51,9 @@ def uncertainty(tables: Tables) -> Section:
         if len(own):
             parts.append(_part(kind, title, own, None if budget is None else budget[budget["result"] == kind]))
     if not stated["stated"].any():
-        return Section("uncertainty", _TITLE, _none(stated), state="not evaluated", parts=tuple(parts))
+        return ReportSection("uncertainty", _TITLE, _none(stated), state="not evaluated", parts=tuple(parts))
     kinds = "A: evaluated from the observations of this campaign; B: declared before it (GUM 4.2, 4.3)."
-    return Section("uncertainty", _TITLE, f"{statement(stated)} {kinds}", parts=tuple(parts))
+    return ReportSection("uncertainty", _TITLE, f"{statement(stated)} {kinds}", parts=tuple(parts))
 
 
 def statement(stated: pd.DataFrame) -> str:
@@ -77,7 +77,7 @@ def _none(stated: pd.DataFrame) -> str:
     return f"No result has an uncertainty that could be stated: {'; '.join(filter(None, reasons))}."
 
 
-def _part(kind: str, title: str, own: pd.DataFrame, budget: pd.DataFrame | None) -> Section:
+def _part(kind: str, title: str, own: pd.DataFrame, budget: pd.DataFrame | None) -> ReportSection:
     told, left = own[own["stated"]], own[~own["stated"]]
     listings, figures = [], []
     if budget is not None and len(told):
@@ -93,7 +93,7 @@ def _part(kind: str, title: str, own: pd.DataFrame, budget: pd.DataFrame | None)
         listings.append(_omitted(budget[budget["evaluation"] == "not evaluated"]))
     lead = f"{count(len(told), 'result')} stated" + (f", {len(left)} not evaluated." if len(left) else ".")
     state = "" if len(told) else "not evaluated"
-    return Section(f"uncertainty-{kind.lower()}", title, lead, tuple(figures), tuple(listings), state)
+    return ReportSection(f"uncertainty-{kind.lower()}", title, lead, tuple(figures), tuple(listings), state)
 
 
 def _reading(groups: _Grouped) -> str:

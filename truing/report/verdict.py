@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables
 from truing.schemas.verdict import CAMPAIGN, GATES, SECTIONS, ReasonCode
@@ -63,19 +63,19 @@ def leading(verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     tested and could be; then what is as it should be.
     """
     candidates = (
-        *_of(verdicts, State.FAILS, SECTIONS),
-        *_of(verdicts, State.ATTENTION, _attention_order(verdicts)),
-        *(one for one in _of(verdicts, State.NOT_TESTED, _LEADS) if one.reason_code in _TO_ACT_ON),
-        *_of(verdicts, State.OK, _OF_MACHINE),
-        *_of(verdicts, State.ATTENTION, ("deformation",)),
-        *_of(verdicts, State.NOT_TESTED, _OF_MACHINE),
-        *_of(verdicts, State.OK, _LEADS),
-        *_of(verdicts, State.NOT_TESTED, _LEADS),
+        *_of(verdicts, RelationState.FAILS, SECTIONS),
+        *_of(verdicts, RelationState.ATTENTION, _attention_order(verdicts)),
+        *(one for one in _of(verdicts, RelationState.NOT_TESTED, _LEADS) if one.reason_code in _TO_ACT_ON),
+        *_of(verdicts, RelationState.OK, _OF_MACHINE),
+        *_of(verdicts, RelationState.ATTENTION, ("deformation",)),
+        *_of(verdicts, RelationState.NOT_TESTED, _OF_MACHINE),
+        *_of(verdicts, RelationState.OK, _LEADS),
+        *_of(verdicts, RelationState.NOT_TESTED, _LEADS),
     )
     return next(iter(candidates), None)
 
 
-def _of(verdicts: Mapping[str, SectionVerdict], state: State, order: Iterable[str]) -> list[SectionVerdict]:
+def _of(verdicts: Mapping[str, SectionVerdict], state: RelationState, order: Iterable[str]) -> list[SectionVerdict]:
     return [verdicts[name] for name in order if name in verdicts and verdicts[name].state == state]
 
 
@@ -92,7 +92,7 @@ def verdict_frame(tables: Tables) -> pd.DataFrame:
     verdicts = section_verdicts(tables)
     lead = leading(verdicts)
     nothing = SectionVerdict(
-        CAMPAIGN, State.NOT_TESTED, ReasonCode.NOT_EVALUATED, "This run holds nothing that could be assessed."
+        CAMPAIGN, RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, "This run holds nothing that could be assessed."
     )
     whole = nothing if lead is None else replace(lead, section=CAMPAIGN)
     rows = [{**_cells(whole), "decided_by": None if lead is None else lead.section}]
@@ -118,4 +118,6 @@ def _cells(verdict: SectionVerdict) -> dict[str, object]:
 
 def gates(rows: Iterable[Mapping[str, object]]) -> list[str]:
     """Return the sections of rows of verdict.parquet whose failure says that the data cannot be used as they are."""
-    return [str(row["section"]) for row in rows if row["section"] in GATES and row["state"] == State.FAILS.value]
+    return [
+        str(row["section"]) for row in rows if row["section"] in GATES and row["state"] == RelationState.FAILS.value
+    ]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from truing.report.page import Head, Section
+    from truing.report.page import PageHead, ReportSection
 
 
 _PREFIX = b"truing."
@@ -34,7 +34,7 @@ def page_parts(
     tables: Mapping[str, pa.Table],
     legs: pd.DataFrame | None = None,
     declared_noise: pd.DataFrame | None = None,
-) -> tuple[Head, list[Section]]:
+) -> tuple[PageHead, list[ReportSection]]:
     """Return the head and the sections of the page for tables by artifact name; their verdict is made where none is.
 
     ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame, and ``declared_noise``

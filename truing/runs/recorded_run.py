@@ -22,7 +22,7 @@ from truing.schemas.settings_text import parsed_toml, read_settings_text, regula
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-    from truing.report.page import Head, Section
+    from truing.report.page import PageHead, ReportSection
     from truing.simulation.axis.extended_model import ExtendedAxis
     from truing.simulation.bench.extended_model import ExtendedSensor
     from truing.simulation.mechanisms.extended_model import ExtendedModel
@@ -79,7 +79,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         return self._page[0].verdicts
 
     @property
-    def sections(self) -> list[Section]:
+    def sections(self) -> list[ReportSection]:
         """What the page consists of, in its order."""
         return self._page[1]
 
@@ -110,7 +110,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         return read_sensor(text) if is_sensor(document) else read_model(text)
 
     @cached_property
-    def _page(self) -> tuple[Head, list[Section]]:
+    def _page(self) -> tuple[PageHead, list[ReportSection]]:
         return page_parts(self.campaign, {name: self.table(name) for name in self.files})
 
 

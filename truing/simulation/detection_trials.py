@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.dose_response import Interval, rate_bounds, size_found
-from truing.inference.detectable import POWER, Sight
+from truing.inference.detectable import POWER, EffectSensitivity
 from truing.simulation.cause import Cause, CauseT, Effect, Scene
 
 _WHOLE = "the whole"
@@ -26,7 +26,7 @@ _GROWN = 1.2
 
 
 @dataclass(frozen=True)
-class Size:
+class EffectSize:
     """How large an effect is, as the tables tell it: the root mean square of one sort of its parameters.
 
     ``beside`` names parameters of other units that grow with it.
@@ -74,7 +74,7 @@ def _patterns(parameters: int) -> tuple[NDArray, NDArray]:
     return np.unique(drawn, axis=0, return_counts=True)
 
 
-def told_size(cause: Cause, size: float, legs: int) -> Size:
+def told_size(cause: Cause, size: float, legs: int) -> EffectSize:
     """Return a size in plausible scales as the tables tell it.
 
     Of the parameters that grow with it (a phase does not; the angle of a lost cosine grows with its root) it is told by
@@ -85,11 +85,13 @@ def told_size(cause: Cause, size: float, legs: int) -> Size:
     growing = growing or [key for key in once if twice[key] > _GROWN * once[key]]
     if not growing:  # a count is told as a whole number
         first = cause.parameters(legs)[0]
-        return Size(first.name, size * first.scale / first.si, first.unit)
+        return EffectSize(first.name, size * first.scale / first.si, first.unit)
     unit = growing[-1][1]
     alike = [key for key in growing if key[1] == unit]
     value = float(np.sqrt(np.mean([once[key] ** 2 for key in alike])))
-    return Size(" ".join(name for name, _ in alike), value, unit, " ".join(n for n, other in growing if other != unit))
+    return EffectSize(
+        " ".join(name for name, _ in alike), value, unit, " ".join(n for n, other in growing if other != unit)
+    )
 
 
 def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, str], float]:
@@ -150,7 +152,7 @@ FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
 _NOTHING = -1
 
 
-class Plan(Protocol):
+class RepeatableCampaign(Protocol):
     """A campaign that can be drawn again."""
 
     @property
@@ -163,12 +165,12 @@ class Plan(Protocol):
 
 
 @dataclass(frozen=True)
-class Question:
+class DetectionQuestion:
     """From which size on is this sort of effect found? ``seen``: how well theory expects its members to be."""
 
     sort: Sort
-    seen: tuple[Sight, ...]
-    unit: Size  # an effect of one plausible scale, as the tables tell it
+    seen: tuple[EffectSensitivity, ...]
+    unit: EffectSize  # an effect of one plausible scale, as the tables tell it
 
     def rate(self, size: float) -> float:
         """The probability of being found that theory expects at a size."""
@@ -230,7 +232,9 @@ class Rate:
         return rate_bounds(self.count, self.of)
 
 
-def questions(plan: Plan, seen: Sequence[Sight], wanted: Sequence[str], known: Iterable[Cause]) -> list[Question]:
+def questions(
+    plan: RepeatableCampaign, seen: Sequence[EffectSensitivity], wanted: Sequence[str], known: Iterable[Cause]
+) -> list[DetectionQuestion]:
     """A question per sort of effect of the wanted causes (all, where none is named), in the order of those known."""
     kinds: list[Cause] = [kind for kind in known if kind.catalogued]
     kinds = [kind for kind in kinds if not wanted or kind.id in wanted]
@@ -239,7 +243,7 @@ def questions(plan: Plan, seen: Sequence[Sight], wanted: Sequence[str], known: I
     return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.sort.kind))
 
 
-def _question(sort: Sort, seen: Sequence[Sight], legs: int) -> Question:
+def _question(sort: Sort, seen: Sequence[EffectSensitivity], legs: int) -> DetectionQuestion:
     parameters = _names(sort.causes[0], legs)
     own = tuple(
         sight
@@ -250,14 +254,16 @@ def _question(sort: Sort, seen: Sequence[Sight], legs: int) -> Question:
     )
     size = told_size(sort.causes[0], 1.0, legs)
     parameter, beside = (re.sub(r"_\d+\b", "", names) for names in (size.parameter, size.beside))
-    return Question(sort, own, replace(size, parameter=parameter, beside=beside))
+    return DetectionQuestion(sort, own, replace(size, parameter=parameter, beside=beside))
 
 
 def _names(cause: Any, legs: int) -> list[tuple[str, str]]:
     return list(dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(legs)))
 
 
-def trials(asked: Sequence[Question], plan: Plan, draws: int, nothing: int, seed: int) -> list[Trial]:
+def trials(
+    asked: Sequence[DetectionQuestion], plan: RepeatableCampaign, draws: int, nothing: int, seed: int
+) -> list[Trial]:
     """The campaigns to draw: ``draws`` per size of every question, and ``nothing`` without an effect.
 
     One of each comes before the second of any, so that what is there of an interrupted call tells of all.
@@ -303,7 +309,7 @@ def false_alarms(answers: Iterable[Answer]) -> Rate:
 class Curve:
     """A question with its answers: rates by size, and the sizes that are found four times and 19 times out of 20."""
 
-    question: Question
+    question: DetectionQuestion
     factors: tuple[float, ...]
     found: tuple[Rate, ...]
     named: tuple[Rate, ...]
@@ -320,7 +326,7 @@ class Curve:
         return size_found(sizes, np.array([rate.count for rate in self.found]), counts, expected, power)
 
 
-def curve(question: Question, place: int, answers: Iterable[Answer]) -> Curve:
+def curve(question: DetectionQuestion, place: int, answers: Iterable[Answer]) -> Curve:
     """The answers to one question, by size."""
     own = [given for given in answers if given.question == place]
     factors = tuple(sorted({given.factor for given in own}))

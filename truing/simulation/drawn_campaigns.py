@@ -25,7 +25,7 @@ _GROSS_NOISE = 100.0
 
 
 @dataclass(frozen=True)
-class Layout:
+class CampaignLayout:
     """How a campaign is laid out: the plain model at its poses, the noise of every point, which points are seen.
 
     ``rotations`` (B, 3, 3) turn from the base to each pose's measurement, in whose axes ``covariance`` (B, K, 3, 3),
@@ -47,7 +47,7 @@ class Drawn:
     survey: NDArray
 
 
-def draw_campaign(layout: Layout, effects: Sequence[Effect[PointCause]], rng: np.random.Generator) -> Drawn:
+def draw_campaign(layout: CampaignLayout, effects: Sequence[Effect[PointCause]], rng: np.random.Generator) -> Drawn:
     """Return a campaign of the layout, with effects hidden in it.
 
     Raises ValueError where the mechanism cannot reach what the readings ask for.
@@ -78,7 +78,7 @@ def _truth(
     return shared, local
 
 
-def _measured(points: NDArray, layout: Layout, rng: np.random.Generator) -> NDArray:
+def _measured(points: NDArray, layout: CampaignLayout, rng: np.random.Generator) -> NDArray:
     """Return points in the frames of their measurements, with noise and gross errors."""
     poses, count, _ = points.shape
     drawn = exp_so3(rng.uniform(-1.5, 1.5, (poses, 3)))

@@ -31,7 +31,7 @@ class LaidOut(Protocol):
 
 
 @dataclass(frozen=True)
-class Part:
+class SharedUnknowns:
     """One part of the unknowns that both campaigns have: its name in the layout, and the scale (n,) of each number."""
 
     name: str
@@ -50,7 +50,7 @@ class CampaignPrior(Generic[CauseT]):
     """
 
     causes: tuple[CauseT, ...]
-    parts: tuple[Part, ...]
+    parts: tuple[SharedUnknowns, ...]
     mean: NDArray
     covariance: NDArray
     frames: NDArray
@@ -62,7 +62,7 @@ class CampaignPrior(Generic[CauseT]):
     def of(
         cls,
         causes: tuple[CauseT, ...],
-        parts: tuple[Part, ...],
+        parts: tuple[SharedUnknowns, ...],
         estimate: tuple[NDArray, NDArray],
         information: NDArray,
         shared: NDArray,

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.changes import LEVEL, Comparison
+from truing.inference.changes import LEVEL, NumberComparison
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.mechanisms.extended_model import identified_geometry, name_and_leg
 from truing.simulation.mechanisms.model import PointModel
-from truing.simulation.prior_campaign import CampaignPrior, Part
+from truing.simulation.prior_campaign import CampaignPrior, SharedUnknowns
 
 # A number of which the data take away less than this share of what was not known has not been measured anew.
 TOLD = 0.05
@@ -53,13 +53,13 @@ def numbers_of(prior: CampaignPrior, model: Any) -> list[Number]:
     return found
 
 
-def _of_geometry(part: Part, legs: int) -> list[Number]:
+def _of_geometry(part: SharedUnknowns, legs: int) -> list[Number]:
     unit, si = ("1", 1.0) if part.name == "u" else ("mm", 1e-3)
     names = [(f"{part.name}_{axis}".removesuffix("_"), leg + 1) for leg in range(legs) for axis in _AXES[part.name]]
     return [Number(*named, unit, float(scale) / si) for named, scale in zip(names, part.scale, strict=True)]
 
 
-def _of_sensor(part: Part, sensor: UncertainSensor) -> list[Number]:
+def _of_sensor(part: SharedUnknowns, sensor: UncertainSensor) -> list[Number]:
     lengths = part.name == "geometry"
     named = sensor.unknowns[: sensor.geometry_size] if lengths else sensor.unknowns[sensor.geometry_size :]
     unit, si = ("mm", 1e-3) if lengths else ("1", 1.0)
@@ -101,7 +101,7 @@ def told_numbers(prior: CampaignPrior, model: EffectsModel, shared: NDArray, cov
 
 
 def figures(
-    prior: CampaignPrior, told: Told, found: Comparison, now: NDArray, covariance: NDArray, level: float = LEVEL
+    prior: CampaignPrior, told: Told, found: NumberComparison, now: NDArray, covariance: NDArray, level: float = LEVEL
 ) -> dict[str, Any]:
     """Each row then and now, the difference over its sigma, and which changed; now (n,) with covariance (n, n)."""
     by = told.by_numbers
@@ -119,7 +119,7 @@ def figures(
     }
 
 
-def _changed(told: Told, found: Comparison, level: float) -> dict[str, list[Any]]:
+def _changed(told: Told, found: NumberComparison, level: float) -> dict[str, list[Any]]:
     """Which rows are those that changed, by how much, and which others may have done so in their place."""
     # A direction is told by components, each of which follows one of its two tilts most.
     row_of = {int(np.abs(told.by_numbers[row]).argmax()): row for row in range(len(told.rows))}
@@ -138,6 +138,6 @@ def _changed(told: Told, found: Comparison, level: float) -> dict[str, list[Any]
     return columns
 
 
-def alternatives(compared: Comparison, changed: tuple[int, ...]) -> list[tuple[int, tuple[int, ...]]]:
+def alternatives(compared: NumberComparison, changed: tuple[int, ...]) -> list[tuple[int, tuple[int, ...]]]:
     """Each changed number with those that may have changed in its place."""
     return list(zip(changed, compared.instead(changed), strict=True))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from truing.estimation.bundle.camera import PARAMETERS, Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays
 
 INTERIOR = np.array([3500.0, 5.0, -7.0, -5e-9, 1e-16, -1e-24, 1e-7, -2e-7, 1e-4, 5e-5])
 WIDTH, HEIGHT, RADIUS = 4000, 3000, 1000.0
@@ -62,7 +62,7 @@ def draw(rng, poses=1, images=6, points=12, cameras=1, free=PARAMETERS, bars=Tru
     named = tuple(Camera(f"camera {k}", WIDTH, HEIGHT, RADIUS, free=tuple(free)) for k in range(cameras))
     own = known_bars if bars else Bars.none()
     network = Network(named, np.arange(len(R)) % cameras, image_pose, point_pose, rays, own, KnownPoints.none())
-    return network, State(np.tile(INTERIOR, (cameras, 1)), R, centre, xyz, np.full(len(own.length_m), LENGTH))
+    return network, NetworkState(np.tile(INTERIOR, (cameras, 1)), R, centre, xyz, np.full(len(own.length_m), LENGTH))
 
 
 def noisy(rng, network):
@@ -90,7 +90,7 @@ def disturbed(rng, state, turn=0.01, shift=0.01, stretch=0.01):
     about = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
     interior = np.zeros_like(state.interior)
     interior[:, 0] = state.interior[:, 0] * (1 + stretch)
-    return State(
+    return NetworkState(
         interior,
         about @ state.R,
         state.centre + shift * rng.normal(size=state.centre.shape),

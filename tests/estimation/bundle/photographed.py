@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import expm as matrix_exponential
 
 from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays
 
 WIDTH, HEIGHT = 4000, 3000
 TRUE_INTERIOR = np.array([4300.0, 25.0, -18.0, -6e-9, 4e-16, 0.0, 2e-8, -3e-8, 0.0, 0.0])
@@ -18,7 +18,7 @@ class Photographed:
     """A network, the state that made it, and which rays carry a gross error of how many pixels."""
 
     network: Network
-    truth: State
+    truth: NetworkState
     gross: np.ndarray
     gross_px: np.ndarray
 
@@ -95,7 +95,7 @@ def simulate(
         lens, image_camera, image_pose, np.repeat(np.arange(poses), points),
         Rays(image, point, xy, cov, np.zeros(N, np.int64)), held if bars else Bars.none(), certain,
     )  # fmt: skip
-    truth = State(values, R, centre, flat, held.length_m if bars else np.empty(0))
+    truth = NetworkState(values, R, centre, flat, held.length_m if bars else np.empty(0))
     return Photographed(network, truth, bad, error)
 
 
@@ -119,7 +119,7 @@ def off_by(made, rng, degrees=10.0, share=0.1):
     size = np.sqrt((truth.points**2).sum(axis=1).mean())
     points = truth.points + share * size * unit(rng.normal(size=truth.points.shape))
     interior = truth.interior * np.r_[1 + share, np.zeros(9)]
-    return State(interior, turn @ truth.R, centre, points, truth.bar_length_m.copy())
+    return NetworkState(interior, turn @ truth.R, centre, points, truth.bar_length_m.copy())
 
 
 def unit(v):

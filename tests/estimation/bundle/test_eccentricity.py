@@ -6,7 +6,7 @@ import numpy as np
 
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.eccentricity import eccentricity, facing, network_eccentricity
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays
 
 CENTRE = np.array([1999.5, 1499.5])
 IDEAL = np.array([4000.0, 12.0, -7.0, 0, 0, 0, 0, 0, 0, 0])
@@ -115,7 +115,7 @@ def network_of(rng, images, points):
         (camera,), np.zeros(images, int), np.zeros(images, int), np.zeros(points, int), rays, Bars.none(),
         KnownPoints.none(),
     )  # fmt: skip
-    return network, State(REAL[None], R, centre, xyz, np.empty(0)), n, 0.004
+    return network, NetworkState(REAL[None], R, centre, xyz, np.empty(0)), n, 0.004
 
 
 def ellipses(network, state, n, radius, rng, sigma):

@@ -8,7 +8,7 @@ import pytest
 from tests.estimation.bundle.drawn_networks import disturbed, draw, noisy, uneven
 from truing.estimation.bundle.network import linearise, project
 from truing.estimation.bundle.normal_equations import (
-    Workspace,
+    ArrayPool,
     lay_out,
     normal_equations,
     observe,
@@ -48,7 +48,7 @@ def dense(observed, state):
 
 def test_sums_are_those_of_the_rows(observed):
     observed, state, _ = observed
-    ours = normal_equations(observed, state, Workspace())
+    ours = normal_equations(observed, state, ArrayPool())
     rows, information, v = dense(observed, state)
     normal, side = rows.T @ information @ rows, rows.T @ information @ v
     layout = observed.layout

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truing.estimation.bundle.camera import Camera
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays
 from truing.estimation.bundle.network_statistics import (
     camera_coverage,
     intersections,
@@ -24,7 +24,9 @@ def network(image, point, xy, images, points):
 
 def test_rays_angles_and_condition_of_points():
     centre = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 0, np.sqrt(3)]])
-    state = State(np.zeros((1, 10)), np.zeros((3, 3, 3)), centre, np.array([[0, 0, 0], [0, 0, -1.0], [5, 5, 5]]), [])
+    state = NetworkState(
+        np.zeros((1, 10)), np.zeros((3, 3, 3)), centre, np.array([[0, 0, 0], [0, 0, -1.0], [5, 5, 5]]), []
+    )
     made = network([0, 1, 2, 0, 1, 2], [0, 0, 1, 1, 1, 2], np.zeros((6, 2)), 3, 3)
     found = intersections(made, state, np.ones(made.rays.count, bool))
     assert found.rays.tolist() == [2, 3, 1]

@@ -9,11 +9,11 @@ from tests.tolerance import assert_close
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Bars
-from truing.estimation.bundle.photograph_plan import Candidates, exchanged, one_by_one, spread_points
+from truing.estimation.bundle.photograph_plan import StationCandidates, exchanged, one_by_one, spread_points
 from truing.estimation.bundle.planning import (
-    Layout,
-    Limits,
+    CameraLimits,
     PlannedNetwork,
+    PlannedObject,
     body_motion,
     filling_distance,
     largest_sigma,
@@ -27,13 +27,13 @@ from truing.estimation.bundle.planning import (
 
 CAMERA = Camera("camera", 4000, 3000, 1600.0, None, ("c", "x0", "y0", "A1"))
 INTERIOR = np.array([4000.0, 12.0, -7.0, -3e-9, 0, 0, 0, 0, 0, 0])
-ANYTHING = Limits(0.0, np.inf, np.radians(89.0), 0.0)
+ANYTHING = CameraLimits(0.0, np.inf, np.radians(89.0), 0.0)
 
 
 def layout(count=14, seed=3):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.2, 0.2, (count, 3)) * [1.0, 0.8, 0.4]
-    return Layout(points, np.full((count, 3), np.nan), np.full(count, np.nan))
+    return PlannedObject(points, np.full((count, 3), np.nan), np.full(count, np.nan))
 
 
 def planned(own, sigma_m=1e-5):
@@ -75,16 +75,16 @@ def test_the_object_fills_the_format_from_the_filling_distance():
 @pytest.mark.parametrize(
     ("limits", "lost"),
     [
-        (Limits(0.0, np.inf, np.radians(60.0), 0.0), "incidence"),
-        (Limits(0.85, np.inf, np.radians(89.0), 0.0), "distance"),
-        (Limits(0.0, 0.85, np.radians(89.0), 0.0), "distance"),
-        (Limits(0.0, np.inf, np.radians(89.0), 20.0), "size"),
+        (CameraLimits(0.0, np.inf, np.radians(60.0), 0.0), "incidence"),
+        (CameraLimits(0.85, np.inf, np.radians(89.0), 0.0), "distance"),
+        (CameraLimits(0.0, 0.85, np.radians(89.0), 0.0), "distance"),
+        (CameraLimits(0.0, np.inf, np.radians(89.0), 20.0), "size"),
     ],
 )
 def test_a_target_is_seen_where_every_limit_is_kept(limits, lost):
     own = layout()
     normals = np.tile([0.0, 0.0, 1.0], (len(own.points), 1))
-    own = Layout(own.points, normals, np.full(len(own.points), 0.006))
+    own = PlannedObject(own.points, normals, np.full(len(own.points), 0.006))
     stations = around(own)
     seen = sees(CAMERA, INTERIOR, stations, own, limits)
     arm = stations.centre[:, None] - own.points
@@ -121,7 +121,9 @@ def test_chosen_stations_beat_others_and_exchange_makes_nothing_worse():
     own = layout()
     plan, stations = planned(own), around(own)
     seen = sees(CAMERA, INTERIOR, stations, own, ANYTHING)
-    candidates = Candidates(station_information(plan, stations, seen), weak_prior(plan), own.points, has_scale=True)
+    candidates = StationCandidates(
+        station_information(plan, stations, seen), weak_prior(plan), own.points, has_scale=True
+    )
     chosen = one_by_one(candidates, 6, nothing)
     better = exchanged(candidates, chosen, nothing)
     assert len(set(better.tolist())) == 6

@@ -12,7 +12,7 @@ from tests.simulation.mechanisms.telescope import KAPPA, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.design.observability import indices, observe
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine
 
@@ -79,7 +79,7 @@ def test_a_row_is_equation_37_without_the_factor_one_half():
 @pytest.mark.parametrize("leg", LEGS)
 def test_the_rows_are_those_of_the_kinematic_model(leg):
     names = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "u_x", "u_y", "l", "kappa")
-    entries = tuple(Parameter(name, leg, "", 1.0 if name[0] in "uk" else 1e-3) for name in names)
+    entries = tuple(LegParameter(name, leg, "", 1.0 if name[0] in "uk" else 1e-3) for name in names)
     p, R = poses()
     machine = Machine(telescope(), np.zeros((6, 6)))
     model = CalibrationProblem(

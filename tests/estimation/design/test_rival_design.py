@@ -11,10 +11,10 @@ import pytest
 
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.design.rival_design import (
-    Candidates,
-    Choice,
+    ChosenPoses,
     Fitted,
-    Instrument,
+    PointInstrument,
+    PoseCandidates,
     candidates,
     narrowed,
     told_apart,
@@ -96,7 +96,7 @@ class Case:
     measured: Observations
     frames: Frames
     fits: tuple[Fit, Fit]
-    seen: tuple[Candidates, Candidates]
+    seen: tuple[PoseCandidates, PoseCandidates]
     odds: float  # log odds of the line against the parabola
 
     def gain(self, readings: np.ndarray, right: int, rng: np.random.Generator) -> float:
@@ -119,7 +119,7 @@ def case() -> Case:
     parabola = replace(line, power=2)
     measured, frames = _measured(line, np.array([0.5, -0.3, 0.2, 0.03]), rng)
     fits = _fit(line, measured, frames), _fit(parabola, measured, frames)
-    instrument = Instrument(np.broadcast_to(np.eye(3) * SIGMA**2, (5, 3, 3)))
+    instrument = PointInstrument(np.broadcast_to(np.eye(3) * SIGMA**2, (5, 3, 3)))
     first, second = (
         candidates(Fitted(model, fit.shared, fit.whitened.covariance()), Conditions(GRID), instrument)
         for model, fit in zip((line, parabola), fits, strict=True)
@@ -127,7 +127,7 @@ def case() -> Case:
     return Case(measured, frames, fits, (first, second), _log_evidence(fits[0]) - _log_evidence(fits[1]))
 
 
-def _apart(case: Case, most: int, odds: float = 0.0) -> Choice:
+def _apart(case: Case, most: int, odds: float = 0.0) -> ChosenPoses:
     return told_apart(case.seen, (OWN, OWN), 20.0, most, odds)
 
 
@@ -141,7 +141,7 @@ def test_a_line_and_a_parabola_known_on_one_side_are_told_apart_on_the_other(cas
     assert choice.final >= 20.0 > choice.values[-2]
 
 
-def _readings(choice: Choice) -> np.ndarray:
+def _readings(choice: ChosenPoses) -> np.ndarray:
     """Return the readings of all measurements of a choice."""
     return GRID[np.repeat(choice.chosen, choice.times)]
 
@@ -213,7 +213,7 @@ def test_two_poses_are_as_good_as_the_best_of_all_pairs(case: Case) -> None:
 def test_an_uncertainty_that_nothing_measured_there_lessens_stays(case: Case) -> None:
     at_zero = [k for k in range(len(GRID)) if abs(GRID[k, 0]) < 1e-9]
     seen = case.seen[0]
-    only = Candidates(seen.fitted, seen.predicted[at_zero], seen.rows[at_zero], seen.basis[at_zero])
+    only = PoseCandidates(seen.fitted, seen.predicted[at_zero], seen.rows[at_zero], seen.basis[at_zero])
     choice = narrowed(only, np.eye(4)[2] - np.eye(4)[3], 1e-3, 4)
     assert not choice.is_enough
     assert 0.0 < choice.final <= 1.0
@@ -232,5 +232,5 @@ def test_the_distance_between_predictions_alone_promises_less_than_comes(case: C
     assert half < gains.mean() - gains.std() / np.sqrt(len(gains)), (half, gains.mean())
 
 
-def _freed(right: Candidates, wrong: Candidates) -> tuple[np.ndarray, np.ndarray]:
+def _freed(right: PoseCandidates, wrong: PoseCandidates) -> tuple[np.ndarray, np.ndarray]:
     return right.freed((right.predicted - wrong.predicted)[..., None]), right.freed(wrong.rows)

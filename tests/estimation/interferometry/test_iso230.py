@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.interferometry.iso230 import Instrument, positioning, positioning_uncertainty
+from truing.estimation.interferometry.iso230 import InstrumentUncertainty, positioning, positioning_uncertainty
 
 seeds = st.integers(0, 2**31)
 
@@ -101,12 +101,14 @@ def test_instruments_share_is_added() -> None:
     rng = np.random.default_rng(2)
     at = np.linspace(0.0, 1.0, 6)
     x = np.repeat(np.repeat(1e-5 * at[:, None, None], 2, axis=1), 5, axis=2) + 1e-9 * rng.standard_normal((6, 2, 5))
-    instrument = Instrument(scale=3e-7, expansion=11.5e-6, temperature_sigma=0.05, expansion_sigma=1e-6, warmer_by=0.4)
+    instrument = InstrumentUncertainty(
+        scale=3e-7, expansion=11.5e-6, temperature_sigma=0.05, expansion_sigma=1e-6, warmer_by=0.4
+    )
     assert_close(instrument.stretch, np.sqrt(3e-7**2 + 5.75e-7**2 + 4e-7**2), atol=1e-15)
     found = positioning_uncertainty(x, at, rng, instrument)
     assert_between(found["E"].sigma / instrument.stretch, 0.95, 1.05)
     assert found["R"].sigma < 2e-9
-    tilted = positioning_uncertainty(x, at, rng, Instrument(misalignment=1e-3))
+    tilted = positioning_uncertainty(x, at, rng, InstrumentUncertainty(misalignment=1e-3))
     assert_between(tilted["E"].high - tilted["E"].value, 1e-7, 3e-6)
-    drifting = positioning_uncertainty(x, at, rng, Instrument(drift=1e-6))
+    drifting = positioning_uncertainty(x, at, rng, InstrumentUncertainty(drift=1e-6))
     assert drifting["B"].sigma > 1e-7

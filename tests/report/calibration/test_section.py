@@ -17,7 +17,7 @@ from truing.report.calibration.section import calibration
 from truing.report.head import build_head
 from truing.report.knowledge_section import knowledge
 from truing.report.model_tests import below_noise
-from truing.report.page import Section
+from truing.report.page import ReportSection
 from truing.report.rendering.render import render_page
 from truing.report.sections import build_sections
 
@@ -27,7 +27,7 @@ MANDATORY = ("calibration", "observability", "requirements")
 SMALL = {"legs": 3, "models": ("6-pus", "beam"), "deformations": ("linear", "matrix")}
 
 
-def sections_of(tables) -> dict[str, Section]:
+def sections_of(tables) -> dict[str, ReportSection]:
     found = [section for part in PARTS if (section := part(tables)) is not None]
     return {section.id: section for section in found}
 

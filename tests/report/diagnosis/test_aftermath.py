@@ -14,7 +14,7 @@ from tests.report.diagnosis_parts import part_of, state_of, text_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.head import build_head
-from truing.report.page import Head
+from truing.report.page import PageHead
 from truing.report.rendering.render import render_page
 
 
@@ -98,7 +98,7 @@ def test_configurations_are_ready_for_the_machine():
     lines = [line.split(",") for line in listing.csv.splitlines()]
     assert lines[0] == ["pose", *(f"rho{leg}_mm" for leg in range(1, 7))]
     assert np.allclose(np.array(lines[1:], dtype=float)[:, 1:], own[lines[0][1:]].to_numpy(), atol=0.5e-4)
-    page = render_page(Head("c", ()), [part])
+    page = render_page(PageHead("c", ()), [part])
     (held,) = re.findall(r'<script type="application/json">(.*?)</script>', page)
     assert json.loads(held) == listing.csv
 

@@ -8,11 +8,11 @@ from tests.report.diagnosis_parts import part_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
 from truing.report.diagnosis.elsewhere import elsewhere
 from truing.report.diagnosis.judged import judged
-from truing.report.diagnosis.misses import POINTS, READINGS, Compared
+from truing.report.diagnosis.misses import POINTS, READINGS, PartNames
 from truing.report.diagnosis.section import diagnosis
 
 
-def said(of: Compared = POINTS, **left_out: object) -> list[str]:
+def said(of: PartNames = POINTS, **left_out: object) -> list[str]:
     table = rows(row("actuator-gain", subject="leg3", parameters=GAIN_3, **left_out))
     return elsewhere(judged({"diagnosis": table}), of)
 
@@ -28,7 +28,7 @@ def said(of: Compared = POINTS, **left_out: object) -> list[str]:
         ("direction", POINTS, "each of the 4 directions of approach"),
     ],
 )
-def test_what_was_left_out_is_said_with_its_number(kind: str, of: Compared, words: str) -> None:
+def test_what_was_left_out_is_said_with_its_number(kind: str, of: PartNames, words: str) -> None:
     (one,) = said(of, left_out_by=kind, left_out_blocks=4, left_out_gain=7.0)
     assert words in one
     assert "actuator gain, leg 3 makes them more probable (odds of 1097 to 1 for it)" in one

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tests.simulation.bench.sensor_benches import SIGMA, Bench, bench
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.inference.verdicts import FOUND
 from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.bench.causes.leg_stiffness import LegStiffness
@@ -58,11 +58,11 @@ def read(
 
 
 @cache
-def searched(name: str, seed: int = 3) -> Diagnosis[ReadingCause]:
+def searched(name: str, seed: int = 3) -> CauseDiagnosis[ReadingCause]:
     """What a search over the whole catalogue finds where one of the causes is hidden; of no name none is."""
     own = bench()
     cause, values = HIDDEN.get(name, (None, []))
-    search = Acceptance(own.model(), read(own, cause, values, seed), None, SETTINGS)
+    search = CauseSelection(own.model(), read(own, cause, values, seed), None, SETTINGS)
     return search.run(tuple(catalogue_of_readings().values()))
 
 
@@ -93,7 +93,7 @@ def test_a_noisy_run_is_told_by_its_noise_and_not_as_a_shift(channel: str) -> No
         [channel == (name if channel[0] == "v" else {"v": "signals"}.get(name[0], "displacements")) for name in names]
     )
     epochs = read(own, None, [], 5, np.where(places, 6.0, 1.0))
-    told = Acceptance(own.model(), epochs, None, SETTINGS).run(tuple(catalogue_of_readings().values()))
+    told = CauseSelection(own.model(), epochs, None, SETTINGS).run(tuple(catalogue_of_readings().values()))
     assert [one.cause.key for one in told.verdicts if one.verdict == FOUND] == []
     (burst,) = told.noise_dependences
     assert isinstance(burst.driver.cause, NoisyRun)

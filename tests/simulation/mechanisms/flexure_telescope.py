@@ -15,7 +15,7 @@ from tests.simulation.mechanisms.telescope import telescope
 from truing.estimation.rotation import exp_so3
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.structures.beams import section
-from truing.simulation.mechanisms.structures.structure import Closing, Machine, Section, Structure
+from truing.simulation.mechanisms.structures.structure import BeamSection, Closing, Machine, Structure
 
 REFERENCE: dict[str, Any] = json.loads((Path(__file__).parent / "flexure_vectors.json").read_text(encoding="utf-8"))
 _PARTS = REFERENCE["flexure"]
@@ -77,9 +77,9 @@ def nudged(machine: Machine, field: str, by: NDArray) -> Machine:
     if held is not None:
         return replace(machine, legs=machine.legs.replace(**{field: held + by}))
     held = getattr(machine, field)
-    if isinstance(held, Section):
+    if isinstance(held, BeamSection):
         held, by = np.array([held.bending, held.axial, held.torsion]), np.asarray(by)
-        return replace(machine, **{field: Section(*(held + by))})
+        return replace(machine, **{field: BeamSection(*(held + by))})
     return replace(machine, **{field: held + by})
 
 

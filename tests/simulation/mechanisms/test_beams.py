@@ -35,7 +35,7 @@ from truing.simulation.mechanisms.structures.beams import (
     nodes,
     section,
 )
-from truing.simulation.mechanisms.structures.structure import Section
+from truing.simulation.mechanisms.structures.structure import BeamSection
 
 LENGTHS = st.floats(0.01, 1.0)
 SECTIONS = st.builds(section, st.floats(1e-3, 2e-2), st.floats(1e10, 3e11), st.floats(0.0, 0.45))
@@ -59,7 +59,7 @@ def rigid_motions(along_x: list[float]) -> NDArray:
 
 
 @pytest.mark.parametrize(("part", "name"), [(FLEXURE, "kd"), (TUBE, "kl")])
-def test_sections_are_those_of_the_reference(part: Section, name: str) -> None:
+def test_sections_are_those_of_the_reference(part: BeamSection, name: str) -> None:
     expected = REFERENCE["flexure"][name]
     for found, key, si in ((part.bending, "k1_EI", 1e-6), (part.axial, "k2_ES", 1.0), (part.torsion, "k3_GJ", 1e-6)):
         assert_close(found, expected[key] * si, atol=1e-9 * found, what=key)
@@ -67,7 +67,7 @@ def test_sections_are_those_of_the_reference(part: Section, name: str) -> None:
 
 def test_stiffness_is_that_of_the_reference() -> None:
     inputs, outputs = vector("eq21")
-    beam = Section(inputs["k1"] * 1e-6, inputs["k2"], inputs["k3"] * 1e-6)
+    beam = BeamSection(inputs["k1"] * 1e-6, inputs["k2"], inputs["k3"] * 1e-6)
     expected = np.array(outputs["K"])
     found = in_mm(element_stiffness(np.array(inputs["l_mm"] * 1e-3), beam))
     assert_close(found, expected, atol=1e-9 * np.abs(expected).max(), what="K")
@@ -75,7 +75,7 @@ def test_stiffness_is_that_of_the_reference() -> None:
 
 
 @given(length=LENGTHS, beam=SECTIONS)
-def test_no_rigid_motion_loads_a_beam_and_every_other_does(length: float, beam: Section) -> None:
+def test_no_rigid_motion_loads_a_beam_and_every_other_does(length: float, beam: BeamSection) -> None:
     found = element_stiffness(np.array(length), beam)
     scaled = _levered(found, length)
     assert_close(found, found.T, atol=1e-15 * np.abs(found).max(), what="asymmetry")
@@ -88,7 +88,7 @@ def test_no_rigid_motion_loads_a_beam_and_every_other_does(length: float, beam: 
 
 
 @given(length=LENGTHS, beam=SECTIONS)
-def test_a_cantilever_bends_as_in_the_textbook(length: float, beam: Section) -> None:
+def test_a_cantilever_bends_as_in_the_textbook(length: float, beam: BeamSection) -> None:
     """Displacements of the free end by its loads, from the integrals of the curvature."""
     k1, k2, k3 = beam.bending, beam.axial, beam.torsion
     sag, tilt, turn = length**3 / (3 * k1), length**2 / (2 * k1), length / k1
@@ -100,12 +100,12 @@ def test_a_cantilever_bends_as_in_the_textbook(length: float, beam: Section) -> 
 
 
 @given(length=LENGTHS, beam=SECTIONS)
-def test_derivatives_of_an_element_agree_with_a_complex_step(length: float, beam: Section) -> None:
+def test_derivatives_of_an_element_agree_with_a_complex_step(length: float, beam: BeamSection) -> None:
     inputs = np.array([length, beam.bending, beam.axial, beam.torsion])
     found = element_change(np.array(length), beam)
     for j in range(4):
         nudged = inputs + 1j * STEP * np.eye(4)[j]
-        expected = element_stiffness(nudged[0], Section(*nudged[1:])).imag / STEP
+        expected = element_stiffness(nudged[0], BeamSection(*nudged[1:])).imag / STEP
         assert_close(found[j], expected, atol=1e-14 * np.abs(expected).max(), what=f"by input {j}")
 
 
@@ -124,8 +124,8 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def _drawn(rng: np.random.Generator) -> Chain:
-    def beam(like: Section) -> Section:
-        return Section(*(np.array([like.bending, like.axial, like.torsion]) * rng.uniform(0.5, 2.0, 3)))
+    def beam(like: BeamSection) -> BeamSection:
+        return BeamSection(*(np.array([like.bending, like.axial, like.torsion]) * rng.uniform(0.5, 2.0, 3)))
 
     return Chain(rng.uniform(0.005, 0.02), rng.uniform(0.2, 0.8), beam(FLEXURE), beam(TUBE))
 
@@ -233,7 +233,7 @@ def test_derivatives_agree_with_a_complex_step(entry: int) -> None:
     leg = _drawn(np.random.default_rng(3))
     flexure, tube = ([part.bending, part.axial, part.torsion] for part in (leg.flexure, leg.tube))
     nudged = np.array([leg.flexure_length, leg.tube_length, *flexure, *tube]) + 1j * STEP * np.eye(8)[entry]
-    whole = assembled(Chain(nudged[0], nudged[1], Section(*nudged[2:5]), Section(*nudged[5:])))
+    whole = assembled(Chain(nudged[0], nudged[1], BeamSection(*nudged[2:5]), BeamSection(*nudged[5:])))
     expected = condensed(whole).imag / STEP
     found = condensed_change(assembled(leg), assembled_change(leg))[entry]
     # stiffness is won from differences of stiffer parts

@@ -12,7 +12,7 @@ from tests.simulation.mechanisms.constrained import assert_batch_is_its_members,
 from tests.simulation.mechanisms.telescope import K, readings, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, Constrained
+from truing.simulation.mechanisms.calibration_problem import CalibrationProblem, PoseEquations
 from truing.simulation.mechanisms.legs.kinematics import unit, upper_joints
 from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegPoses, seated
 from truing.simulation.mechanisms.parameters import full_set, report_set
@@ -73,7 +73,7 @@ def test_many_values_are_solved_as_each_of_them() -> None:
     assert_batch_is_its_members(problem, many, deviation)
 
 
-def _information(found: Constrained, cov: NDArray, machine: int) -> NDArray:
+def _information(found: PoseEquations, cov: NDArray, machine: int) -> NDArray:
     """Information on the machine's own parameters, those of the legs' seats eliminated."""
     spread = found.by_deviation @ cov @ np.swapaxes(found.by_deviation, -1, -2)
     full = np.einsum("bmp,bmq->pq", found.by_values, np.linalg.solve(spread, found.by_values))

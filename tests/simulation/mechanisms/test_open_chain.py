@@ -14,7 +14,7 @@ from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.search_end import SearchEnd
-from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.inference.verdicts import Reason
 from truing.simulation.cause import OBSERVED, Cause, Effect, Parameter, Scene, Step
 from truing.simulation.effects_model import EffectsModel, Prediction
@@ -169,7 +169,7 @@ class ArmModel(EffectsModel[JointGain]):
         return found
 
 
-def diagnosed(gain: float, seed: int = 4) -> Diagnosis:
+def diagnosed(gain: float, seed: int = 4) -> CauseDiagnosis:
     """What a search says of a drawn campaign whose second joint has a gain; the frame of measurement is the base's."""
     rng = np.random.default_rng(seed)
     conditions = ArmConditions(rng.uniform(-1.0, 1.0, (POSES, JOINTS)))
@@ -183,7 +183,7 @@ def diagnosed(gain: float, seed: int = 4) -> Diagnosis:
     )
     frames = Frames(np.tile(np.eye(3), (POSES, 1, 1)), np.zeros((POSES, 3)), free=False)
     epochs = Epochs(measured, conditions, frames)
-    return Acceptance(ArmModel(conditions), epochs, None, Settings(0.05, 200, 1)).run([JointGain()])
+    return CauseSelection(ArmModel(conditions), epochs, None, Settings(0.05, 200, 1)).run([JointGain()])
 
 
 def test_a_gain_of_one_joint_is_found_and_named() -> None:

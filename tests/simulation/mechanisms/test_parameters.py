@@ -10,12 +10,12 @@ import pytest
 from tests.simulation.mechanisms.telescope import K, telescope
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, full_set, report_set
-from truing.simulation.mechanisms.structures.structure import Machine, Section
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, deformation_set, full_set, report_set
+from truing.simulation.mechanisms.structures.structure import BeamSection, Machine
 
 
 def _machine(kind: str = "6-pus") -> Machine:
-    sections = Section(0.09, 3.6e5, 0.07), Section(50.0, 1.7e7, 40.0)
+    sections = BeamSection(0.09, 3.6e5, 0.07), BeamSection(50.0, 1.7e7, 40.0)
     return Machine(telescope(kind), K, np.full(6, 0.01), *sections)
 
 
@@ -108,9 +108,9 @@ def test_what_a_machine_does_not_hold_is_said() -> None:
     with pytest.raises(ValueError, match="deformation: found 'cubic', expected none, linear or matrix"):
         report_set(machine, "cubic")
     with pytest.raises(ValueError, match="found 'kapa', expected a number of the machine"):
-        ParameterSet((Parameter("kapa", 0, "1", 1.0),)).values(machine)
+        ParameterSet((LegParameter("kapa", 0, "1", 1.0),)).values(machine)
     with pytest.raises(ValueError, match="found no flexure_length"):
         full_set(machine, "none", flexure_length=True).values(replace(machine, flexure_length=None))
-    upright = ParameterSet((Parameter("u_z", 0, "1", 1.0),))
+    upright = ParameterSet((LegParameter("u_z", 0, "1", 1.0),))
     with pytest.raises(ValueError, match="expected the two smallest"):
         upright.machine(machine, upright.values(machine))

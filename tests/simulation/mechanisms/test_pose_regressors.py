@@ -14,7 +14,7 @@ from tests.tolerance import assert_between, assert_close
 from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.design.pose_selection import bound_design, exchange, information_of, sum_log_det
 from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
 from truing.simulation.mechanisms.pose_regressors import Placed, PoseRegressors, leg_by_leg, pose_regressors
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at
@@ -28,7 +28,7 @@ FREE = np.full(6, np.inf)
 def regressors(legs=None, names=SEVEN, pose_range=FREE, reach=REACH) -> PoseRegressors:
     machine = Machine(telescope() if legs is None else legs, np.zeros((6, 6)) if legs is None else np.zeros((8, 8)))
     count = machine.legs.count
-    chosen = ParameterSet(tuple(Parameter(name, leg, "", 1.0) for name in names for leg in range(count)))
+    chosen = ParameterSet(tuple(LegParameter(name, leg, "", 1.0) for name in names for leg in range(count)))
     structure = KinematicModel(machine.legs.closure.name)
     return pose_regressors(structure, machine, chosen, pose_range, np.full(count, reach))
 
@@ -134,6 +134,6 @@ def test_limits_that_leave_the_platform_free_are_refused():
 
 def test_shared_parameters_are_no_leg_s_own():
     machine = Machine(telescope(), np.zeros((6, 6)))
-    for entries in ((Parameter("a_x", 0, "mm", 1e-3),), (Parameter("flexure_axial", -1, "N", 1.0),)):
+    for entries in ((LegParameter("a_x", 0, "mm", 1e-3),), (LegParameter("flexure_axial", -1, "N", 1.0),)):
         with pytest.raises(ValueError, match="as many of every leg"):
             leg_by_leg(machine, ParameterSet(entries))

@@ -14,7 +14,7 @@ from tests.simulation.mechanisms.telescope import KAPPA, K, readings, telescope
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.least_squares.solver import Method, SolverStatus
 from truing.simulation.mechanisms import recalibration
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, deformation_set, report_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, deformation_set, report_set
 from truing.simulation.mechanisms.recalibration import (
     LegDraws,
     calibrate_leg,
@@ -56,7 +56,7 @@ def nominal(deformation: NDArray, kind: str = "6-pus") -> Machine:
 
 
 def with_u_y(parameters: ParameterSet) -> ParameterSet:
-    return ParameterSet((*parameters.entries, *(Parameter("u_y", leg, "1", 1.0) for leg in range(6))))
+    return ParameterSet((*parameters.entries, *(LegParameter("u_y", leg, "1", 1.0) for leg in range(6))))
 
 
 def starts_of(leg: LegDraws, count: int) -> NDArray:
@@ -68,7 +68,7 @@ def starts_of(leg: LegDraws, count: int) -> NDArray:
 def test_derivatives_are_exact_for_every_number_of_a_leg(seed: int) -> None:
     rng = np.random.default_rng(seed)
     names = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "u_x", "u_y", "l", "kappa", "rho0")
-    parameters = ParameterSet(tuple(Parameter(name, leg, "", 1.0) for name in names for leg in range(6)))
+    parameters = ParameterSet(tuple(LegParameter(name, leg, "", 1.0) for name in names for leg in range(6)))
     p, R, rho = campaign(rng, built(rng, K), 1)
     leg = leg_draws(nominal(K), parameters, int(rng.integers(6)), p, R, rho)
     x = starts_of(leg, 1) + 1e-3 * rng.normal(size=len(names))
@@ -137,7 +137,9 @@ def test_compiled_and_plain_reach_the_same_minimum(deformation: str) -> None:
 def test_draws_that_compiled_code_cannot_prove_are_solved_by_qr() -> None:
     rng = np.random.default_rng(8)
     p, R, rho = campaign(rng, built(rng, LINEAR), 20)
-    parameters = ParameterSet(tuple(Parameter(name, i, "mm", 1e-3) for name in ("l", "b_x", "rho0") for i in range(6)))
+    parameters = ParameterSet(
+        tuple(LegParameter(name, i, "mm", 1e-3) for name in ("l", "b_x", "rho0") for i in range(6))
+    )
     leg = leg_draws(nominal(np.zeros((6, 6))), parameters, 0, p, R, rho)  # without kappa nothing depends on rho0
     found = calibrate_leg_compiled(leg, starts_of(leg, 20))
     assert np.all(found.status == SolverStatus.RANK_DEFICIENT)
@@ -239,8 +241,8 @@ def test_parameters_that_are_not_a_legs_own_are_refused() -> None:
     with pytest.raises(ValueError, match="found K11, K12"):
         recalibrate(machine, deformation_set(machine, "matrix"), *_one_pose(machine))
     with pytest.raises(ValueError, match=r"found \[1, 0, 0, 0, 0, 0\] per leg"):
-        recalibrate(machine, ParameterSet((Parameter("l", 0, "mm", 1e-3),)), *_one_pose(machine))
+        recalibrate(machine, ParameterSet((LegParameter("l", 0, "mm", 1e-3),)), *_one_pose(machine))
     with pytest.raises(ValueError, match="largest component"):
         recalibrate(
-            machine, ParameterSet(tuple(Parameter("u_z", leg, "1", 1.0) for leg in range(6))), *_one_pose(machine)
+            machine, ParameterSet(tuple(LegParameter("u_z", leg, "1", 1.0) for leg in range(6))), *_one_pose(machine)
         )

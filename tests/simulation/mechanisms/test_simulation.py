@@ -11,20 +11,20 @@ from tests.simulation.mechanisms.telescope import MATRIX, sample_model
 from tests.tolerance import assert_between
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.simulation.cause import Effect
-from truing.simulation.drawn_campaigns import Drawn, Layout, draw_campaign
+from truing.simulation.drawn_campaigns import CampaignLayout, Drawn, draw_campaign
 from truing.simulation.targets import BASE
 
 POSES, SIGMA = 30, 5e-6
 
 
-def _layout(**changes: object) -> Layout:
+def _layout(**changes: object) -> CampaignLayout:
     model = sample_model(np.random.default_rng(3), POSES)
     count = len(model.targets.body)
     covariance = np.broadcast_to(np.eye(3) * SIGMA**2, (POSES, count, 3, 3))
-    return replace(Layout(model, covariance, np.ones((POSES, count), bool)), **changes)
+    return replace(CampaignLayout(model, covariance, np.ones((POSES, count), bool)), **changes)
 
 
-def _drawn(layout: Layout, seed: int = 1, effects: tuple[Effect, ...] = ()) -> Drawn:
+def _drawn(layout: CampaignLayout, seed: int = 1, effects: tuple[Effect, ...] = ()) -> Drawn:
     return draw_campaign(layout, effects, np.random.default_rng(seed))
 
 

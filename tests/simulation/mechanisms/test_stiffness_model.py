@@ -36,7 +36,7 @@ from truing.simulation.mechanisms.structures.stiffness_model import (
     compliance,
     unbalanced,
 )
-from truing.simulation.mechanisms.structures.structure import Machine, Section, poses_at, readings_at
+from truing.simulation.mechanisms.structures.structure import BeamSection, Machine, poses_at, readings_at
 
 MODEL = StiffnessModel()
 SEEDS = st.integers(0, 2**32 - 1)
@@ -96,7 +96,9 @@ def test_flexures_hardly_matter_to_that() -> None:
 
 
 def test_legs_on_soft_flexures_err_from_rigid_ones_by_second_order_only() -> None:
-    soft = replace(flexure_telescope(), flexure=Section(1e-9 * FLEXURE.bending, FLEXURE.axial, 1e-9 * FLEXURE.torsion))
+    soft = replace(
+        flexure_telescope(), flexure=BeamSection(1e-9 * FLEXURE.bending, FLEXURE.axial, 1e-9 * FLEXURE.torsion)
+    )
     near, far = (np.sqrt(np.mean(_error_um(soft, reach * TABLE_3) ** 2)) for reach in (0.05, 0.1))
     assert_between(float(far / near), 3.95, 4.05, what="error at twice the reach")
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulation.photographs.told_by_rays import NUMBERS, POSES, place, ray_poses, told
 from tests.tolerance import assert_close
-from truing.inference.selection import Acceptance, Diagnosis, Settings
+from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.simulation.catalogue import catalogue_of_rays
 from truing.simulation.cause import Cause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
@@ -39,12 +39,12 @@ def test_channels_follow_the_unknowns_as_their_derivatives_say(cause: Cause) -> 
         assert_close(slopes[..., j], (ahead - behind) / 2e-6, atol=1e-6 * max(1.0, np.abs(slopes[..., j]).max()))
 
 
-def search(off: np.ndarray, seed: int = 3) -> Diagnosis:
+def search(off: np.ndarray, seed: int = 3) -> CauseDiagnosis:
     poses = told(RAYS, off, seed)
-    return Acceptance(RayModel.of(RAYS), poses, None, Settings(0.05, 200, 1)).run(KINDS)
+    return CauseSelection(RayModel.of(RAYS), poses, None, Settings(0.05, 200, 1)).run(KINDS)
 
 
-def found(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+def found(diagnosis: CauseDiagnosis) -> list[tuple[str, str]]:
     return [(v.cause.id, v.cause.subject) for v in diagnosis.verdicts if v.verdict == "found"]
 
 
@@ -100,7 +100,7 @@ def test_a_bar_counts_from_its_certificate_whatever_the_adjustment_made_of_it() 
     numbers = tuple(replace(n, mean=-mean) if n.called == "bar S strain" else n for n in NUMBERS)
     rays = replace(warm, parameters=numbers)
     poses = told(rays, off_by("bar S strain", (strain - mean) / 1e-5), 3)
-    found_there = Acceptance(RayModel.of(rays), poses, None, Settings(0.05, 200, 1)).run(KINDS).verdicts[0]
+    found_there = CauseSelection(RayModel.of(rays), poses, None, Settings(0.05, 200, 1)).run(KINDS).verdicts[0]
     assert found_there.cause.id == "scale-bar-temperature"
     assert abs(abs(found_there.values[0]) - 3e-5) < 4 * np.sqrt(found_there.covariance[0, 0]) < 2e-5
 

@@ -15,12 +15,12 @@ from truing.estimation.rigid_poses.points import PosePoints
 from truing.schemas.campaign import read_campaign
 from truing.simulation.bodies.measured_bodies import moved_for_certain
 from truing.stages.diagnosis.body_points import gather_bodies
-from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.gathered import DiagnosisData
 
 LAYOUT = Layout(poses=40)
 
 
-def _gathered(folder: Path, layout: Layout, *hidden: Hidden, more: str = "") -> Gathered:
+def _gathered(folder: Path, layout: Layout, *hidden: Hidden, more: str = "") -> DiagnosisData:
     rng = np.random.default_rng(5)
     write(draw(layout, hidden, rng), folder, rng)
     toml = folder / "campaign.toml"

@@ -25,7 +25,7 @@ from truing.simulation.bench.causes.load_path import LoadEccentricity as Eccentr
 from truing.simulation.bench.extended_model import ExtendedSensor, extended_sensor, read_sensor, write_sensor
 from truing.simulation.bench.known_readings import zeros_of
 from truing.stages.diagnosis.earlier_campaign import changes_table
-from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.gathered import DiagnosisData
 from truing.stages.diagnosis.search import gathered_of
 
 LAYOUT = Layout(
@@ -121,14 +121,14 @@ def test_one_after_the_other_they_tell_what_both_tell_together(home: Path, first
     assert_close(sigma_after / sigma, np.ones(len(sigma)), atol=0.01)
 
 
-def _gathered(home: Path, seed: int, earlier: str | None, like: int | None = None) -> Gathered:
+def _gathered(home: Path, seed: int, earlier: str | None, like: int | None = None) -> DiagnosisData:
     made = generator.draw_campaign(LAYOUT, [LoadEccentricity(2, OFFSET_M)], Machine(like or seed))  # type: ignore[arg-type]
     folder = write_campaign(made, home / f"alone-{seed}", seed)
     tables = run_line(folder, "ingest")[0]
     return gathered_of(tables if earlier is None else {**tables, "start": earlier}, settings_of(folder))
 
 
-def _fitted(found: Gathered) -> FittedModel:
+def _fitted(found: DiagnosisData) -> FittedModel:
     return Fitter(found.model, found.calibration, None, 0).fitted((FZ,))
 
 
@@ -137,7 +137,7 @@ def _extended(stand: FittedModel) -> ExtendedSensor:
     return extended_sensor(stand.model, stand.fit.shared, stand.fit.whitened.covariance(), {"campaign": "first"})
 
 
-def _together(first: Gathered, second: Gathered) -> Gathered:
+def _together(first: DiagnosisData, second: DiagnosisData) -> DiagnosisData:
     """Both campaigns as one, the runs of the second after those of the first."""
     one, two = (found.calibration for found in (first, second))
     later = replace(two.conditions, run=two.conditions.run + 1000, time_s=two.conditions.time_s + 1e6)

@@ -18,7 +18,7 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped as Swapped
-from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.gathered import DiagnosisData
 from truing.stages.diagnosis.mechanism_points import gather
 
 SHIFT_MM = (0.3, -0.2, 0.1)
@@ -29,7 +29,7 @@ class Seen:
     """A campaign, what was gathered of it, and its columns and fitted poses in the order of what was gathered."""
 
     campaign: Campaign
-    gathered: Gathered
+    gathered: DiagnosisData
     columns: list[int]
     rows: NDArray
 

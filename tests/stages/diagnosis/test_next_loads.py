@@ -18,7 +18,7 @@ from truing.estimation.design.rival_design import Fitted
 from truing.inference.fit import Fit, fit_model
 from truing.inference.fitted_model import FittedModel, Fitter
 from truing.inference.observations import Frames, Observations
-from truing.inference.selection import Diagnosis
+from truing.inference.selection import CauseDiagnosis
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.numbers import about
 from truing.report.wordings.catalogue import confirming
@@ -31,7 +31,7 @@ from truing.simulation.bench.known_readings import ReadingConditions, zeros_of
 from truing.simulation.bench.model import ReadingModel
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
-from truing.stages.diagnosis.next_measurement import Plan, Rivals, next_loads_of, planned
+from truing.stages.diagnosis.next_measurement import MeasurementPlan, Rivals, next_loads_of, planned
 from truing.stages.diagnosis.rows import claim_of
 from truing.stages.diagnosis.search import decided, gathered_of
 
@@ -51,8 +51,8 @@ class Case:
     """A campaign of a bench, and what was decided on it: creep, and hysteresis that shall be as good."""
 
     settings: Campaign
-    alone: Diagnosis
-    diagnosis: Diagnosis
+    alone: CauseDiagnosis
+    diagnosis: CauseDiagnosis
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> 
 
 
 @pytest.fixture(scope="module")
-def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[FittedModel], PossibleRuns, Plan]:
+def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[FittedModel], PossibleRuns, MeasurementPlan]:
     """A softer sensor or one that gets softer towards its range's ends, where it was only ever loaded fully."""
     made = draw_campaign(FULL_LOADS, [StiffnessScale(2, -0.01)], np.random.default_rng(6))
     folder = write_campaign(made, tmp_path_factory.mktemp("next") / "soft", 1)
@@ -117,7 +117,9 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[FittedModel], P
     return stands, options[0], plan
 
 
-def test_the_loads_tell_apart_as_much_as_they_promise(soft: tuple[list[FittedModel], PossibleRuns, Plan]) -> None:
+def test_the_loads_tell_apart_as_much_as_they_promise(
+    soft: tuple[list[FittedModel], PossibleRuns, MeasurementPlan],
+) -> None:
     """Both causes refitted to readings that are drawn with either of them: the odds that can be expected at least."""
     rng, (stands, options, plan) = np.random.default_rng(9), soft
     further = _conditions(options, np.repeat(plan.choice.chosen, plan.choice.times), stands[0].model)
@@ -199,7 +201,7 @@ def test_a_cause_found_alone_keeps_its_own_words_beside_loads_that_narrow_it_dow
 
 
 def test_loads_are_round_and_those_applied_before_are_said_to_be_repeated(
-    soft: tuple[list[FittedModel], PossibleRuns, Plan],
+    soft: tuple[list[FittedModel], PossibleRuns, MeasurementPlan],
 ) -> None:
     _, options, _ = soft
     by_words = {run.loads_in_words: run for run in options.made if not run.words}

@@ -31,7 +31,7 @@ from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import Targets, shape_unknowns
 from truing.stages.diagnosis.next_candidates import Possible, _levels, possible
-from truing.stages.diagnosis.next_measurement import Measured, Next, Rivals, next_measurements
+from truing.stages.diagnosis.next_measurement import MeasuredPoints, Next, Rivals, next_measurements
 from truing.stages.diagnosis.rows import claim_of
 
 SIGMA_M = 5e-6
@@ -52,7 +52,7 @@ def settings() -> Campaign:
 class Case:
     """A campaign, and each rival fitted to it."""
 
-    measured: Measured
+    measured: MeasuredPoints
     fitted: tuple[Fitted, Fitted]
     fits: tuple[Fit, Fit]
 
@@ -83,7 +83,7 @@ class Case:
         return _log_odds(after[0], after[1]) - _log_odds(*self.fits)
 
 
-def _both(first: Measured, second: Measured) -> tuple[Observations, Frames]:
+def _both(first: MeasuredPoints, second: MeasuredPoints) -> tuple[Observations, Frames]:
     names = ("values", "covariance", "seen")
     points = Observations(*(np.concatenate([getattr(first.points, n), getattr(second.points, n)]) for n in names))
     return points, Frames(*(np.concatenate([getattr(first.frames, n), getattr(second.frames, n)]) for n in "Rt"))
@@ -94,13 +94,13 @@ def _joined(first: Conditions, second: Conditions) -> Conditions:
     return replace(first, readings=np.concatenate([first.readings, second.readings]), covariates=covariates)
 
 
-def _measure(model: PointModel, truth: np.ndarray, rng: np.random.Generator) -> Measured:
+def _measure(model: PointModel, truth: np.ndarray, rng: np.random.Generator) -> MeasuredPoints:
     count = len(model.conditions.readings)
     points = model.points(truth, np.where(model.unpredicted, 0.01, 1.0) * rng.normal(size=(count, model.local_size)))
     R, t = exp_so3(rng.normal(0.0, 1.0, (count, 3))), rng.normal(0.0, 0.5, (count, 3))
     seen = points @ np.swapaxes(R, 1, 2) + t[:, None] + rng.normal(0.0, SIGMA_M, points.shape)
     covariance = np.broadcast_to(np.eye(3) * SIGMA_M**2, (*points.shape, 3))
-    return Measured(Observations(seen, covariance, np.ones(points.shape[:2], bool)), Frames(R, t))
+    return MeasuredPoints(Observations(seen, covariance, np.ones(points.shape[:2], bool)), Frames(R, t))
 
 
 def _fit(model: PointModel, measured: Observations, frames: Frames, shared: np.ndarray | None = None) -> Fit:

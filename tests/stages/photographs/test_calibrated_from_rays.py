@@ -17,8 +17,8 @@ from tests.blind.generator.schedule import random_moves
 from tests.photographs.machine import copied, moved, stated_covariance
 from tests.photographs.rays import Shooting, exact_campaign
 from tests.stages.line import settings_of
-from truing.calibration.fits import Calibration, maximum_likelihood
-from truing.calibration.measured import Gathered
+from truing.calibration.fits import MachineCalibration, maximum_likelihood
+from truing.calibration.measured import CalibrationData
 from truing.calibration.question import Case, cases
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.pipeline.in_memory import call_stage
@@ -78,7 +78,7 @@ class PointErrors:
 
 
 @pytest.fixture(scope="module")
-def calibrated(adjusted: Any) -> list[tuple[Array, Calibration]]:
+def calibrated(adjusted: Any) -> list[tuple[Array, MachineCalibration]]:
     """Calibrations with the whole deformation of machines drawn from their tolerances, and how far they are off; points
     with errors drawn from the covariance that an adjustment of rays stated, what poses share drawn once for all."""
     _, folder, tables = adjusted
@@ -108,7 +108,7 @@ def _errors(tables: Tables, poses: list[int]) -> tuple[Array, list[PointErrors]]
 
 def _calibrated(
     tables: Tables, errors: list[PointErrors], correlation: Array, folder: Path, rng: np.random.Generator
-) -> tuple[Array, Calibration]:
+) -> tuple[Array, MachineCalibration]:
     moves, settings = random_moves(POSES, 0, np.random.default_rng(11)), settings_of(folder)
     campaign = exact_campaign(Shooting().layout, moves, [], rng)
     common = rng.multivariate_normal(np.zeros(len(correlation)), correlation, method="eigh")
@@ -150,14 +150,16 @@ def _brought(true: Array, found: Array) -> Array:
     return np.asarray((true - true.mean(0)) @ (u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt).T + found.mean(0))
 
 
-def _truth(campaign: Campaign, gathered: Gathered, case: Case, fit: Calibration) -> Array:
+def _truth(campaign: Campaign, gathered: CalibrationData, case: Case, fit: MachineCalibration) -> Array:
     built, legs = campaign.truth.built, gathered.machine.legs
     a, b, length = built.a * 1e-3, built.b * 1e-3, built.length * 1e-3
     true = replace(case.nominal, legs=replace(legs, a=a, b=b, u=built.u, l=length), deformation=np.zeros((6, 6)))
     return fit.parameters.values(true)
 
 
-def test_the_deformation_is_as_far_from_the_truth_as_it_says(calibrated: list[tuple[Array, Calibration]]) -> None:
+def test_the_deformation_is_as_far_from_the_truth_as_it_says(
+    calibrated: list[tuple[Array, MachineCalibration]],
+) -> None:
     _as_stated(calibrated, lambda name: name.startswith("K"))
 
 
@@ -181,7 +183,7 @@ def test_closings_are_off_as_noise_lets_expect(calibrated: Any) -> None:
     assert abs(squares / freedom - 1.0) < 4.0 * np.sqrt(2 / freedom)
 
 
-def _as_stated(calibrated: list[tuple[Array, Calibration]], chosen: Any) -> None:
+def _as_stated(calibrated: list[tuple[Array, MachineCalibration]], chosen: Any) -> None:
     squares, count = 0.0, 0
     for off, fit in calibrated:
         own = np.flatnonzero([chosen(entry.name) for entry in fit.parameters.entries])

@@ -337,7 +337,7 @@ def test_circles_are_brought_to_their_centres_where_ellipses_are_told(tmp_path: 
 def _as_ellipses(folder: Path, tables: Tables, radius_m: float) -> Array:
     """Write the folder's rays anew as the ellipses of circles that face upwards; returns what that shifts them by."""
     from truing.estimation.bundle.eccentricity import network_eccentricity
-    from truing.estimation.bundle.network import State, linearise
+    from truing.estimation.bundle.network import NetworkState, linearise
     from truing.estimation.rotation import exp_so3
     from truing.stages.bundle_adjustment.rays_as_network import given_cameras, image_points, named_network
 
@@ -349,7 +349,7 @@ def _as_ellipses(folder: Path, tables: Tables, radius_m: float) -> Array:
     points = tables["object_points"].to_pandas()[["x_mm", "y_mm", "z_mm"]].to_numpy() * 1e-3
     centre = orientation[["px_mm", "py_mm", "pz_mm"]].to_numpy() * 1e-3
     R = exp_so3(orientation[["rx_rad", "ry_rad", "rz_rad"]].to_numpy())
-    state = State(adjusted, R, centre, points, np.zeros(0))
+    state = NetworkState(adjusted, R, centre, points, np.zeros(0))
     up = (centre - points.mean(0)).mean(0)
     normal = np.broadcast_to(up / np.linalg.norm(up), points.shape)
     image, point = network.rays.image, network.rays.point

@@ -18,7 +18,7 @@ from truing.report.exclusion_section import excluded
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.stages.common.recorded_signals import recorded
-from truing.stages.diagnosis.gathered import Gathered
+from truing.stages.diagnosis.gathered import DiagnosisData
 from truing.stages.diagnosis.search import gathered_of
 
 LAYOUT = Layout("by-hand", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)
@@ -49,7 +49,7 @@ def ruled(folder: Path, home: Path, *rules: str) -> Path:
     return home
 
 
-def gathered(folder: Path) -> Gathered:
+def gathered(folder: Path) -> DiagnosisData:
     return gathered_of(run_line(folder, "ingest")[0], settings_of(folder))
 
 

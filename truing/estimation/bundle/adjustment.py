@@ -20,13 +20,13 @@ from truing.estimation.bundle.bundle_covariance import BundleCovariance, covaria
 from truing.estimation.bundle.datum import Datum, Freedom, conditions, freedoms, in_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, check_determined
 from truing.estimation.bundle.elimination import Reduced, eliminate_poses, solve, tie_variances, tie_weights
-from truing.estimation.bundle.network import Network, State, project
+from truing.estimation.bundle.network import Network, NetworkState, project
 from truing.estimation.bundle.normal_equations import (
-    Layout,
+    ArrayPool,
+    EquationLayout,
     NormalEquations,
     Observed,
-    Step,
-    Workspace,
+    UnknownsStep,
     distances_at,
     lay_out,
     moved,
@@ -54,7 +54,7 @@ class Adjustment:
     and what the last step started from where that is as good as its end."""
 
     network: Network
-    state: State
+    state: NetworkState
     datum: Datum
     residuals_px: Array
     used: Mask
@@ -66,7 +66,7 @@ class Adjustment:
     held: tuple[Array, ...]
     chi2: float
     observed: Observed
-    before: tuple[State, Reduced] | None
+    before: tuple[NetworkState, Reduced] | None
 
     @property
     def variance_factor(self) -> float:
@@ -74,7 +74,7 @@ class Adjustment:
         return self.chi2 / self.redundancy if self.redundancy > 0 else np.nan
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> EquationLayout:
         """Where the unknowns stand."""
         return self.observed.layout
 
@@ -88,7 +88,7 @@ class Adjustment:
 @on_one_thread
 def adjust(
     network: Network,
-    start: State,
+    start: NetworkState,
     datum: Datum = "free",
     *,
     used: ArrayLike | None = None,
@@ -141,7 +141,7 @@ def adjust(
     )
 
 
-def _total(observed: Observed, state: State) -> float:
+def _total(observed: Observed, state: NetworkState) -> float:
     """Return the weighted sum of squares of everything; a rigid distance has no share."""
     misclosure, variance = distances_at(observed, state).misclosure, observed.distance_variance
     soft = variance > 0
@@ -153,21 +153,21 @@ class _Settled:
     """Where the iterations ended: the state, how many there were, whether they settled, and, where those are as good
     as at its end, the state before the last step and its reduced equations."""
 
-    state: State
+    state: NetworkState
     iterations: int
     converged: bool
-    before: tuple[State, Reduced] | None
+    before: tuple[NetworkState, Reduced] | None
 
 
 def _iterated(
-    observed: Observed, start: State, near: tuple[Freedom, ...], held: tuple[Array, ...], most: int
+    observed: Observed, start: NetworkState, near: tuple[Freedom, ...], held: tuple[Array, ...], most: int
 ) -> _Settled:
     """Return the state of the least sum of squares; near are the freedoms of the start, held the conditions B (3 p, d)
     of the datum per pose.
 
     The last steps have no damping at all: what holds back a weak direction tells nothing of how far it has to go.
     """
-    layout, state, placed, workspace = observed.layout, start, True, Workspace()
+    layout, state, placed, workspace = observed.layout, start, True, ArrayPool()
     equations = normal_equations(observed, state, workspace)
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind(observed, state))
@@ -205,7 +205,7 @@ def _iterated(
     return _Settled(state, iteration, False, None)
 
 
-def _merit(observed: Observed, state: State, weight: Array, multipliers: Array) -> float:
+def _merit(observed: Observed, state: NetworkState, weight: Array, multipliers: Array) -> float:
     """Return the sum of squares with distances by weight and multipliers: its least value is that of all together."""
     misclosure = distances_at(observed, state).misclosure
     return sum_of_squares(observed, state) + _of_distances(observed, misclosure, weight, multipliers)
@@ -218,7 +218,7 @@ def _of_distances(observed: Observed, misclosure: Array, weight: Array, multipli
 
 
 def _foreseen(
-    observed: Observed, equations: NormalEquations, weight: Array, step: Step, damping: float
+    observed: Observed, equations: NormalEquations, weight: Array, step: UnknownsStep, damping: float
 ) -> tuple[float, float, float]:
     """Return the merit before a step, by how much it should fall, and the squared length of the step in sigmas."""
     misclosure = equations.distances.misclosure
@@ -240,7 +240,7 @@ def _foreseen(
     return before, float(along + damped), float(along - damped)
 
 
-def _behind(observed: Observed, state: State) -> str:
+def _behind(observed: Observed, state: NetworkState) -> str:
     """Return the fault that names the rays whose point is not before its camera."""
     rays, rows = observed.network.rays, observed.layout.rays
     xy = project(observed.network, state, rays.image[rows], rays.point[rows])

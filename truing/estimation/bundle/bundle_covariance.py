@@ -20,8 +20,14 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.datum import Freedom, freedoms, into_datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.elimination import EliminatedPose, Reduced, eliminate_poses, tie_variances, tie_weights
-from truing.estimation.bundle.network import State, linearise
-from truing.estimation.bundle.normal_equations import Layout, Observed, Workspace, normal_equations, spread_interior
+from truing.estimation.bundle.network import NetworkState, linearise
+from truing.estimation.bundle.normal_equations import (
+    ArrayPool,
+    EquationLayout,
+    Observed,
+    normal_equations,
+    spread_interior,
+)
 from truing.estimation.one_thread import on_one_thread
 
 _SINGULAR = 1e-12  # of the information of an unknown, left after all others are taken out: nothing but rounding
@@ -41,7 +47,7 @@ class PoseCovariance:
     images_by_common: Array
 
 
-def given_common(layout: Layout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
+def given_common(layout: EquationLayout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
     """Return the covariance of a pose given the common unknowns, in the datum of the conditions held."""
     from truing.estimation.bundle.kernels import mirror
 
@@ -74,7 +80,7 @@ def given_common(layout: Layout, pose: int, one: EliminatedPose, free: Freedom, 
 
 
 def _ordered(
-    layout: Layout, pose: int, one: EliminatedPose, kept: Array, cross: Array, own: Array, by_common: Array
+    layout: EquationLayout, pose: int, one: EliminatedPose, kept: Array, cross: Array, own: Array, by_common: Array
 ) -> PoseCovariance:
     """Return the covariance of a pose whose points were eliminated, all points in their order."""
     m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
@@ -152,14 +158,14 @@ class BundleCovariance:
     take part, 0 where a bar is rigid."""
 
     observed: Observed
-    state: State
+    state: NetworkState
     names: tuple[tuple[str, str | int], ...]
     common: Array
     poses: tuple[PoseCovariance | None, ...]
     distance_redundancy: Array
 
     @property
-    def _layout(self) -> Layout:
+    def _layout(self) -> EquationLayout:
         return self.observed.layout
 
     def point_numbers(self, pose: int) -> Index:
@@ -301,7 +307,7 @@ class BundleCovariance:
 
 @on_one_thread
 def covariance(
-    observed: Observed, state: State, held: tuple[Array, ...], reduced: Reduced | None = None
+    observed: Observed, state: NetworkState, held: tuple[Array, ...], reduced: Reduced | None = None
 ) -> BundleCovariance:
     """Return the covariance of a network at its least sum of squares, in the datum of the conditions held, B (3 p, d)
     per pose; reduced are its undamped equations, where they are at hand.
@@ -311,7 +317,7 @@ def covariance(
     layout = observed.layout
     free = freedoms(layout, state)
     if reduced is None:
-        workspace = Workspace()
+        workspace = ArrayPool()
         equations = normal_equations(observed, state, workspace)
         weight = tie_weights(observed, equations)
         try:
@@ -350,10 +356,10 @@ def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced) -> Array
     return numbers
 
 
-def _name_what_is_free(observed: Observed, state: State, free: tuple[Freedom, ...]) -> None:
+def _name_what_is_free(observed: Observed, state: NetworkState, free: tuple[Freedom, ...]) -> None:
     """Raise `UndeterminedNetworkError` that names the freest images and points, with as little damping as gives them a
     place at all."""
-    workspace = Workspace()
+    workspace = ArrayPool()
     for damping in _LEAST_DAMPINGS:
         equations = normal_equations(observed, state, workspace)
         try:
@@ -365,7 +371,7 @@ def _name_what_is_free(observed: Observed, state: State, free: tuple[Freedom, ..
         _check_pivots(observed.layout, reduced, 10.0 * min(left, default=0.0))
 
 
-def _check_pivots(layout: Layout, reduced: Reduced, least: float = _SINGULAR) -> None:
+def _check_pivots(layout: EquationLayout, reduced: Reduced, least: float = _SINGULAR) -> None:
     """Raise `UndeterminedNetworkError` that names the images and points of which no more than this part is left."""
     loose_images: list[int] = []
     loose_points: list[int] = []
@@ -393,7 +399,7 @@ def _pivots(one: EliminatedPose) -> tuple[Array, Index]:
     return np.concatenate([own.ravel(), kept]), np.concatenate([blocks.own_places, blocks.kept_places])
 
 
-def _inverse(layout: Layout, reduced: Reduced) -> Array:
+def _inverse(layout: EquationLayout, reduced: Reduced) -> Array:
     """Return the covariance of the common unknowns; the fault names those that are not determined."""
     common = reduced.common
     if not len(common):

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import qr
 
 from truing.arrays import Array, Index
-from truing.estimation.bundle.network import State
-from truing.estimation.bundle.normal_equations import Layout
+from truing.estimation.bundle.network import NetworkState
+from truing.estimation.bundle.normal_equations import EquationLayout
 from truing.estimation.rotation import rigid_motions
 
 Datum = Literal["free", "minimal", "known"]
@@ -43,7 +43,7 @@ class Freedom:
         return self.points.shape[-1]
 
 
-def freedoms(layout: Layout, state: State) -> tuple[Freedom, ...]:
+def freedoms(layout: EquationLayout, state: NetworkState) -> tuple[Freedom, ...]:
     """Freedoms that the observations leave every pose: bars take the scale, known points what they fix."""
     points, centres = state.points[layout.points], state.centre[layout.images]
     middle, size = _middles(points, layout.point_start)
@@ -131,7 +131,7 @@ def conditions(free: Freedom, datum: Datum) -> Array:
     return held
 
 
-def in_datum(layout: Layout, state: State, start: State, held: tuple[Array, ...]) -> State:
+def in_datum(layout: EquationLayout, state: NetworkState, start: NetworkState, held: tuple[Array, ...]) -> NetworkState:
     """Return a state moved and scaled so that nothing that is held, B (3 p, d) per pose, deviates from the start.
 
     The similarity is exact, not linearised: Newton's method on its seven numbers.
@@ -145,7 +145,7 @@ def in_datum(layout: Layout, state: State, start: State, held: tuple[Array, ...]
             points[own] = scale * points[own] @ turn.T + shift
             centre[images] = scale * centre[images] @ turn.T + shift
             R[images] = turn @ R[images]
-    return State(state.interior, R, centre, points, state.bar_length_m)
+    return NetworkState(state.interior, R, centre, points, state.bar_length_m)
 
 
 def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tuple[Array, float, Array]:

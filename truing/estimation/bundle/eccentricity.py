@@ -18,7 +18,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import image_coordinates
-from truing.estimation.bundle.network import Network, State, format_centres, linearise, seen
+from truing.estimation.bundle.network import Network, NetworkState, format_centres, linearise, seen
 
 _ROUND = 12  # points of an ellipse that are distorted: the fit then is exact to terms of the fifth order
 
@@ -73,7 +73,7 @@ def _ideal_ellipses(P: Array, n: Array, radius_m: Array) -> tuple[Array, Array, 
 
 
 def network_eccentricity(
-    network: Network, state: State, image: Index, point: Index, normal: Array, radius_m: Array
+    network: Network, state: NetworkState, image: Index, point: Index, normal: Array, radius_m: Array
 ) -> Array:
     """Return the eccentricities (N, 2) in px of the rays (N) to points with normals (P, 3) in the frame of their pose
     and radii (P,) in m; NaN where either is, or no ellipse is seen. What was measured less this is the centre's image.
@@ -106,7 +106,7 @@ _CLEAR = 9.0  # by how much the other candidate must fit worse, in squares of si
 
 def facing(
     network: Network,
-    state: State,
+    state: NetworkState,
     image: Index,
     point: Index,
     semi_axes_px: Array,

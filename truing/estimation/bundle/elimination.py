@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dposv, dpotrf, dpotrs
 
 from truing.arrays import Array, Index
 from truing.estimation.bundle.datum import Freedom
-from truing.estimation.bundle.normal_equations import Layout, NormalEquations, Observed, Step, Workspace
+from truing.estimation.bundle.normal_equations import ArrayPool, EquationLayout, NormalEquations, Observed, UnknownsStep
 
 # A distance's own information enters directly up to so many times that of its ends; the rest by a multiplier.
 _DIRECT = 100.0
@@ -44,7 +44,7 @@ class Ties:
 
 
 @dataclass(frozen=True)
-class Blocks:
+class PoseBlocks:
     """A pose's equations: independent blocks (b, d, d) to eliminate, their rows (b d, k) by what is kept and their
     sides (b d, c + 1), the common unknowns and the right side; of what is kept the matrix (k, k), of which the upper
     triangle is filled, and the sides (k, c + 1); places (b d,) and (k,) of both within the pose's unknowns, images
@@ -62,8 +62,8 @@ class Blocks:
 
 
 def blocks_of(
-    equations: NormalEquations, layout: Layout, pose: int, near: Freedom, ties: Ties, workspace: Workspace
-) -> Blocks:
+    equations: NormalEquations, layout: EquationLayout, pose: int, near: Freedom, ties: Ties, workspace: ArrayPool
+) -> PoseBlocks:
     """Return the equations of a pose, in the order of what is eliminated and what is kept."""
     i = slice(layout.image_start[pose], layout.image_start[pose + 1])
     p = slice(layout.point_start[pose], layout.point_start[pose + 1])
@@ -76,7 +76,9 @@ def blocks_of(
         places, own = np.arange(m, m + n), np.arange(m)
         kept = workspace.take(("kept", pose), (n, n))
         _put_diagonal(points, kept)
-        return Blocks(images, between, of_images, kept, of_points, own, places, freedoms[places], tied_rows[:, places])
+        return PoseBlocks(
+            images, between, of_images, kept, of_points, own, places, freedoms[places], tied_rows[:, places]
+        )
     ends = np.zeros(len(points), bool)
     ends[ties.first] = ends[ties.second] = True
     tied, loose = np.repeat(ends, 3), np.repeat(~ends, 3)
@@ -89,7 +91,7 @@ def blocks_of(
     beside = np.zeros((len(own), k))
     beside[:, :m] = between[:, loose].T
     sides = np.concatenate([of_images, of_points[tied]])
-    return Blocks(
+    return PoseBlocks(
         points[~ends], beside, of_points[loose], kept, sides, own, places, freedoms[places], tied_rows[:, places]
     )
 
@@ -114,7 +116,7 @@ def _put_diagonal(blocks: Array, whole: Array) -> None:
 class EliminatedPose:
     """A pose's unknowns as a function of the common ones: x = x0 - x1 c, and what is left for these."""
 
-    def __init__(self, blocks: Blocks, ties: Ties, damping: float, reduced: Array) -> None:
+    def __init__(self, blocks: PoseBlocks, ties: Ties, damping: float, reduced: Array) -> None:
         """Eliminate, in place of the blocks' matrix of what is kept; damping adds this part of the diagonal; reduced
         (b d, k) takes the reduced rows.
 
@@ -171,7 +173,7 @@ def _add_products(whole: Array, rows: Array, factor: float) -> None:
         dsyrk(factor, rows.T, 1.0, whole.T, lower=1, overwrite_c=1)
 
 
-def _held(blocks: Blocks) -> Array:
+def _held(blocks: PoseBlocks) -> Array:
     """Return rows (f, k) that tie down the freedoms, as firmly as what is kept is held on average."""
     norm = np.linalg.norm(blocks.freedoms, axis=0)
     return np.sqrt(np.trace(blocks.kept) / max(len(blocks.kept), 1)) * (blocks.freedoms / norm).T
@@ -229,7 +231,7 @@ def eliminate_poses(
     near: tuple[Freedom, ...],
     weight: Array,
     damping: float,
-    workspace: Workspace,
+    workspace: ArrayPool,
 ) -> Reduced:
     """Return the normal equations with all poses eliminated, which hold until the next ones in the same workspace;
     near are the freedoms of a state that is not far from that of the equations. Raises LinAlgError where they are
@@ -252,7 +254,7 @@ def eliminate_poses(
     return Reduced(tuple(poses), common[:, :-1], common[:, -1], alone, weight)
 
 
-def solve(layout: Layout, reduced: Reduced) -> Step:
+def solve(layout: EquationLayout, reduced: Reduced) -> UnknownsStep:
     """Return the step; raises LinAlgError where the common unknowns are not determined."""
     scale = 1 / np.sqrt(np.diagonal(reduced.common))
     common = np.zeros(0)
@@ -271,4 +273,4 @@ def solve(layout: Layout, reduced: Reduced) -> Step:
         m = 6 * (own.stop - own.start)
         images[own] = x[:m].reshape(-1, 6)
         points[layout.point_start[pose] : layout.point_start[pose + 1]] = x[m:].reshape(-1, 3)
-    return Step(images, points, common, multipliers)
+    return UnknownsStep(images, points, common, multipliers)

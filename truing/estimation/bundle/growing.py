@@ -14,7 +14,7 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, PoseNetwork, State
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, PoseNetwork
 from truing.estimation.bundle.orientation import FEWEST, Bundle, Resection, intersect, resect
 
 _ABREAST = 0.7  # images with so much of the best one's score are oriented in the same round
@@ -175,7 +175,7 @@ def with_interior(network: Network, now: Grown, interior: Array) -> Grown:
 
 def refined(network: Network, now: Grown) -> Grown:
     """Return the pose, alone in its network, adjusted, with the tolerance narrowed to what the rays show."""
-    state = State(now.interior, now.rays.R, now.rays.centre, now.X, np.empty(0))
+    state = NetworkState(now.interior, now.rays.R, now.rays.centre, now.X, np.empty(0))
     done = _adjusted(network, state, now.agrees)
     return now if done is None else taken_over(network, now, done.state)
 
@@ -190,16 +190,16 @@ def refined_together(network: Network, poses: Sequence[PoseNetwork], found: Sequ
     return [taken_over(p.network, now, p.part_of(state)) for p, now in zip(poses, found, strict=True)]
 
 
-def joined(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> State:
+def joined(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> NetworkState:
     """Return all poses as one state of the whole network."""
     images, points = len(network.image_pose), len(network.point_pose)
     R, centre, X = np.full((images, 3, 3), np.nan), np.full((images, 3), np.nan), np.full((points, 3), np.nan)
     for pose, now in zip(poses, found, strict=True):
         R[pose.image], centre[pose.image], X[pose.point] = now.rays.R, now.rays.centre, now.X
-    return State(found[0].interior, R, centre, X, np.empty(0))
+    return NetworkState(found[0].interior, R, centre, X, np.empty(0))
 
 
-def taken_over(network: Network, now: Grown, state: State) -> Grown:
+def taken_over(network: Network, now: Grown, state: NetworkState) -> Grown:
     """Return the pose with the values of a state, which rays agree with them judged anew."""
     own = with_interior(network, now, state.interior)
     mine = now.oriented
@@ -214,7 +214,7 @@ def taken_over(network: Network, now: Grown, state: State) -> Grown:
     return replace(own, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agree(X, tolerance))
 
 
-def _adjusted(network: Network, state: State, used: Mask) -> Adjustment | None:
+def _adjusted(network: Network, state: NetworkState, used: Mask) -> Adjustment | None:
     """Return the free adjustment of the rays used, influence bounded; None where it cannot be done."""
     bare = replace(network, bars=Bars.none(), known=KnownPoints.none())
     used = determinable(bare, used).rays
@@ -243,7 +243,7 @@ def _released(network: Network, images: Index) -> tuple:
     )
 
 
-def _bounded(network: Network, state: State, used: Mask) -> Adjustment:
+def _bounded(network: Network, state: NetworkState, used: Mask) -> Adjustment:
     """Adjust with weights that fall off beyond some spreads (Huber), a few rounds."""
     weights = np.ones(len(used))
     for _ in range(_ROUNDS):

@@ -17,7 +17,7 @@ from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.camera_stability import WATCHED
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.named_adjustment import AdjustedNetwork
-from truing.estimation.bundle.network import Network, State
+from truing.estimation.bundle.network import Network, NetworkState
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 LEVEL = 1e-3  # probability that any image of a camera that stayed as it was is called changed
@@ -81,7 +81,7 @@ def _by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Own | None]:
             yield None
 
 
-def _pose_by_itself(network: Network, state: State, adjusted: Adjustment, used: Mask, factor: Array) -> Own:
+def _pose_by_itself(network: Network, state: NetworkState, adjusted: Adjustment, used: Mask, factor: Array) -> Own:
     own = adjust(network, state, adjusted.datum, used=used, variance_factor=factor, max_iterations=_ITERATIONS)
     names = own.covariance.names
     places = [k for k, (_, parameter) in enumerate(names) if parameter == "c"]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.datum import movements
-from truing.estimation.bundle.network import Network, State
+from truing.estimation.bundle.network import Network, NetworkState
 from truing.estimation.bundle.snooping import Snooped
 from truing.estimation.rigid_poses.umeyama import umeyama
 
@@ -188,7 +188,7 @@ class KnownTested:
         )
 
 
-def loosened(network: Network, state: State) -> Network:
+def loosened(network: Network, state: NetworkState) -> Network:
     """The network with known points that give each pose a frame, and hardly more."""
     known = network.known
     cov = known.cov_m2.copy()
@@ -226,7 +226,7 @@ def _is_line(xyz: NDArray[np.float64]) -> bool:
     return bool(sizes[1] < _FLAT * sizes[0])
 
 
-def _rows_by_pose(network: Network, state: State) -> dict[int, Index]:
+def _rows_by_pose(network: Network, state: NetworkState) -> dict[int, Index]:
     known = network.known
     pose, there = network.point_pose[known.point], np.isfinite(state.points[known.point, 0])
     return {int(number): np.flatnonzero((pose == number) & there) for number in np.unique(pose[there])}

@@ -13,7 +13,7 @@ from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.eccentricity import facing, network_eccentricity
 from truing.estimation.bundle.known_points import KnownTested, loosened, tested_known
-from truing.estimation.bundle.network import ImagePoints, NamedNetwork, Names, Network, Pose, State
+from truing.estimation.bundle.network import ImagePoints, NamedNetwork, Names, Network, NetworkState, Pose
 from truing.estimation.bundle.snooping import Snooped, adjust_robustly
 from truing.estimation.bundle.start_values import Start, find_start
 from truing.estimation.bundle.uncoded_matching import Circles, OrientedImages, match_uncoded
@@ -121,7 +121,7 @@ def adjust_network(
     return AdjustedNetwork(whole, snooped, off, unmatched, reason, start, seen_radii / radii, known)
 
 
-def known_elsewhere(named: NamedNetwork, state: State) -> list[KnownElsewhere]:
+def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownElsewhere]:
     """Return the poses of which many known points lie elsewhere than their rays meet.
 
     These are good to far less than a hundredth of the object: the coordinates are of another object, frame or name.
@@ -144,7 +144,7 @@ def known_elsewhere(named: NamedNetwork, state: State) -> list[KnownElsewhere]:
     return found
 
 
-def _against_known(network: Network, start: Start, choices: Choices) -> tuple[KnownTested, Mask, State]:
+def _against_known(network: Network, start: Start, choices: Choices) -> tuple[KnownTested, Mask, NetworkState]:
     """What rays say of known points that hardly hold them, which rays agree with each other, where everything is."""
     try:
         loose = _robustly(loosened(network, start.state), start.state, choices, start.ray_agrees)
@@ -156,7 +156,7 @@ def _against_known(network: Network, start: Start, choices: Choices) -> tuple[Kn
     return found, loose.used if found.rows else start.ray_agrees, state
 
 
-def _robustly(network: Network, state: State, choices: Choices, agrees: Mask) -> Snooped:
+def _robustly(network: Network, state: NetworkState, choices: Choices, agrees: Mask) -> Snooped:
     return adjust_robustly(
         network,
         state,
@@ -169,7 +169,7 @@ def _robustly(network: Network, state: State, choices: Choices, agrees: Mask) ->
 
 def _with_circles(
     named: NamedNetwork, table: ImagePoints, snooped: Snooped
-) -> tuple[NamedNetwork, State, Index, Names]:
+) -> tuple[NamedNetwork, NetworkState, Index, Names]:
     """The network with the points that circles without code make, its state, and the rows that make none, with why."""
     adjusted, whole = snooped.adjustment, named
     state = adjusted.state
@@ -225,7 +225,7 @@ def _box(points: Array) -> Array:
 
 
 def eccentricities(
-    named: NamedNetwork, table: ImagePoints, state: State, used: Mask, radius_m: Array
+    named: NamedNetwork, table: ImagePoints, state: NetworkState, used: Mask, radius_m: Array
 ) -> tuple[Array, Array]:
     """By how much the centre of each ray's ellipse is off (N, 2) in px; 0 where no ellipse was measured, or the
     ellipses of its point leave open which way it faces. And the radii (P,) in m that the ellipses show, NaN without.

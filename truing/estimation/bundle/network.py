@@ -105,7 +105,7 @@ class Network:
 
 
 @dataclass(frozen=True)
-class State:
+class NetworkState:
     """Values of all unknowns: interior (C, 10) in the order of camera.PARAMETERS, points (P, 3) in m, bar_length_m
     (K,).
 
@@ -131,9 +131,9 @@ class PoseNetwork:
     point: Index
     ray: Index
 
-    def part_of(self, state: State) -> State:
+    def part_of(self, state: NetworkState) -> NetworkState:
         """Return the pose's part of a state of the whole."""
-        return State(
+        return NetworkState(
             state.interior, state.R[self.image], state.centre[self.image], state.points[self.point], np.empty(0)
         )
 
@@ -224,7 +224,7 @@ class ImagePoints:
 
 
 @dataclass(frozen=True)
-class Linearised:
+class LinearisedRays:
     """Rays at a state: computed xy_px (N, 2) and their derivatives by_image (N, 2, 6) in the order (centre, theta),
     by_point (N, 2, 3), by_interior (N, 2, 10) of the ray's camera."""
 
@@ -241,12 +241,12 @@ def format_centres(network: Network) -> tuple[Array, Array]:
     return centres, np.array([camera.balancing_radius_px for camera in cameras])
 
 
-def seen(state: State, image: Index, point: Index) -> Array:
+def seen(state: NetworkState, image: Index, point: Index) -> Array:
     """Return the points (N, 3) in the axes of the cameras that see them, m."""
     return np.einsum("nji,nj->ni", state.R[image], state.points[point] - state.centre[image])
 
 
-def project(network: Network, state: State, image: Index, point: Index) -> Array:
+def project(network: Network, state: NetworkState, image: Index, point: Index) -> Array:
     """Return image coordinates (N, 2) in px of points as seen in images; NaN where a point is not before its camera."""
     centre, radius = format_centres(network)
     camera = network.image_camera[image]
@@ -255,7 +255,7 @@ def project(network: Network, state: State, image: Index, point: Index) -> Array
     return image_coordinates(state.interior[camera], centre[camera], radius[camera], X)
 
 
-def linearise(network: Network, state: State, image: Index, point: Index) -> Linearised:
+def linearise(network: Network, state: NetworkState, image: Index, point: Index) -> LinearisedRays:
     """Return rays (N) and their derivatives; NaN where a point is not before its camera."""
     format_centre, radius = format_centres(network)
     camera = network.image_camera[image]
@@ -266,4 +266,4 @@ def linearise(network: Network, state: State, image: Index, point: Index) -> Lin
     by_point = np.einsum("nki,nji->nkj", by_direction, state.R[image])
     by_image = np.concatenate([-by_point, np.cross(by_point, arm[:, None])], -1)
     xy = image_coordinates(interior, format_centre[camera], radius[camera], X)
-    return Linearised(xy, by_image, by_point, by_interior)
+    return LinearisedRays(xy, by_image, by_point, by_interior)

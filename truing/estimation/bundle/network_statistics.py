@@ -12,7 +12,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.growing import format_cells
-from truing.estimation.bundle.network import Network, State
+from truing.estimation.bundle.network import Network, NetworkState
 from truing.estimation.bundle.orientation import sums
 from truing.estimation.quality import holm_adjusted
 
@@ -27,7 +27,7 @@ class Intersections:
     condition: Array
 
 
-def intersections(network: Network, state: State, used: Mask) -> Intersections:
+def intersections(network: Network, state: NetworkState, used: Mask) -> Intersections:
     """Intersections of the rays used (N,), point by point.
 
     The condition is the square root of the ratio of the extreme eigenvalues of sum(1 - d d^T) / distance^2.

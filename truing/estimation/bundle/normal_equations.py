@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.network import Network, State, format_centres
+from truing.estimation.bundle.network import Network, NetworkState, format_centres
 from truing.estimation.rotation import exp_so3
 
 
 @dataclass(frozen=True)
-class Rows:
+class RowBlocks:
     """Where the rows of images by points stand, all poses one after the other: start (S + 1,) and shape of each pose's;
     where each image's start (i,), the length of each (i,), and the first column (p,) of each point."""
 
@@ -33,7 +33,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Layout:
+class EquationLayout:
     """Numbers of what takes part, and slots: rays (n,) by image, images (i,) and points (p,) by pose, with the slots
     where each pose starts (S + 1,); the image and point slot of every ray, and where each image's rays start (i + 1,);
     distances (q,) and known points by row; the place among the common unknowns of every interior element (C, 10) and
@@ -56,7 +56,7 @@ class Layout:
     interior: Index
     bar: Index
     common: tuple[tuple[str, str | int], ...]
-    rows: Rows
+    rows: RowBlocks
 
     @property
     def poses(self) -> int:
@@ -64,7 +64,7 @@ class Layout:
         return len(self.image_start) - 1
 
 
-def lay_out(network: Network, used: Mask, known: bool) -> Layout:
+def lay_out(network: Network, used: Mask, known: bool) -> EquationLayout:
     """Lay out the unknowns of the rays used (N,); known: whether known points take part."""
     rays = network.rays
     images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, network.poses)
@@ -77,7 +77,7 @@ def lay_out(network: Network, used: Mask, known: bool) -> Layout:
     interior, bar, common = _common(network, images, distances)
     # A known point without a ray is not measured: what is known of it tells nothing of anything else.
     known_rows = np.flatnonzero(point_slot[network.known.point] >= 0) if known else np.empty(0, np.int64)
-    return Layout(
+    return EquationLayout(
         rays=rows,
         ray_image=image_slot[rays.image[rows]],
         ray_point=point_slot[rays.point[rows]],
@@ -104,7 +104,7 @@ def _present(numbers: Index) -> Index:
     return np.flatnonzero(np.bincount(numbers))
 
 
-def _image_rows(image_start: Index, point_start: Index) -> Rows:
+def _image_rows(image_start: Index, point_start: Index) -> RowBlocks:
     """Lay out the rows of images."""
     images, points = np.diff(image_start), np.diff(point_start)
     lengths = 3 * points
@@ -113,7 +113,7 @@ def _image_rows(image_start: Index, point_start: Index) -> Rows:
     image = start[pose] + 6 * (np.arange(image_start[-1]) - image_start[pose]) * lengths[pose]
     column = 3 * (np.arange(point_start[-1]) - np.repeat(point_start[:-1], points))
     shapes = tuple(zip((6 * images).tolist(), lengths.tolist(), strict=True))
-    return Rows(start, shapes, image, lengths[pose], column)
+    return RowBlocks(start, shapes, image, lengths[pose], column)
 
 
 def _slots(numbers: Index, pose: Index, poses: int) -> tuple[Index, Index, Index]:
@@ -140,7 +140,7 @@ def _common(network: Network, images: Index, distances: Index) -> tuple[Index, I
     return interior, bar, tuple(common)
 
 
-class Workspace:
+class ArrayPool:
     """Arrays by name. What is taken holds until the same name is taken again."""
 
     def __init__(self) -> None:
@@ -162,7 +162,7 @@ class Observed:
     balancing radius (C,) of cameras in px."""
 
     network: Network
-    layout: Layout
+    layout: EquationLayout
     xy_px: Array
     rays: Array
     roots: Array
@@ -198,7 +198,7 @@ class NormalEquations:
 
 
 @dataclass(frozen=True)
-class Step:
+class UnknownsStep:
     """Changes of all unknowns: images (i, 6) in the order (centre, theta), points (p, 3), common (c,), and the
     multipliers (q,) of the distances, 0 where they have none."""
 
@@ -208,7 +208,7 @@ class Step:
     multipliers: Array
 
 
-def observe(network: Network, layout: Layout, weights: Array, variance_factor: Array) -> Observed:
+def observe(network: Network, layout: EquationLayout, weights: Array, variance_factor: Array) -> Observed:
     """Observations with their information; weights (N,) in [0, 1] and factors of the covariances (N,) of all rays."""
     rows = layout.rays
     (xx, xy), (_, yy) = network.rays.cov_px2[rows].transpose(1, 2, 0)
@@ -225,7 +225,7 @@ def observe(network: Network, layout: Layout, weights: Array, variance_factor: A
     return Observed(network, layout, xy, rays, roots, known, lengths, variance, format_centres(network))
 
 
-def distances_at(observed: Observed, state: State) -> Distances:
+def distances_at(observed: Observed, state: NetworkState) -> Distances:
     """Return the distances between the ends of bars."""
     layout, bars = observed.layout, observed.network.bars
     points = state.points[layout.points]
@@ -234,7 +234,7 @@ def distances_at(observed: Observed, state: State) -> Distances:
     return Distances(between / length[:, None], state.bar_length_m[bars.bar[layout.distances]] - length)
 
 
-def sum_of_squares(observed: Observed, state: State) -> float:
+def sum_of_squares(observed: Observed, state: NetworkState) -> float:
     """Return the weighted sum of squares without distances; infinite where a point is not before its camera."""
     from truing.estimation.bundle.kernels import weighted_squares
 
@@ -243,7 +243,7 @@ def sum_of_squares(observed: Observed, state: State) -> float:
     return float(weighted_squares(*rays, *cameras, *places)) + _of_priors(observed, state)
 
 
-def residuals(network: Network, state: State) -> Array:
+def residuals(network: Network, state: NetworkState) -> Array:
     """Return measured less computed image points (N, 2) in px of all rays, as `network.project` has them."""
     from truing.estimation.bundle.kernels import image_points
 
@@ -253,7 +253,9 @@ def residuals(network: Network, state: State) -> Array:
     return rays.xy_px - xy
 
 
-def _seen(observed: Observed, state: State) -> tuple[tuple[Index, Array, Array, Array], tuple[Array, Array, Array]]:
+def _seen(
+    observed: Observed, state: NetworkState
+) -> tuple[tuple[Index, Array, Array, Array], tuple[Array, Array, Array]]:
     """What the compiled code takes of a state: camera of every image, interior, centre of format, balancing radius;
     rotations and centres of images, points."""
     layout, network = observed.layout, observed.network
@@ -261,7 +263,7 @@ def _seen(observed: Observed, state: State) -> tuple[tuple[Index, Array, Array, 
     return cameras, (state.R[layout.images], state.centre[layout.images], state.points[layout.points])
 
 
-def _of_priors(observed: Observed, state: State) -> float:
+def _of_priors(observed: Observed, state: NetworkState) -> float:
     """Return the weighted sum of squares of known points and lengths of bars."""
     if not len(observed.known) and not len(observed.bars):
         return 0.0
@@ -270,13 +272,13 @@ def _of_priors(observed: Observed, state: State) -> float:
     return float(np.einsum("mi,mij,mj", known, observed.known, known) + observed.bars @ lengths**2)
 
 
-def _misclosure_of_known(observed: Observed, state: State) -> Array:
+def _misclosure_of_known(observed: Observed, state: NetworkState) -> Array:
     """Return known coordinates less those of the state (m, 3)."""
     known, rows = observed.network.known, observed.layout.known
     return known.xyz_m[rows] - state.points[known.point[rows]]
 
 
-def normal_equations(observed: Observed, state: State, workspace: Workspace) -> NormalEquations:
+def normal_equations(observed: Observed, state: NetworkState, workspace: ArrayPool) -> NormalEquations:
     """Return the normal equations at a state; their sum of squares is infinite, and the rest void, where a point is not
     before its camera. They hold until the next ones in the same workspace."""
     from truing.estimation.bundle.kernels import accumulate
@@ -302,14 +304,14 @@ def normal_equations(observed: Observed, state: State, workspace: Workspace) -> 
     return blocks
 
 
-def spread_interior(layout: Layout, camera: NDArray[np.int64], by_interior: Array) -> Array:
+def spread_interior(layout: EquationLayout, camera: NDArray[np.int64], by_interior: Array) -> Array:
     """Return derivatives (n, 2, c) by the common unknowns, of those (n, 2, 10) by the interior of each ray's camera."""
     spread = np.zeros((len(camera), 2, len(layout.common) + 1))  # what is fixed goes into the last column
     np.put_along_axis(spread, np.broadcast_to(layout.interior[camera][:, None], by_interior.shape), by_interior, -1)
     return spread[..., :-1]
 
 
-def _add_priors(observed: Observed, state: State, blocks: NormalEquations) -> None:
+def _add_priors(observed: Observed, state: NetworkState, blocks: NormalEquations) -> None:
     """Add known points and the lengths of bars."""
     layout = observed.layout
     if not len(observed.known) and not len(observed.bars):
@@ -324,7 +326,7 @@ def _add_priors(observed: Observed, state: State, blocks: NormalEquations) -> No
     blocks.common[place, -1] += observed.bars[free] * misclosure
 
 
-def moved(layout: Layout, state: State, step: Step) -> State:
+def moved(layout: EquationLayout, state: NetworkState, step: UnknownsStep) -> NetworkState:
     """Return the state after a step."""
     R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
     R[layout.images] = exp_so3(step.images[:, 3:]) @ R[layout.images]
@@ -335,4 +337,4 @@ def moved(layout: Layout, state: State, step: Step) -> State:
     interior[free] += step.common[layout.interior[free]]
     bars = layout.bar >= 0
     lengths[bars] += step.common[layout.bar[bars]]
-    return State(interior, R, centre, points, lengths)
+    return NetworkState(interior, R, centre, points, lengths)

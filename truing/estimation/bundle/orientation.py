@@ -240,7 +240,7 @@ def _settled(R: Array, t: Array, direction: Array, X: Array, limit: float) -> tu
 
 
 @dataclass(frozen=True)
-class Pair:
+class ImagePair:
     """The second image as seen from the first, its base one long: R (3, 3) turns the second camera's axes into the
     first's, centre (3,); how many points agree, and the median angle (rad) at which their rays meet."""
 
@@ -261,7 +261,7 @@ def common_points(image: Index, point: Index, images: int, points: int) -> Array
     return shared
 
 
-def relative_orientations(first: Array, second: Array, limit: float) -> list[Pair]:
+def relative_orientations(first: Array, second: Array, limit: float) -> list[ImagePair]:
     """Return orientations of an image relative to another that explain common points at X/Z, Y/Z (n, 2), best first.
 
     From the essential matrix by five points (Nister 2004) and from the homography of flat points (Malis and Vargas
@@ -271,7 +271,7 @@ def relative_orientations(first: Array, second: Array, limit: float) -> list[Pai
         return []
     found = [pair for R, t in _motions(first, second, limit) if (pair := _judged(R, t, first, second, limit))]
     found.sort(key=lambda pair: -pair.agreeing)
-    kept: list[Pair] = []
+    kept: list[ImagePair] = []
     for pair in found:
         strong = pair.agreeing >= max(FEWEST_COMMON, _RIVAL * found[0].agreeing)
         if strong and all(np.abs(pair.R - other.R).max() > 0.02 for other in kept):
@@ -306,7 +306,7 @@ def _motions_of_a_plane(a: Array, b: Array, limit: float) -> list[tuple[Array, A
     return [(R, s * t.ravel()) for R, t in zip(turns, shifts, strict=True) for s in (1.0, -1.0)]
 
 
-def _judged(R: Array, t: Array, first: Array, second: Array, limit: float) -> Pair | None:
+def _judged(R: Array, t: Array, first: Array, second: Array, limit: float) -> ImagePair | None:
     """Count the points that a motion explains, in front of both cameras; None where rays hardly meet."""
     base = np.linalg.norm(t)
     if not base > 1e-9:
@@ -322,4 +322,4 @@ def _judged(R: Array, t: Array, first: Array, second: Array, limit: float) -> Pa
     if not agrees.any():
         return None
     angle = float(np.median(np.arccos(np.clip(1 - meet[agrees], -1.0, 1.0))))
-    return Pair(turn, centre, int(agrees.sum()), angle)
+    return ImagePair(turn, centre, int(agrees.sum()), angle)

@@ -15,10 +15,10 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.network import Bars
 from truing.estimation.bundle.planning import (
-    Layout,
-    Limits,
+    CameraLimits,
     PlannedNetwork,
-    Prediction,
+    PlannedObject,
+    PredictedPrecision,
     Stations,
     filling_distance,
     predict,
@@ -53,12 +53,12 @@ class PlanWish:
 
 
 @dataclass(frozen=True)
-class Targets:
+class PlannedTargets:
     """The targets: body and name of each, where they are (P, 3) in m, normals (P, 3), diameters (P,) in m."""
 
     body: tuple[str, ...]
     name: tuple[str, ...]
-    layout: Layout
+    layout: PlannedObject
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class PhotographPlan:
     fewer or more of them would have done: (number, worst, mean standard deviation in m)."""
 
     planned: PlannedNetwork
-    targets: Targets
+    targets: PlannedTargets
     stations: Stations
     seen: Mask
-    prediction: Prediction
+    prediction: PredictedPrecision
     curve: tuple[tuple[int, float, float], ...]
     candidates: int
     wish: PlanWish
@@ -95,13 +95,13 @@ class PhotographPlan:
 
 
 def plan_photographs(
-    planned: PlannedNetwork, targets: Targets, wish: PlanWish, reference: str | None, progress: Progress
+    planned: PlannedNetwork, targets: PlannedTargets, wish: PlanWish, reference: str | None, progress: Progress
 ) -> PhotographPlan:
     """Choose stations; raises ValueError where none sees enough, or where what they see makes no network."""
     stations = _candidates(planned, wish)
     nearest = 0.0 if wish.nearest_mm is None else 1e-3 * wish.nearest_mm
     farthest = np.inf if wish.farthest_mm is None else 1e-3 * wish.farthest_mm
-    limits = Limits(nearest, farthest, np.radians(wish.incidence_deg), wish.least_px)
+    limits = CameraLimits(nearest, farthest, np.radians(wish.incidence_deg), wish.least_px)
     seen = sees(planned.camera, planned.interior, stations, planned.layout, limits)
     of_use = useful(seen)
     if len(of_use) < 2:
@@ -109,7 +109,7 @@ def plan_photographs(
     stations, seen = stations.only(of_use), seen[of_use]
     some = spread_points(planned.layout.points)
     search = _restricted(planned, some)
-    candidates = Candidates(
+    candidates = StationCandidates(
         station_information(search, stations, seen[:, some]),
         weak_prior(search),
         search.layout.points,
@@ -155,7 +155,7 @@ def _restricted(planned: PlannedNetwork, some: Index) -> PlannedNetwork:
         bars.length_m,
         bars.sigma_m,
     )
-    layout = Layout(own.points[some], own.normals[some], own.diameters[some])
+    layout = PlannedObject(own.points[some], own.normals[some], own.diameters[some])
     return PlannedNetwork(planned.camera, planned.interior, planned.sigma_px, layout, fewer)
 
 
@@ -213,7 +213,7 @@ def spread_points(points: Array, most: int = _MOST_POINTS) -> Index:
 
 
 @dataclass(frozen=True)
-class Candidates:
+class StationCandidates:
     """What is to choose from: information (K, n, n) of each station on points (P, 3) and the camera, what is known
     without any station (n, n), and whether anything gives the scale."""
 
@@ -229,7 +229,7 @@ class Candidates:
         return np.linalg.qr(columns.reshape(self.points.size, -1))[0]
 
 
-def one_by_one(candidates: Candidates, count: int, progress: Progress) -> Index:
+def one_by_one(candidates: StationCandidates, count: int, progress: Progress) -> Index:
     """Take ``count`` stations, each the one after which the mean variance of the points in the free datum is least."""
     information, remove = candidates.information, candidates.movements
     total, chosen = candidates.prior.copy(), list[int]()
@@ -241,7 +241,7 @@ def one_by_one(candidates: Candidates, count: int, progress: Progress) -> Index:
     return np.array(chosen, dtype=np.int64)
 
 
-def exchanged(candidates: Candidates, chosen: Index, progress: Progress) -> Index:
+def exchanged(candidates: StationCandidates, chosen: Index, progress: Progress) -> Index:
     """Give each station in turn up for the one that helps most in its place, once round, where that saves enough."""
     information, remove, chosen = candidates.information, candidates.movements, chosen.copy()
     total = candidates.prior + information[chosen].sum(axis=0)

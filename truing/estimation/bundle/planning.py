@@ -16,7 +16,7 @@ from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.bundle_covariance import BundleCovariance
 from truing.estimation.bundle.camera import PARAMETERS, Camera, image_coordinates
 from truing.estimation.bundle.determinable import determinable
-from truing.estimation.bundle.network import Bars, KnownPoints, Network, Rays, State, linearise, project
+from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays, linearise, project
 from truing.estimation.rotation import rigid_motions
 
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
@@ -45,7 +45,7 @@ class Stations:
 
 
 @dataclass(frozen=True)
-class Layout:
+class PlannedObject:
     """The object: its targets (P, 3) in m, the unit normals (P, 3) of those that have a side, NaN of others, and
     diameters (P,) in m, NaN where they do not matter."""
 
@@ -65,7 +65,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Limits:
+class CameraLimits:
     """What a camera sees: distances in m between which it is sharp, the largest angle between a ray and a target's
     normal in rad, the smallest image of a target in px (the minor axis)."""
 
@@ -110,7 +110,7 @@ def _looking(view: Array) -> Array:
     return np.stack([level, np.cross(view, level), view], axis=-1)
 
 
-def sees(camera: Camera, interior: Array, stations: Stations, layout: Layout, limits: Limits) -> Mask:
+def sees(camera: Camera, interior: Array, stations: Stations, layout: PlannedObject, limits: CameraLimits) -> Mask:
     """Which targets (K, P) each station sees: within the format, sharp, not too oblique, and large enough.
 
     Nothing is known of what stands in between.
@@ -147,10 +147,10 @@ class PlannedNetwork:
     camera: Camera
     interior: Array
     sigma_px: float
-    layout: Layout
+    layout: PlannedObject
     bars: Bars
 
-    def with_stations(self, stations: Stations, seen: Mask) -> tuple[Network, State]:
+    def with_stations(self, stations: Stations, seen: Mask) -> tuple[Network, NetworkState]:
         """The network that stations (K) with what they see (K, P) make, and its state; rays lie where they belong."""
         image, point = (index.astype(np.int64) for index in np.nonzero(seen))
         rays = Rays(
@@ -163,7 +163,7 @@ class PlannedNetwork:
         one = np.zeros(stations.count, np.int64)
         poses = np.zeros(len(self.layout.points), np.int64)
         network = Network((self.camera,), one, one, poses, rays, self.bars, KnownPoints.none())
-        state = State(self.interior[None], stations.R, stations.centre, self.layout.points, self.bars.length_m)
+        state = NetworkState(self.interior[None], stations.R, stations.centre, self.layout.points, self.bars.length_m)
         return replace(network, rays=replace(rays, xy_px=project(network, state, image, point))), state
 
 
@@ -214,7 +214,7 @@ def weak_prior(planned: PlannedNetwork) -> Array:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class PredictedPrecision:
     """Of each target: covariance (P, 3, 3) in m^2 in the free datum, and what would be left of it with a camera known
     beforehand and with bars of exactly known length (P, 3, 3), NaN where it is not determined; rays (P,), largest angle
     between two of them in rad (P,); the redundancy; the points that take part (p,), their covariance together (3 p, 3
@@ -243,7 +243,7 @@ def largest_sigma(covariance: Array) -> Array:
     return found
 
 
-def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Prediction | None:
+def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> PredictedPrecision | None:
     """Predict from the rays of stations (K) to what they see (K, P); None where they make no network."""
     network, state = planned.with_stations(stations, seen)
     part = determinable(network)
@@ -258,7 +258,7 @@ def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Predicti
     points = covariance.point_numbers(0)
     together = covariance.points(0)
     rays = np.bincount(network.rays.point[part.rays], minlength=count)
-    return Prediction(
+    return PredictedPrecision(
         _blocks(together, points, count),
         _blocks(_with_only(covariance, "bar", known=False), points, count),
         _blocks(_with_only(covariance, "bar", known=True), points, count),

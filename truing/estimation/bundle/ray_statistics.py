@@ -21,7 +21,7 @@ from scipy.linalg import cho_factor, cho_solve
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.datum import Freedom, freedoms
-from truing.estimation.bundle.network import Linearised, State, linearise, seen
+from truing.estimation.bundle.network import LinearisedRays, NetworkState, linearise, seen
 from truing.estimation.bundle.normal_equations import Distances, Observed, distances_at
 from truing.estimation.rotation import rigid_motions
 
@@ -68,14 +68,16 @@ class RayStatistics:
     by_point: Array
 
 
-def ray_statistics(observed: Observed, state: State) -> RayStatistics:
+def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
     """Information, score and effects of the shared numbers, pose by pose, at an adjusted state."""
     network, layout = observed.network, observed.layout
     numbers = _numbers(observed, state)
     rays = network.rays
     image, point = rays.image[layout.rays], rays.point[layout.rays]
     at = linearise(network, state, image, point)
-    rows = _Rows(at, rays.xy_px[layout.rays] - at.xy_px, _by_numbers(observed, state, numbers, at, image, point))
+    rows = _RayResiduals(
+        at, rays.xy_px[layout.rays] - at.xy_px, _by_numbers(observed, state, numbers, at, image, point)
+    )
     distances, free = distances_at(observed, state), freedoms(layout, state)
     pose_of_ray = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
     information = np.zeros((layout.poses, len(numbers), len(numbers)))
@@ -90,13 +92,13 @@ def ray_statistics(observed: Observed, state: State) -> RayStatistics:
 
 
 @dataclass(frozen=True)
-class _Rows:
-    at: Linearised
+class _RayResiduals:
+    at: LinearisedRays
     left: Array  # (n, 2) px, measured less computed
     by_numbers: Array  # (n, 2, T)
 
 
-def _numbers(observed: Observed, state: State) -> tuple[SharedNumber, ...]:
+def _numbers(observed: Observed, state: NetworkState) -> tuple[SharedNumber, ...]:
     """Return the numbers; what an adjustment can hardly tell apart from the rest comes first, cameras' c last."""
     network, layout = observed.network, observed.layout
     cameras = np.unique(network.image_camera[layout.images]).tolist()
@@ -115,7 +117,12 @@ def _numbers(observed: Observed, state: State) -> tuple[SharedNumber, ...]:
 
 
 def _by_numbers(
-    observed: Observed, state: State, numbers: tuple[SharedNumber, ...], at: Linearised, image: Index, point: Index
+    observed: Observed,
+    state: NetworkState,
+    numbers: tuple[SharedNumber, ...],
+    at: LinearisedRays,
+    image: Index,
+    point: Index,
 ) -> Array:
     """Return the derivatives of rays (n, 2, T) by the numbers, none by those of bars."""
     camera, points = observed.network.image_camera[image], state.points[point]
@@ -137,9 +144,9 @@ def _by_numbers(
 
 def _of_pose(
     observed: Observed,
-    state: State,
+    state: NetworkState,
     numbers: tuple[SharedNumber, ...],
-    rows: _Rows,
+    rows: _RayResiduals,
     own: Index,
     pose: int,
     distances: Distances,
@@ -186,7 +193,7 @@ def _of_pose(
     return information, reduced[:, -1], moved.reshape(points, 3, -1)
 
 
-def _add_known(observed: Observed, state: State, pose: int, normal: Array, sides: Array, first: int) -> None:
+def _add_known(observed: Observed, state: NetworkState, pose: int, normal: Array, sides: Array, first: int) -> None:
     """Add known points of a pose to its normal equations."""
     layout, known = observed.layout, observed.network.known
     start, stop = layout.point_start[pose], layout.point_start[pose + 1]

@@ -17,7 +17,7 @@ from truing.estimation.bundle.adjustment import Adjustment, adjust
 from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
-from truing.estimation.bundle.network import Network, State
+from truing.estimation.bundle.network import Network, NetworkState
 from truing.estimation.bundle.orientation import Bundle, intersect
 from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, grouped, updated
 
@@ -75,7 +75,7 @@ class Snooped:
 
 def adjust_robustly(
     network: Network,
-    start: State,
+    start: NetworkState,
     datum: Datum = "free",
     *,
     agrees: Mask | None = None,
@@ -101,7 +101,13 @@ def adjust_robustly(
 
 
 def _snooped(
-    network: Network, start: State, datum: Datum, possible: Mask, active: Mask, alpha: float, with_components: bool
+    network: Network,
+    start: NetworkState,
+    datum: Datum,
+    possible: Mask,
+    active: Mask,
+    alpha: float,
+    with_components: bool,
 ) -> Snooped:
     """Return the network adjusted with those of the possible rays (N,) that pass, beginning with the active ones
     (N,)."""
@@ -297,7 +303,12 @@ def _elsewhere(adjusted: Adjustment, components: VarianceComponents, rejected: M
 
 
 def rejected_rays(
-    network: Network, start: State, adjusted: Adjustment, components: VarianceComponents, active: Mask, tests: RayTests
+    network: Network,
+    start: NetworkState,
+    adjusted: Adjustment,
+    components: VarianceComponents,
+    active: Mask,
+    tests: RayTests,
 ) -> RejectedRays:
     """Return all rays that take no part, and why."""
     rays, used = network.rays, adjusted.used
@@ -315,7 +326,7 @@ def rejected_rays(
     return RejectedRays(out, tuple(reason[out].tolist()))
 
 
-def possible_rays(network: Network, start: State) -> Mask:
+def possible_rays(network: Network, start: NetworkState) -> Mask:
     """Return the rays (N,) whose image and point have start values, the point before the camera."""
     rays = network.rays
     u = np.einsum("nji,nj->ni", start.R[rays.image], start.points[rays.point] - start.centre[rays.image])
@@ -323,7 +334,9 @@ def possible_rays(network: Network, start: State) -> Mask:
         return u[:, 2] > 0
 
 
-def robust_start(network: Network, start: State, datum: Datum, active: Mask) -> tuple[State, Mask, VarianceComponents]:
+def robust_start(
+    network: Network, start: NetworkState, datum: Datum, active: Mask
+) -> tuple[NetworkState, Mask, VarianceComponents]:
     """Return the state after adjustments with bounded influence, the rays that are no suspects, and the variance
     components by the median."""
     known = datum == "known"
@@ -350,8 +363,8 @@ def robust_start(network: Network, start: State, datum: Datum, active: Mask) -> 
 
 
 def _reseated(
-    network: Network, state: State, active: Mask, suspect: Mask, components: VarianceComponents
-) -> tuple[State, Mask]:
+    network: Network, state: NetworkState, active: Mask, suspect: Mask, components: VarianceComponents
+) -> tuple[NetworkState, Mask]:
     """Return the state and the active rays less suspects; points with many suspects are intersected anew by what most
     of their rays agree on, for least squares, bounded or not, may have left all of them in between."""
     rays, count = network.rays, len(network.point_pose)
@@ -374,7 +387,7 @@ def tolerance_px(network: Network, rays: Index, components: VarianceComponents) 
     return _SUSPECT * np.sqrt(variance)
 
 
-def meeting(network: Network, state: State, rays: Index, tolerance_px: Array) -> tuple[Array, Mask]:
+def meeting(network: Network, state: NetworkState, rays: Index, tolerance_px: Array) -> tuple[Array, Mask]:
     """Return the places (P, 3) on which most of some rays (n,) of each point agree, and which do (n,)."""
     chosen = network.rays
     image, point, xy = chosen.image[rays], chosen.point[rays], chosen.xy_px[rays]

@@ -27,11 +27,11 @@ from truing.estimation.bundle.growing import (
     refined_together,
     reopened,
 )
-from truing.estimation.bundle.network import Markers, Network, PoseNetwork, State, pose_networks
+from truing.estimation.bundle.network import Markers, Network, NetworkState, PoseNetwork, pose_networks
 from truing.estimation.bundle.orientation import (
     FEWEST,
     FEWEST_COMMON,
-    Pair,
+    ImagePair,
     common_points,
     relative_orientations,
 )
@@ -61,7 +61,7 @@ class Start:
     which rays (N,) agree, and per pose (S) where its frame and its scale come from ("known points", "scale bars",
     "markers", "none": free, "not oriented")."""
 
-    state: State
+    state: NetworkState
     image_oriented: Mask
     point_placed: Mask
     ray_agrees: Mask
@@ -111,7 +111,9 @@ def _finished(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Gr
     return refined_together(network, poses, again)
 
 
-def in_frame(network: Network, state: State, corners: Index, size_m: Array) -> tuple[State, list[str], list[str]]:
+def in_frame(
+    network: Network, state: NetworkState, corners: Index, size_m: Array
+) -> tuple[NetworkState, list[str], list[str]]:
     """Return the state with every pose in the frame of its known points, or to scale; and where each pose (S) has its
     frame and its scale from."""
     R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
@@ -125,7 +127,7 @@ def in_frame(network: Network, state: State, corners: Index, size_m: Array) -> t
         points[own] = factor * points[own] @ turn.T + shift
         centre[images] = factor * centre[images] @ turn.T + shift
         R[images] = turn @ R[images]
-    return State(state.interior, R, centre, points, network.bars.length_m.copy()), frames, scales
+    return NetworkState(state.interior, R, centre, points, network.bars.length_m.copy()), frames, scales
 
 
 def _similarity(
@@ -294,7 +296,7 @@ def _from_pairs(empty: Grown, rng: np.random.Generator) -> Iterator[Grown]:
     rays = empty.rays.of(sound)
     shared = np.triu(common_points(rays.image, rays.point, len(rays.R), rays.points))
     order = np.argsort(-shared, axis=None, kind="stable")[:_PAIRS]
-    found: list[tuple[float, int, int, list[Pair]]] = []
+    found: list[tuple[float, int, int, list[ImagePair]]] = []
     for i, j in zip(*np.unravel_index(order, shared.shape), strict=True):
         if shared[i, j] < FEWEST_COMMON:
             break

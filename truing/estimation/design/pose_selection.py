@@ -180,7 +180,7 @@ class SelectionStatus(StrEnum):
 
 
 @dataclass(frozen=True)
-class Selection:
+class PoseSelection:
     """Chosen candidates (N,) as indices, a candidate measured twice standing twice; log_det: the criterion."""
 
     chosen: NDArray
@@ -225,7 +225,7 @@ def one_by_one(rows: NDArray, count: int, design: DesignBound, given: NDArray | 
     return chosen
 
 
-def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> Selection:
+def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> PoseSelection:
     """Return the choice that no exchange of one configuration for one candidate improves.
 
     start (N,): candidates to begin with. Each step makes the best of all N C exchanges, whose gain follows from
@@ -237,10 +237,10 @@ def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_it
         information = _determined(rows[chosen], given)
         out, into, gain = _best_exchange(rows, chosen, information)
         if gain <= _LEAST_GAIN:
-            return Selection(chosen, sum_log_det(information), SelectionStatus.CONVERGED, iteration)
+            return PoseSelection(chosen, sum_log_det(information), SelectionStatus.CONVERGED, iteration)
         chosen[out] = into
     value = sum_log_det(information_of(rows[chosen], given))
-    return Selection(chosen, value, SelectionStatus.ITERATION_LIMIT, max_iterations)
+    return PoseSelection(chosen, value, SelectionStatus.ITERATION_LIMIT, max_iterations)
 
 
 def _best_exchange(rows: NDArray, chosen: NDArray, information: NDArray) -> tuple[int, int, float]:
@@ -256,7 +256,7 @@ def _best_exchange(rows: NDArray, chosen: NDArray, information: NDArray) -> tupl
     return out, into, float(np.log(ratio[into, out]))
 
 
-def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> Selection:
+def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> PoseSelection:
     """Return the choice that eliminating its worst configuration and adding the best candidate leaves as it is.
 
     The two are judged one after the other, which is what sets it apart from `exchange` (IOOPS, the telescope report,
@@ -270,9 +270,9 @@ def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_itera
         trial = np.append(trial, best)
         reached = sum_log_det(information_of(rows[trial], given))
         if reached <= value + _LEAST_GAIN:
-            return Selection(chosen, value, SelectionStatus.CONVERGED, iteration)
+            return PoseSelection(chosen, value, SelectionStatus.CONVERGED, iteration)
         chosen, value = trial, reached
-    return Selection(chosen, value, SelectionStatus.ITERATION_LIMIT, max_iterations)
+    return PoseSelection(chosen, value, SelectionStatus.ITERATION_LIMIT, max_iterations)
 
 
 def _without_worst(rows: NDArray, chosen: NDArray, given: NDArray | None) -> NDArray:

@@ -73,7 +73,7 @@ class Fitted:
 
 
 @dataclass(frozen=True)
-class Instrument:
+class PointInstrument:
     """How further poses would be measured: the covariance (K, 3, 3) of each target's point in the model's frame, m^2;
     free: whether each pose is measured in a frame of its own."""
 
@@ -82,7 +82,7 @@ class Instrument:
 
 
 @dataclass(frozen=True)
-class Candidates:
+class PoseCandidates:
     """C poses that could be measured as a fitted model sees them, M measurements each, in units of their noise.
 
     predicted (C, M); rows (C, M, G): their derivative by the shared unknowns, per prior sigma; basis (C, M + H, H) of
@@ -104,7 +104,7 @@ class Candidates:
         padded = np.concatenate([columns, np.zeros((self.count, self.basis.shape[2], columns.shape[2]))], 1)
         return padded - self.basis @ (np.swapaxes(self.basis, 1, 2) @ padded)
 
-    def sight(self, unknowns: NDArray, covariance: NDArray) -> Sight:
+    def sight(self, unknowns: NDArray, covariance: NDArray) -> CandidateSensitivity:
         """Return what is seen of some unknowns (G',) of covariance (G', G')."""
         rows, size = self.rows[..., unknowns], self.rows.shape[1]
         factor = np.linalg.cholesky(covariance)
@@ -112,11 +112,11 @@ class Candidates:
         flat = rows.reshape(-1, len(unknowns))
         values, vectors = np.linalg.eigh(factor.T @ (flat.T @ flat - own.T @ own) @ factor)
         directions = factor @ vectors[:, values > _UNSEEN]
-        return Sight(self.freed((flat @ directions).reshape(self.count, size, -1)), directions)
+        return CandidateSensitivity(self.freed((flat @ directions).reshape(self.count, size, -1)), directions)
 
 
 @dataclass(frozen=True)
-class Sight:
+class CandidateSensitivity:
     """What candidates see of a model's uncertainty: rows (C, N, R) per standard deviation along R directions (G, R)."""
 
     rows: NDArray
@@ -129,7 +129,7 @@ class Sight:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ChosenPoses:
     """Distinct candidates in the order in which to measure them, as indices, and how often each.
 
     times (n,): measurements of each for what was asked for; where ``is_enough`` is False no number of them reaches it,
@@ -151,12 +151,12 @@ class Choice:
         """Return the number of measurements of all candidates together."""
         return sum(self.times)
 
-    def told(self, tell: Callable[[float], float]) -> Choice:
+    def told(self, tell: Callable[[float], float]) -> ChosenPoses:
         """Return the choice with its values in other terms."""
         return replace(self, values=tuple(tell(value) for value in self.values))
 
 
-def candidates(fitted: Fitted, conditions: Any, instrument: Instrument) -> Candidates:
+def candidates(fitted: Fitted, conditions: Any, instrument: PointInstrument) -> PoseCandidates:
     """Return poses at new conditions as a fitted model sees them."""
     model = fitted.model.at(conditions)
     count, targets = len(conditions.readings), len(instrument.covariance)
@@ -170,12 +170,16 @@ def candidates(fitted: Fitted, conditions: Any, instrument: Instrument) -> Candi
     own = found.by_local.shape[2]
     priors = np.broadcast_to(np.eye(own), (count, own, own))
     basis = np.linalg.qr(np.concatenate([found.by_local, priors], 1))[0]
-    return Candidates(fitted, -found.residual, found.by_shared, basis)
+    return PoseCandidates(fitted, -found.residual, found.by_shared, basis)
 
 
 def told_apart(
-    rivals: tuple[Candidates, Candidates], own: tuple[NDArray, NDArray], odds: float, most: int, log_odds: float = 0.0
-) -> Choice:
+    rivals: tuple[PoseCandidates, PoseCandidates],
+    own: tuple[NDArray, NDArray],
+    odds: float,
+    most: int,
+    log_odds: float = 0.0,
+) -> ChosenPoses:
     """Return the poses after which odds (of ``odds`` to 1) are expected for whichever of two rivals is right.
 
     own: the unknowns (P,) of each that are its effect, the others being the same for both; log_odds: of the first
@@ -193,7 +197,7 @@ def told_apart(
     return found.told(lambda value: float(np.exp(min(value, _LARGEST))))
 
 
-def narrowed(seen: Candidates, direction: NDArray, factor: float, most: int) -> Choice:
+def narrowed(seen: PoseCandidates, direction: NDArray, factor: float, most: int) -> ChosenPoses:
     """Return the poses after which the uncertainty along a direction (G,) is ``factor`` times what it is now.
 
     Values are the uncertainty over that of now.
@@ -269,7 +273,7 @@ class _Sharpness:
         return np.asarray((more[0] @ left) @ left)
 
 
-def search(sums: Sums, aim: Aim, enough: float, most: int) -> Choice:
+def search(sums: Sums, aim: Aim, enough: float, most: int) -> ChosenPoses:
     """Return the candidates, at most ``most``, whose summed ``sums`` reach a value, or do when repeated.
 
     Added one by one, each the best to add, then exchanged one by one for better ones.
@@ -280,7 +284,7 @@ def search(sums: Sums, aim: Aim, enough: float, most: int) -> Choice:
     rounds = _rounds(_sum(sums, chosen), aim, enough)
     times = {own: count * (rounds or _MANY) for own, count in Counter(chosen).items()}
     ordered, values = _in_order(sums, aim, times)
-    return Choice(tuple(ordered), tuple(times[own] for own in ordered), values, rounds is not None)
+    return ChosenPoses(tuple(ordered), tuple(times[own] for own in ordered), values, rounds is not None)
 
 
 def _sum(sums: Sums, chosen: Sequence[int]) -> Sums:
@@ -373,7 +377,7 @@ class Runs:
         return np.asarray(found.reshape(count, self.steps * read, *values.shape[2:]))
 
 
-def run_candidates(fitted: Fitted, runs: Runs, readout: Readout) -> Candidates:
+def run_candidates(fitted: Fitted, runs: Runs, readout: Readout) -> PoseCandidates:
     """Return runs as a fitted model sees them; a run's own unknowns are its zeros, and the load errors of its steps."""
     model = fitted.model.at(runs.conditions)
     whole = len(runs.conditions.readings)
@@ -384,7 +388,7 @@ def run_candidates(fitted: Fitted, runs: Runs, readout: Readout) -> Candidates:
     of_steps = _of_steps(runs.by_run(found.by_local[:, :, 0] * weight), runs.steps)
     own = np.concatenate([of_steps, _zeros(runs, readout)], -1)
     priors = np.broadcast_to(np.eye(own.shape[2]), (len(own), *[own.shape[2]] * 2))
-    return Candidates(fitted, predicted, rows, np.linalg.qr(np.concatenate([own, priors], 1))[0])
+    return PoseCandidates(fitted, predicted, rows, np.linalg.qr(np.concatenate([own, priors], 1))[0])
 
 
 def _of_steps(columns: NDArray, steps: int) -> NDArray:

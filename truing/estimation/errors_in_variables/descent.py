@@ -36,7 +36,7 @@ _FIRST_DAMPING = 1e-6
 _LARGEST_BEND = 0.75  # of the step's length (Transtrum and Sethna)
 
 
-class Constrained(Protocol):
+class ConstraintEquations(Protocol):
     """Equations of all poses and their exact derivatives."""
 
     @property
@@ -55,12 +55,12 @@ class Constrained(Protocol):
 class Constraint(Protocol):
     """An implicit model; a method of this form serves as well."""
 
-    def __call__(self, values: NDArray, deviation: NDArray, /) -> Constrained:
+    def __call__(self, values: NDArray, deviation: NDArray, /) -> ConstraintEquations:
         """Return the equations at values (P,) and deviations (B, n) of the truth from what was measured."""
 
 
 @dataclass(frozen=True)
-class Measured:
+class ImplicitModel:
     """An implicit model with the covariance (B, n, n), possibly singular, of what was measured in each pose."""
 
     constrain: Constraint
@@ -93,7 +93,7 @@ class Eliminated:
         return _closing(self.rows, self.residual + self.jacobian @ step)
 
 
-def linearise(measured: Measured, values: NDArray, pull: NDArray) -> Eliminated:
+def linearise(measured: ImplicitModel, values: NDArray, pull: NDArray) -> Eliminated:
     """Return the model at values (P,) with its derivatives at the deviations of a pull (B, n).
 
     Raises LinAlgError where some equation of a pose contains nothing that was measured with an error.
@@ -109,7 +109,7 @@ def linearise(measured: Measured, values: NDArray, pull: NDArray) -> Eliminated:
     return Eliminated(values, pull, rows, residual, factor @ found.by_values, unsettled)
 
 
-def project(measured: Measured, values: NDArray, pull: NDArray, weight: NDArray, allowed: float) -> Eliminated:
+def project(measured: ImplicitModel, values: NDArray, pull: NDArray, weight: NDArray, allowed: float) -> Eliminated:
     """Return the model linearised where the deviations have settled, to a weighted squared change that is allowed.
 
     It has not settled where `unsettled` is larger still.
@@ -154,7 +154,7 @@ class Prior:
 class Objective:
     """What is minimised: ``sum weight d' C^+ d`` over the poses, and the prior."""
 
-    measured: Measured
+    measured: ImplicitModel
     prior: Prior
     weight: NDArray  # (B,)
 

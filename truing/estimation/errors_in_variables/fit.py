@@ -22,7 +22,7 @@ from truing.estimation.errors_in_variables.descent import (
     Constraint,
     Descent,
     Eliminated,
-    Measured,
+    ImplicitModel,
     Objective,
     Prior,
     column_scale,
@@ -299,13 +299,13 @@ def fit_errors_in_variables(
     match, for covariances or priors that are none, and for equations in which nothing has an error.
     """
     values = np.atleast_1d(np.array(start, float))
-    measured = Measured(constrain, _checked_covariance(covariance))
+    measured = ImplicitModel(constrain, _checked_covariance(covariance))
     known = _checked_prior(prior, len(values))
     with np.errstate(all="ignore"):  # where the model has no value at a trial, the trial is rejected
         return _fit(measured, _linearised(measured, values), known, robust)
 
 
-def _fit(measured: Measured, at: Eliminated, prior: Prior, robust: bool) -> ErrorsInVariablesFit:
+def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) -> ErrorsInVariablesFit:
     """Return the fit to the poses that agree, chosen anew after each fit until they are the same.
 
     They are chosen before the first fit too: it would carry gross errors far off, where nothing is linear any more.
@@ -325,7 +325,7 @@ def _fit(measured: Measured, at: Eliminated, prior: Prior, robust: bool) -> Erro
     return _result(measured, replace(found, at=at, iterations=iterations), prior, kept)
 
 
-def _settled(measured: Measured, at: Eliminated, kept: NDArray) -> Eliminated:
+def _settled(measured: ImplicitModel, at: Eliminated, kept: NDArray) -> Eliminated:
     """Return the model with the deviations settled of poses that were not kept, as far as they do."""
     if kept.all():
         return at
@@ -345,7 +345,7 @@ def _agreeing(at: Eliminated, prior: Prior) -> NDArray:
     return agreeing(LinearPoses(at.residual, at.jacobian / scale, known, prior.pull(at.values) / scale))
 
 
-def _result(measured: Measured, found: Descent, prior: Prior, kept: NDArray) -> ErrorsInVariablesFit:
+def _result(measured: ImplicitModel, found: Descent, prior: Prior, kept: NDArray) -> ErrorsInVariablesFit:
     at = found.at
     rows = at.jacobian[kept].reshape(-1, len(at.values))
     information = rows.T @ rows
@@ -417,7 +417,7 @@ def _checked_prior(prior: Prior | None, size: int) -> Prior:
     return prior
 
 
-def _linearised(measured: Measured, start: NDArray) -> Eliminated:
+def _linearised(measured: ImplicitModel, start: NDArray) -> Eliminated:
     """Return the model at the start.
 
     Raises ValueError where the equations of a pose do not all hold something that was measured with an error.

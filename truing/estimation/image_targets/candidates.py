@@ -26,7 +26,7 @@ SHAPE = 10  # centre x y, semi-axes, angle of the major one, rms distance, left,
 
 
 @dataclass(frozen=True)
-class Candidates:
+class EllipseCandidates:
     """Ellipses that outlines suggest: centre_px (N, 2), semi_axes_px (N, 2), axis_angle_rad (N,), white (N,) where
     the inside is lighter; and how many outlines were rejected for which reason."""
 
@@ -44,7 +44,7 @@ def find_candidates(
     least_ratio: float,
     least_contrast: float,
     sigma: float,
-) -> Candidates:
+) -> EllipseCandidates:
     """Return ellipse-like outlines of a grey image (h, w).
 
     polarities: True for lighter than the ground, False for darker; size_px: least semi-minor and largest semi-major
@@ -69,7 +69,7 @@ def find_candidates(
     for number, reason in enumerate(_REASONS, 1):
         rejected[reason] += int((reasons == number).sum())
     good = shape[reasons == 0]
-    return Candidates(good[:, :2], good[:, 2:4], good[:, 4], lighter_of[reasons == 0], +rejected)
+    return EllipseCandidates(good[:, :2], good[:, 2:4], good[:, 4], lighter_of[reasons == 0], +rejected)
 
 
 _REASONS = ("at border", "too small", "too large", "too oblique", "not elliptical")

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.image_targets import edge_kernel as edge
-from truing.estimation.image_targets.candidates import Candidates, find_candidates
+from truing.estimation.image_targets.candidates import EllipseCandidates, find_candidates
 from truing.estimation.image_targets.edge_kernel import SLOPE_X, SLOPE_Y
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
-from truing.estimation.image_targets.ring_codes import ROUND, Reading, RingCode, are_open, read_rings
+from truing.estimation.image_targets.ring_codes import ROUND, RingCode, RingReading, are_open, read_rings
 
 # Radii are in units of the dot's. A code's ring begins at 2 and ends at 3.
 _INSIDE, _BESIDE = (0.35, 0.5, 0.65), (1.4, 1.5)
@@ -117,7 +117,7 @@ def measure_circles(grey: NDArray, plan: CirclePlan, noise: ImageNoise | None = 
     return _targets(last[good], _of(reading, good), rejected, noise, plan)
 
 
-def _with_clear_sides(grey: NDArray, found: Candidates, least: float, rejected: Counter[str]) -> Array:
+def _with_clear_sides(grey: NDArray, found: EllipseCandidates, least: float, rejected: Counter[str]) -> Array:
     """Return the unknowns (N, 10) from which the fit starts, of candidates that are even inside and stand free."""
     A = unit_matrices(found.semi_axes_px, found.axis_angle_rad)
     inside = sample_ellipses(grey, found.centre_px, A, _INSIDE, 24).reshape(len(A), 24 * len(_INSIDE))
@@ -177,7 +177,7 @@ def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float, top: 
     return np.select(list(tests.values()), list(tests), "")
 
 
-def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading, Array]:
+def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[RingReading, Array]:
     """Read the rings about dots (N, RESULTS); and the radii (N,) out to which all light is known."""
     from scipy.special import erf
 
@@ -216,7 +216,7 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[Reading,
     return reading, np.select([reading.number >= 0, free], [_TO_RING, _FAR], _NEAR)
 
 
-def _code_faults(grey: NDArray, fit: Array, reading: Reading, plan: CirclePlan) -> NDArray[np.str_]:
+def _code_faults(grey: NDArray, fit: Array, reading: RingReading, plan: CirclePlan) -> NDArray[np.str_]:
     """Return why dots (N, RESULTS) are none of those looked for, by what is around them; empty where they are."""
     coded = reading.number >= 0
     tests = {
@@ -230,12 +230,14 @@ def _code_faults(grey: NDArray, fit: Array, reading: Reading, plan: CirclePlan) 
     return np.select(list(tests.values()), list(tests), "")
 
 
-def _of(reading: Reading, numbers: Index) -> Reading:
+def _of(reading: RingReading, numbers: Index) -> RingReading:
     """Return the readings of some rings, by number."""
-    return Reading(*(getattr(reading, each.name)[numbers] for each in fields(Reading)))
+    return RingReading(*(getattr(reading, each.name)[numbers] for each in fields(RingReading)))
 
 
-def _targets(fit: Array, reading: Reading, rejected: Counter[str], noise: ImageNoise, plan: CirclePlan) -> ImageTargets:
+def _targets(
+    fit: Array, reading: RingReading, rejected: Counter[str], noise: ImageNoise, plan: CirclePlan
+) -> ImageTargets:
     """Return the targets of fits (N, RESULTS)."""
     axes, angle = axes_of(fit)
     factor = _noise_factor(fit, noise)

@@ -111,7 +111,7 @@ def _mirrored(word: int, bits: int) -> int:
 
 
 @dataclass(frozen=True)
-class Reading:
+class RingReading:
     """What rings say: family (N,) by number, -1 without; number (N,), -1 without; confidence (N,) from 0 to 1; ring
     (N, ROUND) of the word read, 0 or 1 at every sample; unreadable (N,) where something is there that is no code, and
     ambiguous (N,) where that is because it would be a code of another family as well."""
@@ -124,7 +124,7 @@ class Reading:
     ambiguous: Mask
 
 
-def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = None) -> Reading:
+def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = None) -> RingReading:
     """Read rings whose levels (N, ROUND) were sampled clockwise at radius 2.5.
 
     Levels are in units of the dot's contrast; soft (N,) is the blur of edges between segments, in samples. Every number
@@ -135,7 +135,7 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
     n = len(levels)
     if not codes or not n:
         none = np.full(n, -1)
-        return Reading(none, none, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool), np.zeros(n, bool))
+        return RingReading(none, none, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool), np.zeros(n, bool))
     there = (levels > _SOMETHING).any(1)
     fits = [_fit(levels, code.bits) for code in codes]
     numbers = np.stack([_look_up(code, fit.word) for code, fit in zip(codes, fits, strict=True)])  # (families, N)
@@ -157,7 +157,7 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
     clear = there & meant.any(0) & (stray < _STRAY) & (off < _UNCLEAR) & (rough < _ROUGH) & even
     read = clear & ~rivals
     confidence = np.where(read, (1 - 2 * off) * (1 - rough), 0.0)
-    return Reading(
+    return RingReading(
         np.where(read, best, -1),
         np.where(read, numbers[best, each], -1),
         confidence,

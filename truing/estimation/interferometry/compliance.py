@@ -132,7 +132,7 @@ def _by_others(u: Array, y: Array, variance: Array, run: Index) -> Array:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ComplianceComparison:
     """A measured compliance less the simulated one.
 
     difference (6, 6) and z (6, 6), NaN where unknown or held; chi_square and dof of all entries together, p_value of
@@ -147,7 +147,9 @@ class Comparison:
     p_value: float
 
 
-def compare(measured: Compliance, simulated: ArrayLike, simulated_covariance: ArrayLike | None = None) -> Comparison:
+def compare(
+    measured: Compliance, simulated: ArrayLike, simulated_covariance: ArrayLike | None = None
+) -> ComplianceComparison:
     """Compare entry by entry with a simulated compliance (6, 6), its covariance (36, 36) row by row, or none of it."""
     from scipy.special import chdtrc
 
@@ -165,7 +167,9 @@ def compare(measured: Compliance, simulated: ArrayLike, simulated_covariance: Ar
     standard = z.ravel()[at]
     chi_square = float(standard @ np.linalg.pinv(correlation, hermitian=True, rcond=1e-12) @ standard)
     rank = int(np.linalg.matrix_rank(correlation, hermitian=True, tol=1e-12 * max(len(at), 1))) if len(at) else 0
-    return Comparison(difference, z, ratio, chi_square, rank, float(chdtrc(rank, chi_square)) if rank else float("nan"))
+    return ComplianceComparison(
+        difference, z, ratio, chi_square, rank, float(chdtrc(rank, chi_square)) if rank else float("nan")
+    )
 
 
 @dataclass(frozen=True)

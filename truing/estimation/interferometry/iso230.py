@@ -76,7 +76,7 @@ def _positioning(mean: Array, scatter: Array) -> Positioning:
 
 
 @dataclass(frozen=True)
-class Instrument:
+class InstrumentUncertainty:
     """What the instrument and its surroundings leave uncertain, one sigma each.
 
     scale: relative, common to the whole test (wavelength, device); expansion_sigma (1/K) with warmer_by (K from 20
@@ -123,7 +123,7 @@ def positioning_uncertainty(
     deviation: ArrayLike,
     target: ArrayLike,
     rng: np.random.Generator,
-    instrument: Instrument | None = None,
+    instrument: InstrumentUncertainty | None = None,
     draws: int = 4000,
 ) -> dict[str, Uncertain]:
     """Return B, R, E, M and A of one test with their uncertainties.
@@ -139,7 +139,7 @@ def positioning_uncertainty(
     # what repetitions of the same test would give, its truth being what was found: their spread, and their bias
     scatter = own.scatter * np.sqrt(rng.chisquare(freedom, (draws, *own.scatter.shape)) / freedom)
     off = own.scatter / np.sqrt(cycles) * rng.standard_normal(scatter.shape)
-    by_instrument = _by_instrument(at, instrument or Instrument(), rng, draws, cycles)
+    by_instrument = _by_instrument(at, instrument or InstrumentUncertainty(), rng, draws, cycles)
     drawn = _positioning(own.mean + off + by_instrument, scatter)
     # the scatter that spreads the means is itself known from few cycles: Student's law instead of the normal one
     wider = off / np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
@@ -153,7 +153,9 @@ def positioning_uncertainty(
     return out
 
 
-def _by_instrument(at: Array, instrument: Instrument, rng: np.random.Generator, draws: int, cycles: int) -> Array:
+def _by_instrument(
+    at: Array, instrument: InstrumentUncertainty, rng: np.random.Generator, draws: int, cycles: int
+) -> Array:
     """Errors (draws, P, 2) of mean deviations: of the axis' length, of the beam's angle, and of the drift."""
     along = at - at[0]
     stretch = instrument.stretch * rng.standard_normal((draws, 1))

@@ -63,7 +63,7 @@ def find_jump(values: Array, sigma: ArrayLike, design: Array, shortest: int = 2)
 
 
 @dataclass(frozen=True)
-class Slip:
+class SlippedFringes:
     """Fringes slipped in each of G series: from which sample on, and how many quanta; zero where none did.
 
     size and sigma (G,) of the likeliest jump; p_value (G,) of there being no jump at all; off (G,): how far the jump is
@@ -82,7 +82,7 @@ class Slip:
 
 def find_slips(
     values: Array, sigma: ArrayLike, design: Array, quantum: float, false_alarm: float = 0.01, largest_off: float = 3.0
-) -> Slip:
+) -> SlippedFringes:
     """Find a jump by a whole number of quanta (half a wavelength over the passes) in each series, as ``find_jump``.
 
     The count is zero where there is no jump at ``false_alarm`` per series, or one that is no whole number.
@@ -97,4 +97,4 @@ def find_slips(
     onsets = max(jump.left.shape[1] - 3, 1)
     limit = -ndtri(0.5 * false_alarm / onsets)
     detectable = np.ceil(np.where(finite, limit * jump.sigma / quantum, np.inf))
-    return Slip(jump.onset, np.where(real, nearest, 0), jump.size, jump.sigma, jump.p_value, off, detectable)
+    return SlippedFringes(jump.onset, np.where(real, nearest, 0), jump.size, jump.sigma, jump.p_value, off, detectable)

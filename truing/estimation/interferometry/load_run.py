@@ -50,7 +50,7 @@ def begun_far(start: Array, sigma: Array) -> Mask:
 
 
 @dataclass(frozen=True)
-class Zeros:
+class RunZeros:
     """Where runs (R, 6) begin without load, m and rad, NaN where they do not; of which channels (6,) these scatter more
     than noise lets them; and which runs (R, 6) begin far off by themselves."""
 
@@ -74,7 +74,7 @@ class Zeros:
         return own
 
 
-def zeros_of_runs(steps: RecordedSteps, reading: Array, sigma: Array) -> Zeros:
+def zeros_of_runs(steps: RecordedSteps, reading: Array, sigma: Array) -> RunZeros:
     """Hold the starts of runs among readings (B, 6), NaN to leave one out, against the noise (6,) of a reading.
 
     Starts that follow a recorded column, time apart, are no matter of setting zeros: what moved them is to be found.
@@ -88,7 +88,7 @@ def zeros_of_runs(steps: RecordedSteps, reading: Array, sigma: Array) -> Zeros:
         scatter[k] = _by_chance(np.minimum(z**2, _MOST**2), len(z)) < _BY_CHANCE
         if (scatter[k] or far[:, k].any()) and _follows(z, steps, rows[there, k]):
             scatter[k] = far[:, k] = False
-    return Zeros(start, scatter, far)
+    return RunZeros(start, scatter, far)
 
 
 def _by_chance(squares: Array, freedom: int) -> float:

@@ -18,7 +18,7 @@ _MOST_NEIGHBOURS = 4.0  # a value that is limited comes so many times as often a
 
 
 @dataclass(frozen=True)
-class Found:
+class LogFaults:
     """Where (F,) something is wrong, as indices of rows or of runs, and how much (F,), against a limit."""
 
     where: Index
@@ -29,12 +29,12 @@ class Found:
         return len(self.where)
 
 
-def _found(wrong: Mask, size: ArrayLike, limit: float) -> Found:
+def _found(wrong: Mask, size: ArrayLike, limit: float) -> LogFaults:
     where = np.flatnonzero(wrong)
-    return Found(where, np.broadcast_to(np.asarray(size, float), wrong.shape)[where], limit)
+    return LogFaults(where, np.broadcast_to(np.asarray(size, float), wrong.shape)[where], limit)
 
 
-def loads_beyond(load: ArrayLike, limit: ArrayLike) -> Found:
+def loads_beyond(load: ArrayLike, limit: ArrayLike) -> LogFaults:
     """Return rows whose load (N,) lies beyond its range (N,) or one number; size: load over range, NaN where it is no
     number."""
     with np.errstate(invalid="ignore"):
@@ -42,7 +42,7 @@ def loads_beyond(load: ArrayLike, limit: ArrayLike) -> Found:
     return _found(~(share <= 1.0), share, 1.0)
 
 
-def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm: float = 0.01) -> Found:
+def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm: float = 0.01) -> LogFaults:
     """Return runs whose response has the sign opposite to that of most runs of the same load axis and channel.
 
     slope (G,): response per load of each run, with sigma (G,); alike (G,): the same number for the same axis and
@@ -88,7 +88,7 @@ def _typical(size: Array, kind: Index) -> Array:
 UNIT_FACTORS = (1e3, 1e-3, 1e6, 1e-6, 206264.806, 1.0 / 206264.806, 3600.0, 1.0 / 3600.0)
 
 
-def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tolerance: float = 0.3) -> Found:
+def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tolerance: float = 0.3) -> LogFaults:
     """Return runs whose response is that expected times a factor between units: mm for um, degrees or rad for arcsec.
 
     slope (G,), expected (G,): of the simulation, or the median of the like runs; sigma (G,): of the slope by the run's
@@ -106,7 +106,7 @@ def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tole
     return _found(wrong, factor, tolerance)
 
 
-def steps_missing(run: Index, step: Index) -> Found:
+def steps_missing(run: Index, step: Index) -> LogFaults:
     """Return rows after which steps are missing; size: how many. Steps of a run count up by one, in whatever order the
     rows stand; the first of every run is the lowest first of all."""
     order = np.lexsort((step, run))
@@ -121,7 +121,7 @@ def steps_missing(run: Index, step: Index) -> Found:
     return _found(missing > 0.0, missing, 0.0)
 
 
-def runs_cut_short(run: Index, step: Index, alike: Index) -> Found:
+def runs_cut_short(run: Index, step: Index, alike: Index) -> LogFaults:
     """Return the last rows of runs that have fewer steps than most of the same kind, alike (N,); size: how many."""
     runs, at = np.unique(run, return_inverse=True)
     last = np.full(len(runs), -1)
@@ -133,7 +133,7 @@ def runs_cut_short(run: Index, step: Index, alike: Index) -> Found:
     return _found(fewer >= 1.0, fewer, 0.0)
 
 
-def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) -> Found:
+def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) -> LogFaults:
     """Return rows that repeat the run, step and channel of an earlier row; size: by how much their readings differ."""
     value = np.asarray(reading, float)
     keys = np.stack([run, step, channel], -1)
@@ -143,7 +143,7 @@ def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) 
     return _found(repeated, np.abs(value - value[earlier]), 0.0)
 
 
-def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> Found:
+def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
     """Return samples (N,) that stand at an end of a signal's range which it meets as a wall; size: the value there.
 
     A value is a wall where it is the largest or the smallest of all, comes many times as often as the values next to it
@@ -193,7 +193,7 @@ def jumps(reading: Array, sigma: ArrayLike, columns: Array, false_alarm: float =
     return JumpFound(at, found.onset[at], found.size[at], found.sigma[at], found.p_value[at])
 
 
-def drifting(fits: list[RunFit], duration_s: ArrayLike, false_alarm: float = 0.01) -> Found:
+def drifting(fits: list[RunFit], duration_s: ArrayLike, false_alarm: float = 0.01) -> LogFaults:
     """Return runs whose zero drifts; size: over the duration of the run, in the unit of its readings."""
     p = np.array([fit.p_value("drift") for fit in fits])
     rate = np.array([fit.value("drift")[0] for fit in fits])
@@ -208,7 +208,7 @@ def noise_of_runs(fits: list[RunFit]) -> Scatter:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class RunSurroundings:
     """How a quantity of the surroundings went in each run (G,): first value, span, largest change from the first, and
     the share of rows without a value."""
 
@@ -218,7 +218,7 @@ class Surroundings:
     missing: Array
 
 
-def surroundings(value: ArrayLike, run: Index) -> Surroundings:
+def surroundings(value: ArrayLike, run: Index) -> RunSurroundings:
     """Follow a temperature, pressure or humidity (N,) through the runs 0 .. G-1 of its rows (N,), in their order."""
     value = np.asarray(value, float)
     count = int(run.max(initial=-1)) + 1
@@ -235,7 +235,7 @@ def surroundings(value: ArrayLike, run: Index) -> Surroundings:
         missing = 1.0 - np.bincount(run, seen, minlength=count) / np.where(rows > 0, rows, 1)
     known = np.isfinite(first)
     span = np.where(known, np.where(known, high, 0.0) - np.where(known, low, 0.0), np.nan)
-    return Surroundings(first, span, np.where(known, change, np.nan), missing)
+    return RunSurroundings(first, span, np.where(known, change, np.nan), missing)
 
 
 def worth_of_air(index_change: ArrayLike, dead_path: ArrayLike, displacement: ArrayLike) -> Array:
@@ -245,16 +245,16 @@ def worth_of_air(index_change: ArrayLike, dead_path: ArrayLike, displacement: Ar
     )
 
 
-def temperatures_out_of_reach(value_c: ArrayLike) -> Found:
+def temperatures_out_of_reach(value_c: ArrayLike) -> LogFaults:
     """Return rows whose temperature no laboratory has: other units, or a sensor that is off; size: the value."""
     return _out_of_reach(value_c, -10.0, 50.0)
 
 
-def pressures_out_of_reach(value_pa: ArrayLike) -> Found:
+def pressures_out_of_reach(value_pa: ArrayLike) -> LogFaults:
     """Return rows whose air pressure no laboratory has: other units, or a sensor that is off; size: the value."""
     return _out_of_reach(value_pa, 6e4, 1.1e5)
 
 
-def _out_of_reach(values: ArrayLike, lowest: float, highest: float) -> Found:
+def _out_of_reach(values: ArrayLike, lowest: float, highest: float) -> LogFaults:
     value = np.asarray(values, float)
     return _found(np.isfinite(value) & ((value < lowest) | (value > highest)), value, highest)

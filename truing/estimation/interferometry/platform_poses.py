@@ -143,7 +143,7 @@ class SeenMotion:
     added_sigma: Array
 
 
-class Beams(Protocol):
+class DeclaredBeams(Protocol):
     """How beams see the platform as declared."""
 
     def solved(self, load: Array, read: Array, covariance: Array) -> SeenMotion:
@@ -170,7 +170,7 @@ class PlatformPoses:
     geometry: SeenMotion | None = None
 
 
-def find_poses(steps: RecordedSteps, beams: Beams | None, kept: Mask) -> PlatformPoses:
+def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, kept: Mask) -> PlatformPoses:
     """Return displacements from readings joined, each channel by itself: their errors have nothing in common.
 
     What channels read are the platform's components, but for the declared geometry of their beams. ``kept`` (B, 6)

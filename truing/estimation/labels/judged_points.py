@@ -17,14 +17,14 @@ from truing.inference.screening import alone_in_time
 
 
 @dataclass(frozen=True)
-class Judged:
+class PointSelection:
     """Which points (B, T) of a body are kept, and the exchanges of labels among them."""
 
     kept: NDArray
     exchanges: list[Exchange]
 
 
-def judged_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, order: NDArray) -> Judged:
+def judged_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, order: NDArray) -> PointSelection:
     """Judge a body's points (B, T) by their residuals; shape (T, 3) m, order (B,) rank of the poses in time."""
     seen = found.seen & ~residuals.excluded
     sigma = _typical_sigma(found, residuals.values, seen)
@@ -36,7 +36,7 @@ def judged_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, 
         rejected[one.pose, [one.first, one.second]] = False
     alone = alone_in_time(np.where(seen[..., None], values, np.nan), order, rejected & seen)
     unknown = rejected & ~np.isfinite(values).all(-1)
-    return Judged(seen & ~alone & ~unknown, swapped)
+    return PointSelection(seen & ~alone & ~unknown, swapped)
 
 
 def _typical_sigma(found: PosePoints, values: NDArray, seen: NDArray) -> float:

@@ -47,7 +47,7 @@ _SAME_EFFECT = 1e-8
 
 
 @dataclass
-class Linear:
+class LinearResiduals:
     """``residual + jacobian step`` in scaled parameters: singular values, their directions, the residual along them."""
 
     scale: NDArray  # (B, P) largest norm so far of each column of the Jacobian
@@ -66,11 +66,11 @@ class Linear:
         """Return how many directions (B,) the residuals determine."""
         return np.sum(self.singular > 0.0, -1)
 
-    def __getitem__(self, rows: NDArray) -> Linear:
+    def __getitem__(self, rows: NDArray) -> LinearResiduals:
         """Return some of the problems."""
-        return Linear(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return LinearResiduals(*(getattr(self, field.name)[rows] for field in fields(self)))
 
-    def put(self, rows: NDArray, other: Linear) -> None:
+    def put(self, rows: NDArray, other: LinearResiduals) -> None:
         """Exchange some of the problems."""
         for field in fields(self):
             getattr(self, field.name)[rows] = getattr(other, field.name)
@@ -98,7 +98,7 @@ class Linear:
 
 def linearise(
     residual: NDArray, jacobian: NDArray, scale: NDArray | float = 0.0, tolerance: float = _ROUNDED
-) -> Linear:
+) -> LinearResiduals:
     """Return the linear problem for residual (B, N) and jacobian (B, N, P), columns scaled by scale (B, P) or more.
 
     Singular values below ``tolerance`` of the largest count as zero.
@@ -112,20 +112,20 @@ def linearise(
     left, singular, direction = np.linalg.svd(reduced[..., :size], full_matrices=False)
     along = np.einsum("bik,bi->bk", left, reduced[..., size])
     kept = np.where(singular > tolerance * singular[:, :1], singular, 0.0)
-    return Linear(scale, column, kept, direction, along)
+    return LinearResiduals(scale, column, kept, direction, along)
 
 
 def _ratio(above: NDArray, below: NDArray) -> NDArray:
     return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)
 
 
-class Rule(Protocol):
+class StepRule(Protocol):
     """How a method limits its steps; its memory is an array (B, 2)."""
 
-    def start(self, linear: Linear, x: NDArray) -> NDArray:
+    def start(self, linear: LinearResiduals, x: NDArray) -> NDArray:
         """Return the memory (B, 2) before the first step from x (B, P)."""
 
-    def damping(self, linear: Linear, memory: NDArray) -> NDArray:
+    def damping(self, linear: LinearResiduals, memory: NDArray) -> NDArray:
         """Return what is to be added to the squares of the singular values (B,)."""
 
     def learn(self, memory: NDArray, gain: NDArray, length: NDArray) -> NDArray:
@@ -135,11 +135,11 @@ class Rule(Protocol):
 class LevenbergMarquardt:
     """A damping per problem: ten times less after a step as promised, ever faster more after one that failed."""
 
-    def start(self, linear: Linear, x: NDArray) -> NDArray:
+    def start(self, linear: LinearResiduals, x: NDArray) -> NDArray:
         """Return the first damping, and the first factor of its growth."""
         return np.tile([_FIRST_DAMPING, 2.0], (len(x), 1))
 
-    def damping(self, linear: Linear, memory: NDArray) -> NDArray:
+    def damping(self, linear: LinearResiduals, memory: NDArray) -> NDArray:
         """Return the damping itself."""
         return memory[:, 0]
 
@@ -153,12 +153,12 @@ class LevenbergMarquardt:
 class TrustRegion:
     """A radius per problem in scaled parameters, and the exact minimum of the linear problem inside (Moré 1978)."""
 
-    def start(self, linear: Linear, x: NDArray) -> NDArray:
+    def start(self, linear: LinearResiduals, x: NDArray) -> NDArray:
         """Return a first radius that lets every parameter change by its own size, and the first damping."""
         size = np.sqrt(np.sum((linear.scale * x) ** 2, -1))
         return np.stack([np.where(size > 0.0, size, 1.0), np.zeros(len(x))], 1)
 
-    def damping(self, linear: Linear, memory: NDArray) -> NDArray:
+    def damping(self, linear: LinearResiduals, memory: NDArray) -> NDArray:
         """Return the damping that ends the step on the radius, zero where the free step ends inside."""
         radius, s, c = memory[:, 0], linear.singular, linear.along
         damping = np.zeros(len(radius))
@@ -179,7 +179,7 @@ class TrustRegion:
         return np.stack([np.where(gain < _POOR, 0.25 * length, wider), memory[:, 1]], 1)
 
 
-RULES: dict[str, Rule] = {"levenberg-marquardt": LevenbergMarquardt(), "trust-region": TrustRegion()}
+RULES: dict[str, StepRule] = {"levenberg-marquardt": LevenbergMarquardt(), "trust-region": TrustRegion()}
 
 
 class SolverStatus(StrEnum):
@@ -241,7 +241,7 @@ class _Walk:
     data: tuple[NDArray, ...]
     x: NDArray  # (b, P)
     cost: NDArray  # (b,)
-    linear: Linear
+    linear: LinearResiduals
     memory: NDArray  # (b, 2) of the rule
     fine: NDArray  # (b,) whether the sum of squares is too coarse to judge a further step
     noise: NDArray  # (b,) what rounding has been seen to do to the sum of squares
@@ -309,7 +309,9 @@ def _unsolved(x: NDArray, residual: NDArray, jacobian: NDArray) -> tuple[Solutio
     return solution, np.flatnonzero(_finite(residual, jacobian))
 
 
-def _steps(walk: _Walk, residuals: Residuals, rule: Rule, max_iterations: int) -> Iterator[tuple[_Walk, NDArray, int]]:
+def _steps(
+    walk: _Walk, residuals: Residuals, rule: StepRule, max_iterations: int
+) -> Iterator[tuple[_Walk, NDArray, int]]:
     """Take steps until every problem is finished; yield problems as they finish, with their status and iteration."""
     for iteration in range(1, max_iterations + 1):
         status = _advance(walk, residuals, rule)
@@ -322,7 +324,7 @@ def _steps(walk: _Walk, residuals: Residuals, rule: Rule, max_iterations: int) -
     yield walk, np.full(len(walk.problem), str(SolverStatus.ITERATION_LIMIT)), max_iterations
 
 
-def _advance(walk: _Walk, residuals: Residuals, rule: Rule) -> NDArray:
+def _advance(walk: _Walk, residuals: Residuals, rule: StepRule) -> NDArray:
     """Try one step of every problem, keep those that help, and return the status (b,) of the finished ones, else ''."""
     fine = walk.fine | _flat(walk, _BLIND)
     damping = np.where(fine, 0.0, rule.damping(walk.linear, walk.memory))

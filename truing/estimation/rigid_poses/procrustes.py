@@ -125,7 +125,7 @@ class ProcrustesFit:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _ObservedPoints:
     """What is observed: y (B, N, 3) with cov (B, N, 3, 3) where seen (B, N), and the survey's weight (N, 3, 3)."""
 
     y: NDArray
@@ -207,7 +207,7 @@ def _prepare(
     survey: NDArray | None,
     survey_cov: NDArray | None,
     shape: NDArray | None,
-) -> tuple[_Problem, _State, NDArray, NDArray]:
+) -> tuple[_ObservedPoints, _State, NDArray, NDArray]:
     """Return the problem reduced to what hangs together, a start, and which poses (B,) and targets (N,) take part."""
     mask = np.asarray(mask, bool)
     count = mask.shape[1]
@@ -230,7 +230,7 @@ def _prepare(
     R = np.where(fit.ok[:, None, None], fit.R, np.eye(3))
     state = _State(R, np.where(fit.ok[:, None], fit.t, 0.0), shape)
     y, C = np.where(seen[..., None], points, 0.0), np.where(seen[..., None, None], cov, np.eye(3))
-    return _Problem(y, C, seen, survey, survey_cov, surveyed), state, fit.ok, known
+    return _ObservedPoints(y, C, seen, survey, survey_cov, surveyed), state, fit.ok, known
 
 
 def _connected(seen: NDArray, surveyed: NDArray) -> NDArray:
@@ -262,7 +262,7 @@ def _extended(survey: NDArray, surveyed: NDArray, points: NDArray, mask: NDArray
 
 
 def _solve(
-    problem: _Problem, state: _State, tau: NDArray, known: NDArray, free: bool
+    problem: _ObservedPoints, state: _State, tau: NDArray, known: NDArray, free: bool
 ) -> tuple[_State, _Normal, NDArray, int, bool]:
     """Return the Gauss-Newton solution for given tau, its normal equations and the shape's covariance (3N, 3N)."""
     W, W_survey = problem.weights(tau)
@@ -281,7 +281,7 @@ def _solve(
     return state, normal, covariance, MAX_ITERATIONS, False
 
 
-def _normal(problem: _Problem, state: _State, W: NDArray, W_survey: NDArray) -> _Normal:
+def _normal(problem: _ObservedPoints, state: _State, W: NDArray, W_survey: NDArray) -> _Normal:
     R, posed = state.R, problem.seen.any(axis=1)
     arm = state.shape @ np.swapaxes(R, -1, -2)
     r = np.where(problem.seen[..., None], problem.y - arm - state.t[:, None], 0.0)
@@ -312,7 +312,7 @@ def _shape_covariance(reduced: NDArray, shape: NDArray, known: NDArray, unknown:
     return symmetric(np.where(unknown[:, None] | unknown, 0.0, inverse))
 
 
-def _deformation(problem: _Problem, state: _State, normal: _Normal, covariance: NDArray) -> NDArray:
+def _deformation(problem: _ObservedPoints, state: _State, normal: _Normal, covariance: NDArray) -> NDArray:
     """Return tau (N,): what each target scatters beyond its noise, the fit's own share of residuals allowed for."""
     arm = state.shape @ np.swapaxes(state.R, -1, -2)
     r = np.where(problem.seen[..., None], problem.y - arm - state.t[:, None], 0.0)
@@ -338,7 +338,7 @@ def _fitted_share(state: _State, normal: _Normal, covariance: NDArray, arm: NDAr
 
 
 def _result(
-    problem: _Problem,
+    problem: _ObservedPoints,
     state: _State,
     normal: _Normal,
     covariance: NDArray,
@@ -359,7 +359,7 @@ def _result(
     return ProcrustesFit(poses, shape, covariance, np.where(known, tau, np.nan), status, iterations)
 
 
-def _nothing(problem: _Problem, posed: NDArray) -> ProcrustesFit:
+def _nothing(problem: _ObservedPoints, posed: NDArray) -> ProcrustesFit:
     """Return the result where no pose shares three targets with any other."""
     count, targets = problem.seen.sum(axis=1), problem.y.shape[1]
     status = np.full(len(posed), str(FitStatus.TOO_FEW_POINTS))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.rotation import exp_so3, skew
-from truing.estimation.scans.scan_fit import NEIGHBOURS, Scene, Surface, SurfaceFit, fit_surface
+from truing.estimation.scans.scan_fit import NEIGHBOURS, ScanPair, Surface, SurfaceFit, fit_surface
 from truing.open3d_library import load_open3d
 
 # Points of the scan that enter: beyond them the reference's noise, not the scan's, is what limits a pose.
@@ -140,7 +140,7 @@ def _checked(points: ArrayLike, name: str) -> NDArray:
     return cloud
 
 
-def _scene(scan: NDArray, surface: NDArray, sigma: float | None) -> tuple[Scene, NDArray, NDArray]:
+def _scene(scan: NDArray, surface: NDArray, sigma: float | None) -> tuple[ScanPair, NDArray, NDArray]:
     """Return both clouds about their centroids with their noise, and the centroids (3,), (3,)."""
     from scipy.spatial import cKDTree
 
@@ -153,7 +153,7 @@ def _scene(scan: NDArray, surface: NDArray, sigma: float | None) -> tuple[Scene,
     if kept < len(inside):
         inside = inside[_sample(len(inside), max(kept, _TRIAL_POINTS))]
         known = Surface(inside, cKDTree(inside))
-    return Scene(known, outside, *noise), scan_centre, surface_centre
+    return ScanPair(known, outside, *noise), scan_centre, surface_centre
 
 
 def _sample(n_points: int, n: int) -> NDArray:
@@ -172,11 +172,11 @@ def _scatter(surface: Surface) -> tuple[float, float]:
     return max(float(np.sqrt(patches.noise_variance)), rounding), float(np.median(patches.radius))
 
 
-def _thinned(scene: Scene, n: int) -> Scene:
+def _thinned(scene: ScanPair, n: int) -> ScanPair:
     return replace(scene, scan=scene.scan[_sample(len(scene.scan), n)])
 
 
-def _refined(scene: Scene, start: SurfaceFit) -> SurfaceFit:
+def _refined(scene: ScanPair, start: SurfaceFit) -> SurfaceFit:
     """Return the fit of the scan, first thinned, then as a whole up to MAX_POINTS, where it is a fit at all."""
     if start.scatter > MOST_SCATTER:
         return start
@@ -189,7 +189,7 @@ def _misfit(fit: SurfaceFit) -> float:
     return float(np.mean(fit.cost[fit.judged])) if np.any(fit.judged) else np.inf
 
 
-def _rivals(trial: Scene, fits: list[SurfaceFit], best: SurfaceFit) -> Iterator[NDArray]:
+def _rivals(trial: ScanPair, fits: list[SurfaceFit], best: SurfaceFit) -> Iterator[NDArray]:
     """Yield other poses (4, 4) that the best one does not beat point by point, to odds of a million to one."""
     independent = min(1.0, len(trial.reference) / (3 * len(trial.scan)))
     for fit in fits[1:]:
@@ -202,7 +202,7 @@ def _rivals(trial: Scene, fits: list[SurfaceFit], best: SurfaceFit) -> Iterator[
 
 
 def _concluded(
-    scene: Scene, fit: SurfaceFit, rivals: list[NDArray], scan_centre: NDArray, surface_centre: NDArray
+    scene: ScanPair, fit: SurfaceFit, rivals: list[NDArray], scan_centre: NDArray, surface_centre: NDArray
 ) -> ScanFit:
     status = _status(fit, rivals)
     unobservable = tuple(_named(fit, surface_centre, scene.size)) if status == ScanStatus.DEGENERATE else ()

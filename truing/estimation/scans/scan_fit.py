@@ -46,7 +46,7 @@ _CHUNK = 20_000
 
 
 @dataclass(frozen=True)
-class Scene:
+class ScanPair:
     """Surface of the reference (M, 3), scan (N, 3), both about their centroids; m. Noise along the normals in m."""
 
     surface: Surface
@@ -93,7 +93,7 @@ class _View:
     scatter: float
 
 
-def fit_surface(scene: Scene, R: NDArray, t: NDArray, max_steps: int = 40) -> SurfaceFit:
+def fit_surface(scene: ScanPair, R: NDArray, t: NDArray, max_steps: int = 40) -> SurfaceFit:
     """Return the motion nearest to a start R (3, 3), t (3,) that makes the scan's heights over the reference least."""
     view, converged, steps = _see(scene, R, t), False, 0
     while steps < max_steps and not converged and np.count_nonzero(view.used) >= _FEWEST:
@@ -109,7 +109,7 @@ def fit_surface(scene: Scene, R: NDArray, t: NDArray, max_steps: int = 40) -> Su
     return _summed_up(scene, R, t, view, converged)
 
 
-def _see(scene: Scene, R: NDArray, t: NDArray) -> _View:
+def _see(scene: ScanPair, R: NDArray, t: NDArray) -> _View:
     inside = (scene.scan - t) @ R
     _, nearest = scene.surface.tree.query(inside, workers=workers_for(len(inside)))
     anchors, which = np.unique(nearest, return_inverse=True)
@@ -124,12 +124,12 @@ def _see(scene: Scene, R: NDArray, t: NDArray) -> _View:
     return _View(heights, patches, which, J, heights.over & (relative <= gate), cost, scatter)
 
 
-def _noise(scene: Scene, heights: Heights) -> NDArray:
+def _noise(scene: ScanPair, heights: Heights) -> NDArray:
     """Return the standard deviation (N,) in m of each height."""
     return np.sqrt(scene.sigma_scan**2 + scene.sigma_reference**2 * np.sum(heights.share**2, -1))
 
 
-def _summed_up(scene: Scene, R: NDArray, t: NDArray, view: _View, converged: bool) -> SurfaceFit:
+def _summed_up(scene: ScanPair, R: NDArray, t: NDArray, view: _View, converged: bool) -> SurfaceFit:
     used, heights = view.used, view.heights
     height = heights.height[used]
     rms = float(np.sqrt(np.mean(height**2))) if np.any(used) else 0.0
@@ -155,7 +155,7 @@ def _summed_up(scene: Scene, R: NDArray, t: NDArray, view: _View, converged: boo
     )
 
 
-def _middle(scene: Scene, view: _View) -> NDArray:
+def _middle(scene: ScanPair, view: _View) -> NDArray:
     """Return the covariance (6, 6) of J^T heights: the scan's own noise, and the reference's through its smoothing.
 
     A neighbour's error is the same vector in every height it enters, seen along that height's normal.
@@ -172,7 +172,7 @@ def _middle(scene: Scene, view: _View) -> NDArray:
     return scene.sigma_scan**2 * J.T @ J + np.einsum("m,mik,mjk->ij", theirs, pulled, pulled, optimize=True)
 
 
-def _roughness(scene: Scene, view: _View, neighbours: NDArray) -> NDArray:
+def _roughness(scene: ScanPair, view: _View, neighbours: NDArray) -> NDArray:
     """Return the variance (M,) in m^2 by which the surface clearly departs from paraboloids beyond its noise.
 
     It is shape and not noise, but a scan that samples other places meets it as if it were noise of the reference.
@@ -200,7 +200,7 @@ def _noise_ratio(scan: NDArray, J: NDArray, height: NDArray, middle: NDArray) ->
     return float(np.sqrt(found)) if found > 1 + 4 * np.sqrt(np.sum(size**2) / 3) else 1.0
 
 
-def _motions(scene: Scene, view: _View, t: NDArray) -> tuple[NDArray, NDArray]:
+def _motions(scene: ScanPair, view: _View, t: NDArray) -> tuple[NDArray, NDArray]:
     """Return information (6,) and motions (6, 6), rows (t, theta), that do not interfere, weakest first.
 
     A motion's information is in multiples of what the errors of the normals feign: one that slides along the surface

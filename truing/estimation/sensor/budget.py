@@ -13,7 +13,7 @@ from truing.arrays import Array, Index
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import Calibration, MatrixEstimate, calibration_matrix, wrenches
 from truing.estimation.sensor.contenders import by_cases, contenders, covariance_by_case, hold_out
-from truing.estimation.sensor.load_table import LoadTable, Recorded
+from truing.estimation.sensor.load_table import LoadTable, RecordedLoads
 from truing.estimation.uncertainty_budget import Budget, Source, budget, linear_estimate
 
 BY_LOADS = Source("applied loads, as declared", "B")
@@ -24,7 +24,7 @@ _BY_CHANCE = 0.01
 class Calibrated:
     """The chosen calibration, its table, and the covariance of its coefficients by source; and from case to case."""
 
-    found: Recorded
+    found: RecordedLoads
     table: LoadTable
     fit: Calibration
     parts: dict[Source, Array]
@@ -80,7 +80,7 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
     return parts
 
 
-def calibrated_again(found: Recorded, name: str, declared: bool) -> Calibrated:
+def calibrated_again(found: RecordedLoads, name: str, declared: bool) -> Calibrated:
     """The calibration by the model of a name, with what each source gives it; declared: the noise of signals was.
 
     Raises UndeterminedCalibrationError as `contenders.calibrations` does.

@@ -83,7 +83,7 @@ def check_loads(loads: NDArray, labels: Sequence[str]) -> None:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _CalibrationTable:
     """A table seen in the direction of a model: response y (N, W), inputs x (N, C), columns of the zeros (N, G)."""
 
     model: CalibrationModel
@@ -153,7 +153,7 @@ def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> 
     Raises UndeterminedCalibrationError, naming what is missing, where loads or signals do not determine it, and
     ValueError where the estimator needs a covariance that was not declared, or a covariate that the table has not.
     """
-    problem = _Problem(model or CalibrationModel(), table)
+    problem = _CalibrationTable(model or CalibrationModel(), table)
     _check(problem)
     if problem.model.estimator == "errors in both":
         return _both(problem)
@@ -170,7 +170,7 @@ def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> 
     return _result(problem, found)
 
 
-def _check(problem: _Problem) -> None:
+def _check(problem: _CalibrationTable) -> None:
     model, table = problem.model, problem.table
     if (model.drift or model.gain) and not table.covariate_names:
         raise ValueError(f"model {model.name!r} needs a covariate such as a temperature, found none in the table")
@@ -187,7 +187,7 @@ def _check(problem: _Problem) -> None:
         check_determined(problem.columns, problem.labels, "the terms are not independent")
 
 
-def _declared(problem: _Problem, which: int) -> NDArray:
+def _declared(problem: _CalibrationTable, which: int) -> NDArray:
     """Return the covariance that was declared of the response (0) or the inputs (1)."""
     cov = problem.covariances[which]
     if cov is None:
@@ -199,7 +199,7 @@ def _declared(problem: _Problem, which: int) -> NDArray:
     return cov
 
 
-def _first_noise(problem: _Problem) -> NDArray:
+def _first_noise(problem: _CalibrationTable) -> NDArray:
     """Return the noise (W, W) left by inputs and zeros alone, for weighing data against a prior."""
     declared = problem.covariances[0]
     if declared is not None and np.linalg.eigvalsh(declared).min() > 0:
@@ -211,7 +211,7 @@ def _first_noise(problem: _Problem) -> NDArray:
     return np.asarray(residual.T @ residual / max(len(columns) - int(rank), 1))
 
 
-def _result(problem: _Problem, found: LinearFit, status: SolverStatus = SolverStatus.CONVERGED) -> Calibration:
+def _result(problem: _CalibrationTable, found: LinearFit, status: SolverStatus = SolverStatus.CONVERGED) -> Calibration:
     terms = len(problem.terms.labels)
     return Calibration(
         model=problem.model,
@@ -228,7 +228,7 @@ def _result(problem: _Problem, found: LinearFit, status: SolverStatus = SolverSt
     )
 
 
-def _both(problem: _Problem) -> Calibration:
+def _both(problem: _CalibrationTable) -> Calibration:
     """Return the maximum-likelihood fit with errors in response and inputs, from the weighted one."""
     rows, width, count = len(problem.y), problem.y.shape[1], problem.x.shape[1]
     own, other = _declared(problem, 0), _declared(problem, 1)

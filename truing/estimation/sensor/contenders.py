@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
-from truing.estimation.held_out import Choice, Contender, choose_model
+from truing.estimation.held_out import Contender, ContenderChoice, choose_model
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.least_squares.solver import SolverStatus
 from truing.estimation.sensor.calibrate import UndeterminedCalibrationError, check_loads, check_signals, fit_calibration
@@ -27,7 +27,7 @@ from truing.estimation.sensor.calibration import (
     calibration_matrix,
     wrenches,
 )
-from truing.estimation.sensor.load_table import LoadTable, Recorded
+from truing.estimation.sensor.load_table import LoadTable, RecordedLoads
 
 AS_PRINTED = CalibrationModel()
 _RIDGE = 1.0
@@ -64,7 +64,7 @@ class CalibrationChoice:
     """Held-out predictions of every contender, which of them is chosen, and why others could not contend, by name."""
 
     contenders: tuple[HeldOut, ...]
-    choice: Choice
+    choice: ContenderChoice
     refused: Mapping[str, str]
 
     @property
@@ -274,7 +274,7 @@ class SensorCalibrations:
         return self.matrices[self.choice.choice.chosen]
 
 
-def calibrations(found: Recorded) -> SensorCalibrations:
+def calibrations(found: RecordedLoads) -> SensorCalibrations:
     """Fit and judge every contender; raises UndeterminedCalibrationError, naming what is missing."""
     rows = ~found.steps.held_out
     table, words = by_cases(found, rows)
@@ -284,7 +284,7 @@ def calibrations(found: Recorded) -> SensorCalibrations:
     return SensorCalibrations(table, choice, words, matrices, by_case, _verified(found, choice.chosen.fit))
 
 
-def contenders(found: Recorded) -> list[CalibrationModel]:
+def contenders(found: RecordedLoads) -> list[CalibrationModel]:
     """The printed formula, estimators that know of noise, and terms that held-out loads have to earn."""
     zero: Zero = "none" if found.tared else "common"
     noisy_loads = bool((found.load_sigma > 0.0).all())
@@ -301,7 +301,7 @@ def contenders(found: Recorded) -> list[CalibrationModel]:
     return list(dict.fromkeys([*models, CalibrationModel(zero=zero, powers="products")]))
 
 
-def by_cases(found: Recorded, rows: Mask) -> tuple[LoadTable, str]:
+def by_cases(found: RecordedLoads, rows: Mask) -> tuple[LoadTable, str]:
     """The table with the largest load cases that can be left out: runs, else either sign of the load in a run, else
     all readings of one load."""
     steps = found.steps
@@ -321,7 +321,7 @@ def by_cases(found: Recorded, rows: Mask) -> tuple[LoadTable, str]:
     return found.table(rows, np.array([f"load {number}" for number in loads])), ONE_LOADS
 
 
-def _named_runs(found: Recorded) -> NDArray:
+def _named_runs(found: RecordedLoads) -> NDArray:
     """The run (B,) of every step by name; where there are very many of them, some runs together."""
     steps, met = found.steps, np.unique(found.steps.run)
     if len(met) <= _MOST_CASES:
@@ -350,7 +350,7 @@ def _check(table: LoadTable) -> None:
             raise
 
 
-def _verified(found: Recorded, fit: Calibration) -> Array:
+def _verified(found: RecordedLoads, fit: Calibration) -> Array:
     """Root mean square error (W,) of the loads of verification runs."""
     rows = found.steps.held_out
     if not rows.any():

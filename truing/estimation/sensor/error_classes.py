@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array
-from truing.estimation.sensor.load_table import Recorded
+from truing.estimation.sensor.load_table import RecordedLoads
 
 _CHANCE = 0.05
 _SAME = 1e-9  # of the largest load: loads that differ by less are the same step
@@ -244,7 +244,9 @@ def _two_sided(deviation: NDArray) -> float:
     return high
 
 
-def axis_errors(found: Recorded, indicated: Array, sigma: Array, ranges: Array, axis: int) -> list[ErrorClass] | None:
+def axis_errors(
+    found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int
+) -> list[ErrorClass] | None:
     """Return the classes of errors of one axis; None where no run loaded it by itself and was also read unloaded.
 
     indicated (B, 6): loads as a calibration tells them, N and N m; sigma (6,) by the noise of signals; ranges (6,),
@@ -260,7 +262,7 @@ def _classes_of(series: AxisSeries) -> list[ErrorClass]:
     return [one for one in found if np.isfinite(one.value)]
 
 
-def _series(found: Recorded, indicated: Array, sigma: Array, ranges: Array, axis: int) -> AxisSeries | None:
+def _series(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int) -> AxisSeries | None:
     """The runs that loaded one axis alone, each a cycle; None without any that was also read unloaded."""
     steps = found.steps
     other = np.delete(steps.load, axis, axis=1) != 0.0
@@ -278,7 +280,7 @@ def _series(found: Recorded, indicated: Array, sigma: Array, ranges: Array, axis
     return AxisSeries(steps.load[rows, axis], indicated[rows], axis, steps.run[rows], sigma, ranges)
 
 
-def _creeps(found: Recorded, indicated: Array, sigma: Array, ranges: Array, axis: int) -> list[ErrorClass]:
+def _creeps(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int) -> list[ErrorClass]:
     """The largest creep of all loads along the axis that were held long enough; a load comes after the step before."""
     steps = found.steps
     same = (np.diff(steps.load, axis=0) == 0.0).all(axis=1) & (np.diff(steps.run) == 0)

@@ -286,7 +286,7 @@ def _best(
 
 
 @dataclass(frozen=True)
-class _Compared:
+class _ExchangedPairs:
     """Squares of residuals of P pairs before and after an exchange (P, W), and the components that gain by it."""
 
     before: NDArray
@@ -314,13 +314,13 @@ class _Compared:
         return (p_value <= false_alarm) & (self.left <= chdtri(2 * some, false_alarm / pairs)), p_value
 
 
-def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray) -> _Compared:
+def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray) -> _ExchangedPairs:
     one, other = whitened[rows[0]], whitened[rows[1]]
     before, after = one**2 + other**2, (one - way) ** 2 + (other + way) ** 2
     gain = np.where(np.isfinite(before - after), before - after, 0.0)
     # each row has to be put right by it, or one gross error would seem an exchange with whatever lies beyond
     is_right = (one**2 > (one - way) ** 2) & (other**2 > (other + way) ** 2)
-    return _Compared(before, after, (gain > _TELLS) & is_right)
+    return _ExchangedPairs(before, after, (gain > _TELLS) & is_right)
 
 
 def _by_chance(

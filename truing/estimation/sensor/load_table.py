@@ -121,7 +121,7 @@ def _names(names: Sequence[str] | None, default: list[str], what: str) -> tuple[
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedLoads:
     """Steps with signals: those that calibrate, and those that verify.
 
     steps (B,), signal (B, C) mV, counted from each run's unloaded readings where ``tared``; sigma (C,) mV, declared or

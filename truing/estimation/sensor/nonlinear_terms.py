@@ -52,7 +52,7 @@ def clear_form(linear: NDArray, inputs: NDArray, loads: NDArray, without_zeros: 
 
 
 @dataclass(frozen=True)
-class Left:
+class ResidualSum:
     """The sum of squares that a fit leaves, and how many rows it has to spare."""
 
     squares: float
@@ -63,10 +63,10 @@ class Left:
         return self.squares / max(self.spare, 1)
 
 
-def left_by(columns: list[NDArray], loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> Left:
+def left_by(columns: list[NDArray], loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> ResidualSum:
     """Return what columns and a number of zeros leave of loads (N, W) by least squares."""
     about, rest = without_zeros(np.hstack(columns)), without_zeros(loads)
     size = np.sqrt(np.sum(about**2, 0))
     scaled = about / np.where(size > 0.0, size, 1.0)
     values, _, rank, _ = np.linalg.lstsq(scaled, rest, _OPEN)
-    return Left(float(np.sum((rest - scaled @ values) ** 2)), len(loads) - zeros - int(rank))
+    return ResidualSum(float(np.sum((rest - scaled @ values) ** 2)), len(loads) - zeros - int(rank))

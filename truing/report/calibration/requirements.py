@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.calibration.calibrations import (
     Key,
     called,
@@ -21,7 +21,7 @@ from truing.report.calibration.calibrations import (
 )
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
 from truing.report.numbers import count, in_one_unit, plain, quantity
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_absent, why_no_requirement
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
@@ -35,13 +35,13 @@ _HEADS = ("component", "required", "95 of 100 poses below", "interval (95 %)", "
 _DRAWN_AS = {"meets": (GREEN, "circle"), "undecided": (ORANGE, "diamond"), "fails": (RED, "x")}
 
 
-def requirements(tables: Tables) -> Section | None:
+def requirements(tables: Tables) -> ReportSection | None:
     """Each component with its limit, its error, the interval of that error, and the verdict."""
     if "requirements" not in tables:
         return None
     judged = filled(tables, "requirements")
     if judged is None:
-        return Section("requirements", _TITLE, why_no_requirement(tables))
+        return ReportSection("requirements", _TITLE, why_no_requirement(tables))
     main = main_calibration(tables)
     key = main if main in keys_of(judged) else shown_calibration(tables, judged)
     own = rows_of(judged, key)
@@ -53,7 +53,7 @@ def requirements(tables: Tables) -> Section | None:
     others = judged.drop(index=own.index)
     if len(others):
         listings.append(_others(others))
-    return Section("requirements", _TITLE, _lead(own, key), tuple(figures), tuple(listings))
+    return ReportSection("requirements", _TITLE, _lead(own, key), tuple(figures), tuple(listings))
 
 
 def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
@@ -64,22 +64,24 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
     if own is not None and failed is not None and len(failed):
         worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
         said = f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required."
-        return SectionVerdict("requirements", State.FAILS, ReasonCode.NOT_MET, said, float(worst["ratio"]), "1", 1.0)
+        return SectionVerdict(
+            "requirements", RelationState.FAILS, ReasonCode.NOT_MET, said, float(worst["ratio"]), "1", 1.0
+        )
     adequacy, of_recorded = before.get("adequacy"), main_calibration(tables) == chosen_calibration(tables)
-    if judged is not None and adequacy is not None and adequacy.state == State.FAILS:
+    if judged is not None and adequacy is not None and adequacy.state == RelationState.FAILS:
         said = f"Requirements not tested: the model that predicts the errors does not hold. {adequacy.explanation}"
-        return SectionVerdict("requirements", State.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
+        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
     if judged is not None and of_recorded and (to_do := _why_not_by(before.get("calibration"))):
         said = f"Requirements not tested: the calibration that predicts the errors does not fit. {to_do}"
-        return SectionVerdict("requirements", State.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
+        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
     if own is None:
         why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
         said = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
-        return SectionVerdict("requirements", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
     said = f"{tally(own)}, by the calibrated model."
     if (own["verdict"] == "undecided").any():
-        return SectionVerdict("requirements", State.ATTENTION, ReasonCode.UNDECIDED, said)
-    return SectionVerdict("requirements", State.OK, ReasonCode.MET, said)
+        return SectionVerdict("requirements", RelationState.ATTENTION, ReasonCode.UNDECIDED, said)
+    return SectionVerdict("requirements", RelationState.OK, ReasonCode.MET, said)
 
 
 def _why_not_by(calibration: SectionVerdict | None) -> str:
@@ -88,7 +90,7 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
         return ""
     if calibration.reason_code == ReasonCode.CAUSE_LEFT_OUT:
         return "It leaves out what was found: errors of the extended model stand under Requirements."
-    return "Correct [noise], or find the cause that is missing." if calibration.state == State.FAILS else ""
+    return "Correct [noise], or find the cause that is missing." if calibration.state == RelationState.FAILS else ""
 
 
 def _lead(own: pd.DataFrame, key: Key) -> str:

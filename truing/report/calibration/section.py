@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.calibration import figures as calibration_figures
 from truing.report.calibration.calibrations import (
     ERRORS_IN_VARIABLES,
@@ -28,7 +28,7 @@ from truing.report.calibration.listings import GOOD, all_calibrations, all_devia
 from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of
 from truing.report.numbers import count, plain, quantity
-from truing.report.page import Drawn, Listing, Section
+from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_calibration
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, filled
@@ -44,17 +44,17 @@ _UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
 _DEPARTS = "reading_rms_from_rigid_legs"
 
 
-def calibration(tables: Tables) -> Section | None:
+def calibration(tables: Tables) -> ReportSection | None:
     """The choice of the model, the errors of all calibrations, and their parameters."""
     if "calibration" not in tables:
         return None
     fitted = filled(tables, "calibration")
     if fitted is None:
-        return Section("calibration", "Calibration", why_no_calibration(tables))
+        return ReportSection("calibration", "Calibration", why_no_calibration(tables))
     shown = [*_errors(tables), *_geometry(tables, fitted), *_correlations(tables, fitted)]
     tests = _tests_of_chosen(tables)
     listings = [listing_of(tests, "Tests of the chosen calibration"), *_listings(tables, fitted)]
-    return Section("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(listings))
+    return ReportSection("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(listings))
 
 
 def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -64,11 +64,11 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
     if filled(tables, "calibration") is None or figures is None or chosen is None:
         why = why_no_calibration(tables) if filled(tables, "calibration") is None else "none was chosen."
-        return _calibrated(State.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {why}")
+        return _calibrated(RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {why}")
     adequate = "adequacy" in before and before["adequacy"].reason_code == ReasonCode.WITHIN_NOISE
     if main_calibration(tables) != chosen and adequate:
         said = "The main calibration holds the findings that are applied, and what it leaves is noise."
-        return _calibrated(State.OK, ReasonCode.FITS, said)
+        return _calibrated(RelationState.OK, ReasonCode.FITS, said)
     return _of_chosen(chosen, figures.loc[chosen], _tests_of_chosen(tables), before)
 
 
@@ -86,20 +86,22 @@ def _of_chosen(
         said = f"{who[:1].upper()}{who[1:]} fails a test ({failed[code].asked}). {failed[code].says}"
         return _failed(said, code, misfit, facts)
     if all(test.holds is None for test in tests):
-        return _calibrated(State.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {tests[0].says}")
+        return _calibrated(
+            RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {tests[0].says}"
+        )
     passed = "; ".join(test.asked for test in tests if test.holds)
-    return _calibrated(State.OK, ReasonCode.FITS, f"{who[:1].upper()}{who[1:]} fits: {passed}.", misfit)
+    return _calibrated(RelationState.OK, ReasonCode.FITS, f"{who[:1].upper()}{who[1:]} fits: {passed}.", misfit)
 
 
 def _failed(said: str, code: ReasonCode, misfit: float | None, facts: pd.Series) -> SectionVerdict:
     """A failed test, other than a misfit: it fails the section where what was held out is missed by a factor."""
     if code == ReasonCode.HELD_OUT_MISSED and _known(facts, "heldout_ratio"):
         ratio = float(facts["heldout_ratio"])
-        state = State.FAILS if ratio > BY_A_FACTOR else State.ATTENTION
+        state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
         return SectionVerdict("calibration", state, code, said, ratio, "1", BY_A_FACTOR)
     if code == ReasonCode.MISFIT and misfit is not None and misfit < 1.0:
         code = ReasonCode.BELOW_NOISE
-    return _calibrated(State.ATTENTION, code, said, misfit)
+    return _calibrated(RelationState.ATTENTION, code, said, misfit)
 
 
 def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
@@ -110,9 +112,9 @@ def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) ->
         said += (
             "noise, because it leaves out what the diagnosis found. With that, predictions miss by no more than noise."
         )
-        return _calibrated(State.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, said, misfit)
+        return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, said, misfit)
     said += "noise. Correct [noise], or find the cause that is missing, before its numbers are used."
-    return _calibrated(State.FAILS, ReasonCode.MISFIT, said, misfit)
+    return _calibrated(RelationState.FAILS, ReasonCode.MISFIT, said, misfit)
 
 
 def misfit_ratio(facts: pd.Series) -> float | None:
@@ -122,7 +124,7 @@ def misfit_ratio(facts: pd.Series) -> float | None:
     return float(np.sqrt(facts["chi_square"] / facts["freedom"])) if facts["freedom"] > 0.0 else None
 
 
-def _calibrated(state: State, code: ReasonCode, said: str, misfit: float | None = None) -> SectionVerdict:
+def _calibrated(state: RelationState, code: ReasonCode, said: str, misfit: float | None = None) -> SectionVerdict:
     return SectionVerdict("calibration", state, code, said, misfit, None if misfit is None else "1")
 
 

@@ -12,7 +12,7 @@ from truing.report.calibration.calibrations import figures_by_calibration, main_
 from truing.report.calibration.requirements import chosen_requirements, tally
 from truing.report.diagnosis.effect_units import handy_unit
 from truing.report.numbers import plain, printed, quantity, sign, with_uncertainty
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import name_of, shown_in
 from truing.report.tables import Tables, cell, filled
 
@@ -34,7 +34,7 @@ _ACCURACY = {
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparedRun:
     """A run as the page shows it: its label, folder, software version, and its tables by artifact name."""
 
     label: str
@@ -52,10 +52,10 @@ class Between:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RunComparison:
     """The runs in their order, compared.parquet as a frame, and what lies between each two neighbours."""
 
-    runs: tuple[Compared, ...]
+    runs: tuple[ComparedRun, ...]
     numbers: pd.DataFrame
     between: tuple[Between, ...]
 
@@ -108,7 +108,7 @@ def told_change(row: Any) -> str:
     return with_uncertainty(factor * change, factor * sigma, unit)
 
 
-def quality_words(found: Comparison) -> list[tuple[str, str]]:
+def quality_words(found: RunComparison) -> list[tuple[str, str]]:
     """How the checks of quality went in each run."""
     counts = [_counts(run.tables) for run in found.runs]
     bad = [f"{run.label} ({own['fail']})" for run, own in zip(found.runs, counts, strict=True) if own["fail"]]
@@ -130,7 +130,7 @@ def _counts(tables: Tables) -> dict[str, int]:
     return {verdict: int((own["verdict"] == verdict).sum()) for verdict in _ORDER}
 
 
-def quality(found: Comparison) -> Section:
+def quality(found: RunComparison) -> ReportSection:
     """How many checks of each verdict, and every check that was not passed in each of the runs."""
     counts = [_counts(run.tables) for run in found.runs]
     totals = [(verdict, *(str(own[verdict]) for own in counts)) for verdict in _ORDER]
@@ -148,7 +148,7 @@ def quality(found: Comparison) -> Section:
         Listing(("check", "subject", *labels), tuple(rows), tuple(marks), "Checks that call for a look in some run"),
     )
     lead = "Each run's checks, by its own limits; its own page says what each one means."
-    return Section("quality", "Quality side by side", lead, listings=tuple(x for x in listings if x.rows))
+    return ReportSection("quality", "Quality side by side", lead, listings=tuple(x for x in listings if x.rows))
 
 
 def _check(r: Any) -> tuple[str, str]:
@@ -164,7 +164,7 @@ def _mark(verdicts: set[str], *ranked: str) -> str:
     return next((mark for mark in ranked if mark in verdicts), ranked[-1])
 
 
-def requirement_words(found: Comparison) -> list[tuple[str, str]]:
+def requirement_words(found: RunComparison) -> list[tuple[str, str]]:
     """How many requirements each run met; nothing where none has any."""
     own = [(run.label, chosen_requirements(run.tables)) for run in found.runs]
     known = [(label, table) for label, table in own if table is not None and len(table)]
@@ -176,7 +176,7 @@ def requirement_words(found: Comparison) -> list[tuple[str, str]]:
     return [("fail" if failed else "warn" if open_ else "pass", f"{said}.")]
 
 
-def accuracy(found: Comparison) -> Section | None:
+def accuracy(found: RunComparison) -> ReportSection | None:
     """The calibration that each run chose, how accurate it is, and whether that is what was asked for."""
     keys = [main_calibration(run.tables) for run in found.runs]
     if all(key is None for key in keys):
@@ -195,7 +195,7 @@ def accuracy(found: Comparison) -> Section | None:
     told = [(name, *(words for _, words in own)) for name, own in judged.items()]
     listing = Listing(heads, (*rows, *told), tuple(marks))
     lead = "By the calibration that each run recommends; a requirement is shown with what 95 of 100 poses stay below."
-    return Section("accuracy", "Accuracy and requirements side by side", lead, listings=(listing,))
+    return ReportSection("accuracy", "Accuracy and requirements side by side", lead, listings=(listing,))
 
 
 def _figure(tables: Tables, figure: str) -> float:
@@ -217,7 +217,7 @@ def _requirement(table: pd.DataFrame | None, component: str) -> tuple[str, str]:
     return r["verdict"], f"{r['verdict']}: {reached}"
 
 
-def error_classes(found: Comparison) -> Section | None:
+def error_classes(found: RunComparison) -> ReportSection | None:
     """A sensor's errors as laboratories report them, per axis; crosstalk by the component that it shows most in."""
     tables = [filled(run.tables, "error_classes") for run in found.runs]
     if all(table is None for table in tables):
@@ -227,7 +227,7 @@ def error_classes(found: Comparison) -> Section | None:
     rows = [(*key, *(own.get(key, _NONE) for own in worst)) for key in keys]
     heads = ("error", "load", *(run.label for run in found.runs))
     lead = "The largest of each class and load, in per cent of the full load, with one standard deviation."
-    return Section("errors", "Error classes side by side", lead, listings=(Listing(heads, tuple(rows)),))
+    return ReportSection("errors", "Error classes side by side", lead, listings=(Listing(heads, tuple(rows)),))
 
 
 def _worst(table: pd.DataFrame) -> dict[tuple[str, str], str]:

@@ -10,7 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.comparison.compared_runs import (
-    Comparison,
+    RunComparison,
     accuracy,
     called,
     error_classes,
@@ -24,7 +24,7 @@ from truing.report.comparison.compared_runs import (
 from truing.report.diagnosis.pulls import pull_figure
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, common_look, label, style
 from truing.report.numbers import count
-from truing.report.page import Head, Listing, Section, Verdict
+from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import kind_of
 from truing.report.tables import cell, filled
 
@@ -52,7 +52,7 @@ _LOOKS = (
 )
 
 
-def comparison_head(found: Comparison) -> Head:
+def comparison_head(found: RunComparison) -> PageHead:
     """The sentences that a busy person acts on."""
     steps = range(len(found.between))
     said = [*_change_verdicts(found), *(effect for step in steps for effect in _effect_verdicts(found, step))]
@@ -61,10 +61,10 @@ def comparison_head(found: Comparison) -> Head:
     changed = int(found.numbers["changed"].sum())
     tiles = (("runs", str(len(found.runs))), ("numbers compared", f"{judged:,}"), ("changed", str(changed)))
     title = " → ".join(run.label for run in found.runs) if len(found.runs) < 4 else f"{len(found.runs)} runs"
-    return Head(f"{title}: what has changed", tuple(said), tiles)
+    return PageHead(f"{title}: what has changed", tuple(said), tiles)
 
 
-def _change_verdicts(found: Comparison) -> list[Verdict]:
+def _change_verdicts(found: RunComparison) -> list[Verdict]:
     """What changed, step by step; one sentence where nothing did."""
     steps = range(len(found.between))
     loud = [("found", _step_words(found, step)) for step in steps if has_changed(found, step)]
@@ -80,18 +80,18 @@ def _change_verdicts(found: Comparison) -> list[Verdict]:
     ]
 
 
-def _why_words(found: Comparison, step: int) -> str:
+def _why_words(found: RunComparison, step: int) -> str:
     """Why numbers of a step were not judged."""
     what = "some numbers were not judged" if len(found.judged(step)) else "no number was judged"
     return f"{what}: {'; '.join(found.between[step].why)}."
 
 
-def has_changed(found: Comparison, step: int) -> bool:
+def has_changed(found: RunComparison, step: int) -> bool:
     """Whether anything changed from a run to the next."""
     return found.between[step].rebuilt or bool(found.judged(step)["changed"].any())
 
 
-def _step_words(found: Comparison, step: int) -> str:
+def _step_words(found: RunComparison, step: int) -> str:
     """Which numbers changed beyond chance, and by how much."""
     judged = found.judged(step)
     changed = _largest_first(judged[judged["changed"]])
@@ -117,7 +117,7 @@ def _instead(row: object) -> str:
     return f" (or {others}, which the campaigns cannot tell from it)" if others else ""
 
 
-def _effect_verdicts(found: Comparison, step: int) -> list[Verdict]:
+def _effect_verdicts(found: RunComparison, step: int) -> list[Verdict]:
     """Effects that one of two runs found and the other did not."""
     before, now = (_effects_found(found, place) for place in (step, step + 1))
     said = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
@@ -125,7 +125,7 @@ def _effect_verdicts(found: Comparison, step: int) -> list[Verdict]:
     return [("warn", f"{found.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in said if names]
 
 
-def _effects_found(found: Comparison, place: int) -> list[str]:
+def _effects_found(found: RunComparison, place: int) -> list[str]:
     """The effects that the diagnosis of a run found, as the tables call them."""
     table = filled(found.runs[place].tables, "diagnosis")
     if table is None:
@@ -135,7 +135,7 @@ def _effects_found(found: Comparison, place: int) -> list[str]:
 
 
 @common_look()
-def comparison_sections(found: Comparison) -> list[Section]:
+def comparison_sections(found: RunComparison) -> list[ReportSection]:
     """Changes, trends, verdicts side by side, every number, and what the page was made from."""
     parts = (
         *(_changes(found), _trends(found), _effects(found), accuracy(found), error_classes(found)),
@@ -144,7 +144,7 @@ def comparison_sections(found: Comparison) -> list[Section]:
     return [part for part in parts if part is not None]
 
 
-def _changes(found: Comparison) -> Section:
+def _changes(found: RunComparison) -> ReportSection:
     steps = range(len(found.between))
     lead = f"Each run against the one before, {_JUDGED[_is_mechanism(found)]}. {_RATE}"
     rows = [(step, r) for step in steps for r in found.judged(step).itertuples() if r.changed]
@@ -159,14 +159,16 @@ def _changes(found: Comparison) -> Section:
     changed = any(has_changed(found, step) for step in steps)
     state = "changed" if changed else "pass" if judged else "not evaluated"
     said = tuple((_mark(found, step), _step(found, step)) for step in steps)
-    return Section("changes", "What has changed", lead, tuple(_pulls(found)), (listing,) if rows else (), state, said)
+    return ReportSection(
+        "changes", "What has changed", lead, tuple(_pulls(found)), (listing,) if rows else (), state, said
+    )
 
 
-def _is_mechanism(found: Comparison) -> bool:
+def _is_mechanism(found: RunComparison) -> bool:
     return bool((found.numbers["group"] == "geometry").any())
 
 
-def _pulls(found: Comparison) -> Iterator[tuple[object, str]]:
+def _pulls(found: RunComparison) -> Iterator[tuple[object, str]]:
     """Of each step of a mechanism in which something changed: every number in standard deviations, and the changes."""
     for step in range(len(found.between)):
         if has_changed(found, step) and _is_mechanism(found):
@@ -178,11 +180,11 @@ def _pulls(found: Comparison) -> Iterator[tuple[object, str]]:
             yield pull_figure(jumps, series, title, "change / its standard deviation"), caption
 
 
-def _mark(found: Comparison, step: int) -> str:
+def _mark(found: RunComparison, step: int) -> str:
     return "found" if has_changed(found, step) else "pass" if len(found.judged(step)) else "none"
 
 
-def _step(found: Comparison, step: int) -> str:
+def _step(found: RunComparison, step: int) -> str:
     if not len(found.judged(step)):
         return f"{found.pair(step)}: {_why_words(found, step)}"
     own = found.numbers[found.numbers["place"] == step + 2]
@@ -200,7 +202,7 @@ def _jump(r: Any) -> str:
     return f"{r.change / r.sigma_change:.1f}" if r.change == r.change else f"{r.z:.1f}"
 
 
-def _trends(found: Comparison) -> Section | None:
+def _trends(found: RunComparison) -> ReportSection | None:
     figures, left = _trend_figures(found)
     if not figures:
         return None
@@ -209,25 +211,25 @@ def _trends(found: Comparison) -> Section | None:
         "A bar holds what was known beforehand, too, in which all runs err alike: the judgement is that above."
     )
     more = f" {count(left, 'kind')} more, which differ less, are in {_HELD_BY}." if left else ""
-    return Section("trends", "Trends", lead + more, figures)
+    return ReportSection("trends", "Trends", lead + more, figures)
 
 
-def _effects(found: Comparison) -> Section:
+def _effects(found: RunComparison) -> ReportSection:
     names = [_effects_found(found, place) for place in range(len(found.runs))]
     every = list(dict.fromkeys(name for own in names for name in own))
     labels = tuple(run.label for run in found.runs)
     rows = tuple((name, *("found" if name in own else "–" for own in names)) for name in every)
     if not rows:
-        return Section("effects", "Effects side by side", "No run found an effect.", state="pass")
+        return ReportSection("effects", "Effects side by side", "No run found an effect.", state="pass")
     marks = tuple("none" if all(name in own for own in names) else "warn" for name in every)
     lead = (
         "What the diagnosis of each run found. An effect that one run found and its neighbour did not may be there in "
         "both: numbers are judged with that left open. Sizes stand among the numbers."
     )
-    return Section("effects", "Effects side by side", lead, listings=(Listing(("effect", *labels), rows, marks),))
+    return ReportSection("effects", "Effects side by side", lead, listings=(Listing(("effect", *labels), rows, marks),))
 
 
-def _numbers(found: Comparison) -> Section | None:
+def _numbers(found: RunComparison) -> ReportSection | None:
     if not len(found.numbers):
         return None
     keys = ["group", "effect_of", "leg", "parameter"]
@@ -241,7 +243,7 @@ def _numbers(found: Comparison) -> Section | None:
     heads = ("number", *(run.label for run in found.runs), "largest z", "left out")
     listing = Listing(heads, tuple(rows), tuple(marks), f"All {len(rows)} numbers", True, _HELD_BY)
     lead = "Values with one standard deviation; z is the difference from the run before over its own sigma."
-    return Section("numbers", "Every number", lead, listings=(listing,))
+    return ReportSection("numbers", "Every number", lead, listings=(listing,))
 
 
 def _largest(own: pd.DataFrame) -> str:
@@ -253,14 +255,14 @@ def _reasons(own: pd.DataFrame) -> str:
     return "; ".join(dict.fromkeys(own["reason"].dropna()))
 
 
-def _provenance(found: Comparison) -> Section:
+def _provenance(found: RunComparison) -> ReportSection:
     rows = tuple((run.label, run.folder, run.version) for run in found.runs)
     lead = "The runs in the order in which they were named. Nothing in their folders was changed."
     listing = Listing(("run", "folder", "version"), rows)
-    return Section("provenance", "Provenance", lead, listings=(listing,))
+    return ReportSection("provenance", "Provenance", lead, listings=(listing,))
 
 
-def _trend_figures(found: Comparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
+def _trend_figures(found: RunComparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
     """Figures with captions, kinds with a change first, then those that differ most; and how many are left out."""
     own = found.numbers[found.numbers["value"].notna()]
     own = own.assign(kind=[_kind(r) for r in own.itertuples()])
@@ -300,7 +302,7 @@ def _kind(row: Any) -> str:
     return f"{kind} of {row.effect_of}" if row.group == "effect" else kind
 
 
-def _figure(found: Comparison, own: pd.DataFrame, kind: str) -> go.Figure:
+def _figure(found: RunComparison, own: pd.DataFrame, kind: str) -> go.Figure:
     figure = go.Figure()
     first = next(own.itertuples())
     lines = list(own.groupby(["leg", "parameter"], sort=False, dropna=False))

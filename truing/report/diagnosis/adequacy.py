@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.diagnosis.findings import subject_words
 from truing.report.diagnosis.judged import accepted_of, judged
 from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, missed_by
 from truing.report.numbers import count, p_value, rough, sign
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.catalogue import cause_words
@@ -35,7 +35,7 @@ _UNITS = {
 }
 
 
-def adequacy(tables: Tables) -> Section | None:
+def adequacy(tables: Tables) -> ReportSection | None:
     """Every test of the final model; None where the run left none."""
     table = filled(tables, "adequacy")
     if table is None:
@@ -50,7 +50,7 @@ def adequacy(tables: Tables) -> Section | None:
     marks = tuple({"fails": "fail", "ok": "pass"}.get(row.state, "none") for row in rows)
     heads = ("looked for", "along", "value", "p (corrected)", "state")
     listing = Listing(heads, cells, marks, "All tests", len(cells) > 8, "adequacy.parquet")
-    return Section("adequacy", _TITLE, lead, (), (listing,))
+    return ReportSection("adequacy", _TITLE, lead, (), (listing,))
 
 
 def _untested(rows: list[Any], why: str, words: str) -> str:
@@ -77,17 +77,17 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     if short := shortcoming(tables):
         said = f"The picture is incomplete: {none}{short}."
         p, limit = _least_likely(tables)
-        return SectionVerdict("adequacy", State.ATTENTION, ReasonCode.LACK_OF_FIT, said, p, "1", limit)
+        return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.LACK_OF_FIT, said, p, "1", limit)
     if below:
         return _below(below[0], none)
     if not missed:
         said = "Nothing says how far noise alone would let predictions miss: declare [noise]."
-        return SectionVerdict("adequacy", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+        return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
     one = max([one for one in missed if not one.held_out] or missed, key=_times_noise)
     ratio, size = _times_noise(one), f"{rough(one.after)} {sign(one.unit)}"
     said = f"Predictions miss by {size} rms, and noise alone leaves {rough(one.floor or 0.0)}."
     said += " So few numbers may miss by as much by chance." if ratio > AT_THE_FLOOR else ""
-    return SectionVerdict("adequacy", State.OK, ReasonCode.WITHIN_NOISE, said, ratio, "1", AT_THE_FLOOR)
+    return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, said, ratio, "1", AT_THE_FLOOR)
 
 
 def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
@@ -96,8 +96,8 @@ def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
     said = f"The picture is incomplete: {none}predictions miss by {rough(one.after)} {unit} rms where noise alone "
     said += f"would leave {rough(one.floor or 0.0)}{also}. Look at how they miss, under Diagnosis."
     if ratio > BY_A_FACTOR:
-        return SectionVerdict("adequacy", State.FAILS, ReasonCode.BEYOND_NOISE, said, ratio, "1", BY_A_FACTOR)
-    return SectionVerdict("adequacy", State.ATTENTION, ReasonCode.BEYOND_NOISE, said, ratio, "1", AT_THE_FLOOR)
+        return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, said, ratio, "1", BY_A_FACTOR)
+    return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, said, ratio, "1", AT_THE_FLOOR)
 
 
 def _below(one: Overall, none: str) -> SectionVerdict:
@@ -105,7 +105,7 @@ def _below(one: Overall, none: str) -> SectionVerdict:
     said = f"{none}predictions miss by only {size} rms where noise alone would leave {rough(one.floor or 0.0)}, less "
     said += f"than chance explains: {one.why_below}. Causes that hide in such noise cannot show: correct [noise]."
     said = said[:1].upper() + said[1:]
-    return SectionVerdict("adequacy", State.ATTENTION, ReasonCode.BELOW_NOISE, said, _times_noise(one), "1")
+    return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, said, _times_noise(one), "1")
 
 
 def _is_beyond(one: Overall) -> bool:

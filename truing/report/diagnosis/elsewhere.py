@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from truing.report.diagnosis.judged import EQUAL_ODDS, Judged
-from truing.report.diagnosis.misses import READINGS, Compared
+from truing.report.diagnosis.judged import EQUAL_ODDS, AssessedCause
+from truing.report.diagnosis.misses import READINGS, PartNames
 from truing.report.numbers import listed, plain
 
 ONE_BLOCK, NONE = "one-block", "none"
@@ -21,7 +21,7 @@ _REGIONS = {"pose": "regions of the workspace", "run": "ranges of the loads", "r
 _MOST = 6.0  # decimal places of odds beyond which nobody needs more
 
 
-def elsewhere(found: Iterable[Judged], of: Compared) -> list[str]:
+def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
     """The sentences on what was left out block by block, and on what no block could tell of."""
     rows = [row for row in found if row.left_out_by]
     said = [_of_blocks(row, of) for row in rows if row.left_out_gain is not None]
@@ -39,7 +39,7 @@ def elsewhere(found: Iterable[Judged], of: Compared) -> list[str]:
     return said
 
 
-def _of_blocks(row: Judged, of: Compared) -> str:
+def _of_blocks(row: AssessedCause, of: PartNames) -> str:
     """What a finding does to blocks that are predicted from the others."""
     gain = row.left_out_gain or 0.0
     parts = f"each of the {row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.whole])} that tell of it"
@@ -57,7 +57,7 @@ def _odds(gain: float) -> str:
     return f"odds of {size} to 1 {'for' if gain >= 0.0 else 'against'} it"
 
 
-def _to_measure(of: Compared) -> str:
+def _to_measure(of: PartNames) -> str:
     if of is READINGS:
         return "To tell, apply the loads in three runs or more, or in four ranges of loads, at least four steps each."
     return (

@@ -14,12 +14,12 @@ from truing.report.diagnosis.judged import (
     REJECTED,
     RIVAL,
     SUSPECTED,
-    Judged,
+    AssessedCause,
     accepted_of,
 )
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
 from truing.report.numbers import count, p_value, plain, rough, sign
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import UNBROKEN
 from truing.report.wordings.catalogue import cause_words
 
@@ -42,14 +42,14 @@ _APART, _ROOM = 0.09, 0.32
 _DECADES = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000, 100000)
 
 
-def evidence(rows: list[Judged]) -> Section:
+def evidence(rows: list[AssessedCause]) -> ReportSection:
     """How strongly the data speak for each candidate, with rivals of what was found marked."""
     causes = [row for row in rows if not row.is_noise]
     title = "Evidence against every rival" if accepted_of(causes) else "Evidence, cause by cause"
-    return Section("evidence", title, _lead(causes), tuple(_figures(causes)), (_candidates(rows),))
+    return ReportSection("evidence", title, _lead(causes), tuple(_figures(causes)), (_candidates(rows),))
 
 
-def _figures(causes: list[Judged]) -> list[tuple[object, str]]:
+def _figures(causes: list[AssessedCause]) -> list[tuple[object, str]]:
     known = [row for row in causes if row.evidence is not None]
     if known:
         return [(_odds_figure(known), f"To the left the data speak against it. {_shown(causes)}")]
@@ -57,7 +57,7 @@ def _figures(causes: list[Judged]) -> list[tuple[object, str]]:
     return [(_probability_figure(known), _shown(causes))] if known else []
 
 
-def _lead(rows: list[Judged]) -> str:
+def _lead(rows: list[AssessedCause]) -> str:
     """Who comes next to what was found, and whether that depends on which sizes were called plausible."""
     rivals = [row for row in rows if row.verdict == RIVAL]
     found = accepted_of(rows)
@@ -73,7 +73,7 @@ def _lead(rows: list[Judged]) -> str:
     return f"{said}. The ranking holds with plausible scales tripled." if judged else f"{said}."
 
 
-def _next_best(rows: list[Judged], found: list[Judged]) -> str:
+def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
     """How far behind the best of the rejected is, which the first round held against what was found first."""
     first = found[0].evidence
     behind = [row for row in rows if row.verdict == REJECTED and row.evidence is not None]
@@ -92,7 +92,7 @@ def _times(gap: float) -> str:
     return rough(10.0**decades) if decades < 4.0 else f"10{''.join(_RAISED[int(d)] for d in f'{decades:.0f}')}"
 
 
-def _shown(rows: list[Judged]) -> str:
+def _shown(rows: list[AssessedCause]) -> str:
     if len(rows) > _SHOWN:
         return f"The {_SHOWN} candidates with most evidence; the table has all {len(rows)}."
     return "Every cause that was judged is shown, at its best subject."
@@ -104,13 +104,13 @@ def _position(evidence: float) -> float:
     return math.copysign(math.log10(1.0 + abs(decades)), decades)
 
 
-def _best(rows: list[Judged]) -> list[Judged]:
+def _best(rows: list[AssessedCause]) -> list[AssessedCause]:
     """What the figure shows, found ones whatever their evidence, by evidence."""
     order = sorted(rows, key=lambda row: (row.verdict not in (FOUND, SUSPECTED), -(row.evidence or 0.0)))
     return sorted(order[:_SHOWN], key=lambda row: -(row.evidence or 0.0))
 
 
-def _odds_figure(rows: list[Judged]) -> go.Figure:
+def _odds_figure(rows: list[AssessedCause]) -> go.Figure:
     """Odds of the model with each candidate over the model without it."""
     shown = _best(rows)
     figure = _bars(shown, [_position(row.evidence or 0.0) for row in shown], [_odds(row) for row in shown])
@@ -145,7 +145,7 @@ def _power(decades: int) -> str:
     return "even" if not decades else f"10<sup>{decades}</sup>"
 
 
-def _odds(row: Judged) -> str:
+def _odds(row: AssessedCause) -> str:
     """``10^12 to 1``, or against it."""
     decades = (row.evidence or 0.0) / math.log(10.0)
     size = abs(decades)
@@ -158,7 +158,7 @@ def _odds(row: Judged) -> str:
     return f"{power} to 1" if decades > 0.0 else f"{power} to 1 against"
 
 
-def _probability_figure(rows: list[Judged]) -> go.Figure:
+def _probability_figure(rows: list[AssessedCause]) -> go.Figure:
     """Probability of each candidate, where its evidence was not kept."""
     shown = sorted(rows, key=lambda row: -(row.probability or 0.0))[:_SHOWN]
     figure = _bars(shown, [row.probability or 0.0 for row in shown], [plain(row.probability) for row in shown])
@@ -168,7 +168,7 @@ def _probability_figure(rows: list[Judged]) -> go.Figure:
     return figure
 
 
-def _bars(rows: list[Judged], values: list[float], words: list[str]) -> go.Figure:
+def _bars(rows: list[AssessedCause], values: list[float], words: list[str]) -> go.Figure:
     figure = go.Figure()
     for verdict, (name, colour) in _VERDICTS.items():
         own = [k for k, row in enumerate(rows) if row.verdict == verdict]
@@ -205,14 +205,14 @@ def _bars(rows: list[Judged], values: list[float], words: list[str]) -> go.Figur
     return figure
 
 
-def _place(rows: list[Judged], k: int) -> str:
+def _place(rows: list[AssessedCause], k: int) -> str:
     """The candidate's name on the axis; equal names are kept apart by their rank."""
     names = [_kind(row) for row in rows]
     name = label(_short(names[k]))
     return f"{name} " if names.count(names[k]) == 1 else f"{name} (rank {rows[k].rank}) "
 
 
-def _kind(row: Judged) -> str:
+def _kind(row: AssessedCause) -> str:
     """A candidate by name; of a rejected cause the evidence is that of its best subject in the first round."""
     return cause_words(row.cause) if row.verdict == REJECTED else row.name
 
@@ -241,7 +241,7 @@ def _then(pair: tuple[float | None, float | None]) -> str:
     return f"{plain(pair[0])} → {plain(pair[1])}".replace(" ", UNBROKEN)
 
 
-def _candidates(rows: list[Judged]) -> Listing:
+def _candidates(rows: list[AssessedCause]) -> Listing:
     cells = tuple(
         (
             str(row.rank),

@@ -10,12 +10,12 @@ import plotly.graph_objects as go
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
 from truing.report.diagnosis.elsewhere import elsewhere
-from truing.report.diagnosis.judged import Judged, accepted_of, share_removed
+from truing.report.diagnosis.judged import AssessedCause, accepted_of, share_removed
 from truing.report.diagnosis.misses import (
     AT_THE_FLOOR,
     POINTS,
-    Compared,
     Overall,
+    PartNames,
     compared,
     missed_by,
     reading_misses,
@@ -35,7 +35,7 @@ from truing.report.figure_style import (
     style,
 )
 from truing.report.numbers import plain, rough, sign
-from truing.report.page import Drawn, Listing, Section
+from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.tables import Tables, filled
 
 _NOT_FITTED = "which nothing was fitted to"
@@ -63,7 +63,7 @@ class _Missed:
         return self.of.floor
 
 
-def gained(rows: list[Judged], tables: Tables) -> Section:
+def gained(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     """Measured minus predicted before and after, part by part and cause by cause, and how plain calibrations do.
 
     ``rows``: all candidates; where none was found, how far the simulation misses as it is.
@@ -77,14 +77,14 @@ def gained(rows: list[Judged], tables: Tables) -> Section:
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if found else "How far predictions miss"
     lead = " ".join([_lead(missed, of, rows), *elsewhere(found, of)])
-    return Section("gain", title, lead, tuple(told), tuple(listings))
+    return ReportSection("gain", title, lead, tuple(told), tuple(listings))
 
 
-def _words_of(one: Overall, of: Compared) -> str:
+def _words_of(one: Overall, of: PartNames) -> str:
     return f"{of.held_out}, {_NOT_FITTED}" if one.held_out else of.fitted
 
 
-def _lead(missed: list[_Missed], of: Compared, rows: list[Judged]) -> str:
+def _lead(missed: list[_Missed], of: PartNames, rows: list[AssessedCause]) -> str:
     """What is left on what nothing was fitted to, against the noise, and the share of the excess removed."""
     if not missed:
         return "Nothing says how far predictions miss."
@@ -115,7 +115,7 @@ def _per_cent(share: float) -> str:
     return "all" if share > 0.9995 else f"{100.0 * share:.3g} %"
 
 
-def _cause_by_cause(found: list[Judged], of: Compared) -> Drawn:
+def _cause_by_cause(found: list[AssessedCause], of: PartNames) -> Drawn:
     rows = [row for row in found if row.rms[0] is not None and row.rms[1] is not None]
     units = dict.fromkeys(row.unit for row in rows)
     words = of.fitted_or_not
@@ -208,7 +208,7 @@ def _calibrations(tables: Tables) -> Listing:
     return Listing(heads, rows, caption="Position of the platform, plain calibrations beside it", folded=True)
 
 
-def misses(found: list[Judged], of: Compared = POINTS, start: str = "simulation as it is") -> go.Figure:
+def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation as it is") -> go.Figure:
     """Measured minus predicted, rms, before and after each accepted cause of one unit, against what noise leaves."""
     stages = [f"{start} ", *(f"+ {label(row.name)} " for row in found)]
     figure = go.Figure()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.report.diagnosis.findings import UNNAMED, subject_words
-from truing.report.diagnosis.judged import FOUND, Judged
+from truing.report.diagnosis.judged import FOUND, AssessedCause
 from truing.report.diagnosis.misses import compared, overall
 from truing.report.numbers import printed, rough, sign, with_uncertainty
 from truing.report.tables import Tables, filled
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _MORE = {"kappa": 1, "quadratic": 2, "cubic": 3}
 
 
-def clause(row: Judged, tables: Tables) -> str:
+def clause(row: AssessedCause, tables: Tables) -> str:
     """What was found and how large it is, without a full stop."""
     if row.is_remainder:
         return printed(remainder_clause(row.follows, row.subject, row.share_predicted or 0.0))
@@ -36,7 +36,7 @@ def clause(row: Judged, tables: Tables) -> str:
     return printed(f"{said[:1].upper()}{said[1:]}{unnamed}")
 
 
-def gain(found: list[Judged], tables: Tables) -> str:
+def gain(found: list[AssessedCause], tables: Tables) -> str:
     """What modelling all that was found brings: ``brings verification errors from 34 to 8 µm, noise floor 7``."""
     told_of = overall(found, tables, held_out=True) or overall(found, tables, held_out=False)
     if told_of is None:
@@ -54,7 +54,7 @@ def _change(what: str, before: float, after: float) -> str:
     return f"{'brings' if after < before else 'takes'} {what} from {rough(before)} to {rough(after)}"
 
 
-def _noise(row: Judged) -> str:
+def _noise(row: AssessedCause) -> str:
     size = row.size("noise_ratio")
     times = with_uncertainty(size.number or 0.0, size.sigma) if size is not None else "–"
     if row.follows:
@@ -63,7 +63,7 @@ def _noise(row: Judged) -> str:
     return f"The measurement{whose} is {times} times as noisy as declared"
 
 
-def _reach(row: Judged, tables: Tables) -> Reach | None:
+def _reach(row: AssessedCause, tables: Tables) -> Reach | None:
     """The largest shift of an attachment by what was found; by a full matrix, of two attachments against each other."""
     drives = _drives(tables)
     if drives is None:
@@ -80,7 +80,7 @@ def _reach(row: Judged, tables: Tables) -> Reach | None:
     return Reach(1e3 * float(np.max(np.abs(shifts))), (leg + 1,), sigma)
 
 
-def _own_sigma(row: Judged, drive: float, leg: int, legs: int) -> float | None:
+def _own_sigma(row: AssessedCause, drive: float, leg: int, legs: int) -> float | None:
     """What the parameters of a leg leave open of its shift at a displacement of its actuator, um."""
     own = [
         (s, p) for kind, p in _MORE.items() for s in row.sizes_of(kind) if leg in _legs_of(s.name, row.subject, legs)
@@ -121,7 +121,7 @@ def _reading_columns(columns: list[str]) -> list[str]:
     return [column for column in columns if re.fullmatch(r"rho\d+_mm", column)]
 
 
-def _matrix(row: Judged, legs: int) -> tuple[NDArray, NDArray] | None:
+def _matrix(row: AssessedCause, legs: int) -> tuple[NDArray, NDArray] | None:
     """K and its sigma (L, L), row by row, where the cause has one."""
     entries = [(size.number, np.nan if size.sigma is None else size.sigma) for size in row.sizes_of("K")]
     if len(entries) != legs**2:
@@ -130,7 +130,7 @@ def _matrix(row: Judged, legs: int) -> tuple[NDArray, NDArray] | None:
     return values, sigma
 
 
-def _own(row: Judged, drives: NDArray) -> NDArray | None:
+def _own(row: AssessedCause, drives: NDArray) -> NDArray | None:
     """Shifts (B, L) in mm where each attachment follows its own actuator."""
     if not row.cause.startswith("platform-deformation"):
         return None

@@ -8,9 +8,9 @@ import pandas as pd
 
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
-from truing.report.diagnosis.judged import FOUND, NOT_TESTABLE, REJECTED, SUSPECTED, Judged
+from truing.report.diagnosis.judged import FOUND, NOT_TESTABLE, REJECTED, SUSPECTED, AssessedCause
 from truing.report.numbers import count, printed
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.catalogue import cause_words
 
@@ -20,19 +20,19 @@ _NEVER, _HELD = "not at any plausible size", "part of what was found"
 _BEYOND = "only beyond plausible sizes"
 
 
-def hidden(rows: list[Judged], tables: Tables) -> Section:
+def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     """Smallest detectable sizes, cause by cause, and every subject below."""
     table = filled(tables, "detectable")
     if table is None:
         why = "How large an effect must be to be found was not computed in this run."
         told = _in_words(rows)
-        return Section("hidden", _TITLE, why, listings=(told,) if told.rows else (), state="not evaluated")
+        return ReportSection("hidden", _TITLE, why, listings=(told,) if told.rows else (), state="not evaluated")
     table = table.assign(subject=table["subject"].map(cell), told=size_words(table))
     held = {row.cause for row in rows if row.reason_code == "contained"}
     table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
     found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
     table.loc[table["cause"].isin(found) & table["size"].isna(), "told"] = _BEYOND
-    return Section("hidden", _TITLE, _lead(table), listings=(_by_cause(table, rows), _all(table)))
+    return ReportSection("hidden", _TITLE, _lead(table), listings=(_by_cause(table, rows), _all(table)))
 
 
 def size_words(table: pd.DataFrame) -> list[str]:
@@ -53,7 +53,7 @@ def _lead(table: pd.DataFrame) -> str:
     return said
 
 
-def _by_cause(table: pd.DataFrame, rows: list[Judged]) -> Listing:
+def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
     """A row per cause and kind of parameter, from its best subject to its worst."""
     verdicts = {row.cause: row.verdict for row in reversed(rows)}
     cells = tuple(
@@ -107,7 +107,7 @@ def _all(table: pd.DataFrame) -> Listing:
     return Listing(heads, rows, (), "Every cause and subject", True, "detectable.parquet")
 
 
-def _in_words(rows: list[Judged]) -> Listing:
+def _in_words(rows: list[AssessedCause]) -> Listing:
     """What the explanations of the rejected say of it, where there is no table."""
     told = tuple((row.name, printed(row.explanation)) for row in rows if row.verdict in (REJECTED, NOT_TESTABLE))
     return Listing(("cause", "what the data say"), told, (), "What was not found", True, "diagnosis.parquet")

@@ -11,7 +11,7 @@ from typing import Any
 from truing.report.diagnosis.findings import subject_words
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.catalogue import cause_words
-from truing.report.wordings.claim import Claim, Size
+from truing.report.wordings.claim import Claim, ParameterSize
 from truing.report.wordings.followed import columns_words
 from truing.schemas.covariates import named
 
@@ -24,7 +24,7 @@ EQUAL_ODDS = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged(Claim):
+class AssessedCause(Claim):
     """One candidate cause, and what was decided on it; rms in ``unit``, None for what was not evaluated."""
 
     rank: int
@@ -71,7 +71,7 @@ class Judged(Claim):
         return f"{kind}, {subject_words(self.subject)}" if self.subject else kind
 
 
-def judged(tables: Tables) -> list[Judged]:
+def judged(tables: Tables) -> list[AssessedCause]:
     """All candidates by rank; none where the diagnosis was not evaluated."""
     table = filled(tables, "diagnosis")
     if table is None:
@@ -79,13 +79,13 @@ def judged(tables: Tables) -> list[Judged]:
     return [_judged(row) for row in table.sort_values("rank").to_dict("records")]
 
 
-def accepted_of(rows: list[Judged]) -> list[Judged]:
+def accepted_of(rows: list[AssessedCause]) -> list[AssessedCause]:
     """What the extended model holds, found or suspected, in the order of acceptance."""
     return [row for row in rows if row.verdict in (FOUND, SUSPECTED)]
 
 
-def _judged(row: Mapping[Any, Any]) -> Judged:
-    return Judged(
+def _judged(row: Mapping[Any, Any]) -> AssessedCause:
+    return AssessedCause(
         rank=int(row["rank"]),
         cause=str(row["cause"]),
         verdict=str(row["verdict"]),
@@ -118,10 +118,10 @@ def _judged(row: Mapping[Any, Any]) -> Judged:
     )
 
 
-def _sizes(parameters: str) -> tuple[Size, ...]:
+def _sizes(parameters: str) -> tuple[ParameterSize, ...]:
     told = json.loads(parameters) if parameters else {}
     return tuple(
-        Size(name, facts.get("value"), _number(facts.get("sigma")), cell(facts.get("unit")))
+        ParameterSize(name, facts.get("value"), _number(facts.get("sigma")), cell(facts.get("unit")))
         for name, facts in told.items()
     )
 
@@ -132,7 +132,7 @@ def _number(value: Any) -> float | None:
     return float(value) if known else None
 
 
-def whole_gain(found: list[Judged], held_out: bool) -> tuple[float, float] | None:
+def whole_gain(found: list[AssessedCause], held_out: bool) -> tuple[float, float] | None:
     """Rms before anything is accepted and after everything is; None where it was not evaluated, or in mixed units."""
     effects = [row for row in found if not row.is_noise]
     if not effects or len({row.unit for row in effects}) > 1:

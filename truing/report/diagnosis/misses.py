@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from truing.report.diagnosis.judged import Judged, whole_gain
+from truing.report.diagnosis.judged import AssessedCause, whole_gain
 from truing.report.numbers import plain
 from truing.report.tables import STEP, Tables, filled, in_channel_order, is_bench, load_steps
 
@@ -29,7 +29,7 @@ _RARE = 1e-2
 
 
 @dataclass(frozen=True)
-class Compared:
+class PartNames:
     """How the parts of a campaign are named: what is held out as a whole, what of it was fitted to and what was not.
 
     ``built``: what has a tolerance, with the question whether it keeps that, and the answer that it does.
@@ -46,7 +46,7 @@ class Compared:
     as_built: str
 
 
-POINTS = Compared(
+POINTS = PartNames(
     "pose",
     "calibration poses",
     "held-out poses",
@@ -57,7 +57,7 @@ POINTS = Compared(
     "does the geometry return to where it was built?",
     "The geometry is where it was built.",
 )
-READINGS = Compared(
+READINGS = PartNames(
     "run",
     "fitted runs",
     "held-out runs",
@@ -68,7 +68,7 @@ READINGS = Compared(
     "is the sensor what it was built to be?",
     "Lengths and stiffnesses are what they were built to be.",
 )
-_AXIS = Compared(
+_AXIS = PartNames(
     "row",
     "fitted rows",
     "held-out rows",
@@ -81,7 +81,7 @@ _AXIS = Compared(
 )
 
 
-def compared(tables: Tables) -> Compared:
+def compared(tables: Tables) -> PartNames:
     """The words for a campaign's kind."""
     if "axis_errors" in tables:
         return _AXIS
@@ -186,7 +186,7 @@ class Overall:
         return large if self.held_out else f"{large}, or the model is over-fitted"
 
 
-def overall(found: list[Judged], tables: Tables, *, held_out: bool) -> Overall | None:
+def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Overall | None:
     """What all findings together bring; None where it was not evaluated, or in mixed units.
 
     A finding on a bench is told over the channels that it moves. Several are told over all channels of the unit in
@@ -204,7 +204,7 @@ def overall(found: list[Judged], tables: Tables, *, held_out: bool) -> Overall |
     return Overall(*pair, effects[-1].floor, unit, held_out, _freedom(tables, unit, held_out))
 
 
-def as_it_is(rows: list[Judged], tables: Tables, *, held_out: bool) -> list[Overall]:
+def as_it_is(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> list[Overall]:
     """How far the simulation misses where nothing was found: on a bench unit by unit."""
     if compared(tables) is READINGS:
         misses = reading_misses(tables)
@@ -219,7 +219,7 @@ def as_it_is(rows: list[Judged], tables: Tables, *, held_out: bool) -> list[Over
     )
 
 
-def missed_by(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Overall]:
+def missed_by(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[Overall]:
     """How far predictions miss what was held out, then the rest; ``found``: what of all candidates is modelled."""
     missed: list[Overall] = []
     for held in (True, False):

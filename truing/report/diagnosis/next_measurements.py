@@ -10,11 +10,11 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import pandas as pd
 
-from truing.report.diagnosis.judged import Judged
+from truing.report.diagnosis.judged import AssessedCause
 from truing.report.diagnosis.misses import POINTS, READINGS, compared
 from truing.report.diagnosis.next_steps import NextStep, next_steps
 from truing.report.numbers import count, printed
-from truing.report.page import MOST_ROWS, Listing, Section
+from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, filled
 from truing.schemas.needs import Need
 
@@ -39,7 +39,7 @@ _SERVED = {
 _CAPTION = "Not testable here, and what would show it"
 
 
-def following(rows: list[Judged], tables: Tables) -> Section:
+def following(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     """What is asked for, by need, and a table of configurations or runs for each purpose that was computed."""
     steps = next_steps(rows, tables)
     asked = tuple(("next", f"{_upper(step.purpose)}: {step.said}") for step in steps if step.need != Need.TESTABLE)
@@ -49,7 +49,7 @@ def following(rows: list[Judged], tables: Tables) -> Section:
         listings += (Listing(("cause", "what to measure"), untested, (), _CAPTION, True, "next_measurements.parquet"),)
     lead = _lead(steps, tables)
     state = "" if listings or (asked and compared(tables) is READINGS) else "not evaluated"
-    return Section("next", _TITLE, lead, listings=listings, said=asked, state=state)
+    return ReportSection("next", _TITLE, lead, listings=listings, said=asked, state=state)
 
 
 def _lead(steps: list[NextStep], tables: Tables) -> str:

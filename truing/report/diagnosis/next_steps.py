@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from truing.report.calibration.requirements import chosen_requirements, interval_words
-from truing.report.diagnosis.judged import NOT_TESTABLE, RIVAL, SUSPECTED, Judged, accepted_of
+from truing.report.diagnosis.judged import NOT_TESTABLE, RIVAL, SUSPECTED, AssessedCause, accepted_of
 from truing.report.diagnosis.shortcomings import measurements_to_tell
 from truing.report.numbers import about, count, printed
 from truing.report.section_verdict import verdict_rows
@@ -48,7 +48,7 @@ class NextStep:
         return self.short or self.words
 
 
-def next_steps(rows: list[Judged], tables: Tables) -> list[NextStep]:
+def next_steps(rows: list[AssessedCause], tables: Tables) -> list[NextStep]:
     """Return all that could be measured next, the most urgent need first."""
     told = [NextStep(Need.RIVAL, *both) for both in measurements_to_tell(rows, tables)]
     steps = [*_requirements(tables), *told, *_findings(rows, tables), *_untested(rows)]
@@ -111,7 +111,7 @@ def _pace(tables: Tables) -> float | None:
     return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else None
 
 
-def _findings(rows: list[Judged], tables: Tables) -> Iterator[NextStep]:
+def _findings(rows: list[AssessedCause], tables: Tables) -> Iterator[NextStep]:
     """What each finding asks for: to tell it from its rival first, and last what no number of repeats brings."""
     found = accepted_of(rows)
     beside = [row for row in rows if row.verdict == RIVAL and not (found and row.advice_kind in _OF_ADVICE)]
@@ -120,7 +120,7 @@ def _findings(rows: list[Judged], tables: Tables) -> Iterator[NextStep]:
             yield _of_finding(row, tables)
 
 
-def _of_finding(row: Judged, tables: Tables) -> NextStep:
+def _of_finding(row: AssessedCause, tables: Tables) -> NextStep:
     """What a finding asks for; what has no name, or may not be there, is held against its rivals, named or not."""
     doubted = row.verdict in (SUSPECTED, RIVAL) or row.cause == _UNNAMED
     need = _OF_ADVICE.get(row.advice_kind, Need.RIVAL if doubted else Need.PRECISION)
@@ -138,7 +138,7 @@ def _plan(purpose: str, tables: Tables) -> pd.Series | None:
     return next((table.iloc[-1] for table in own if len(table)), None)
 
 
-def _untested(rows: list[Judged]) -> Iterator[NextStep]:
+def _untested(rows: list[AssessedCause]) -> Iterator[NextStep]:
     """What would show causes that this campaign cannot show of any subject."""
     shown = {row.cause for row in rows if row.verdict != NOT_TESTABLE}
     first = {row.cause: row for row in reversed(rows) if row.cause not in shown and row.then}

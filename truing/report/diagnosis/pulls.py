@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.belonging.relation import State
-from truing.report.diagnosis.misses import Compared, compared
+from truing.belonging.relation import RelationState
+from truing.report.diagnosis.misses import PartNames, compared
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
 from truing.report.numbers import count, p_value, plain, rough, with_uncertainty
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, shown_in
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
@@ -36,7 +36,7 @@ _NAMED = 3
 _SERIES = {"z": "each by itself", "jump": "the fewest changes that explain all of them"}
 
 
-def pulls(tables: Tables) -> Section | None:
+def pulls(tables: Tables) -> ReportSection | None:
     """Pulls of the identifiable parameters, with the band of their sum; None where the run left none at all."""
     if "pulls" not in tables:
         return None
@@ -44,17 +44,17 @@ def pulls(tables: Tables) -> Section | None:
     title = f"Pulls: {of.built_question}"
     own = table[table["identifiable"].astype(bool)] if table is not None else None
     if table is None or own is None or not len(own):
-        return Section("pulls", title, _unknown(of))
+        return ReportSection("pulls", title, _unknown(of))
     sums = _sums(tables)
     axis = "shift / √(tolerance² − sigma²)"
     figure = pull_figure(own, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
     words = "What a model leaves out, other numbers have to swallow: a right cause brings the pulls back."
     left = len(table) - len(own)
     words += f" {count(left, 'parameter')} that the data do not determine left out." if left else ""
-    return Section("pulls", title, _lead(sums, of), ((figure, words),), (_together(sums), _all(own)))
+    return ReportSection("pulls", title, _lead(sums, of), ((figure, words),), (_together(sums), _all(own)))
 
 
-def _unknown(of: Compared) -> str:
+def _unknown(of: PartNames) -> str:
     return f"Nothing of the {of.built} is known better from the data than from its tolerance."
 
 
@@ -67,14 +67,14 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
     sums = _sums(tables) if known else {}
     if not sums:
         why = _lead(sums, of) if known else _unknown(of)
-        return SectionVerdict("pulls", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Pulls not tested: {why}")
+        return SectionVerdict("pulls", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Pulls not tested: {why}")
     last = _last(sums)
     size, limit = (_rms(chi_square, last.freedom) for chi_square in (last.chi_square, last.upper))
     said = f"Pulls of the {of.built}: rms {rough(size)}, at most {rough(limit)} in 95 % of campaigns with honest "
     said += f"tolerances (p = {p_value(last.p_value)}). {_verdict(last, of)}"
     if last.chi_square <= last.upper:
-        return SectionVerdict("pulls", State.OK, ReasonCode.WITHIN_TOLERANCE, said, size, "1", limit)
-    state = State.FAILS if last.p_value < _UNLIKELY else State.ATTENTION
+        return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, said, size, "1", limit)
+    state = RelationState.FAILS if last.p_value < _UNLIKELY else RelationState.ATTENTION
     return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, said, size, "1", limit)
 
 
@@ -97,7 +97,7 @@ def _last(sums: dict[str, Any]) -> Any:
     return sums[_AFTER] if _AFTER in sums else next(iter(sums.values()))
 
 
-def _lead(sums: dict[str, Any], of: Compared) -> str:
+def _lead(sums: dict[str, Any], of: PartNames) -> str:
     if not sums:
         return "All pulls together could not be held against their band: see each of them."
     last = _last(sums)
@@ -112,7 +112,7 @@ def _lead(sums: dict[str, Any], of: Compared) -> str:
     return f"Rms pull {rough(size)}; {band}. {_verdict(last, of)}"
 
 
-def _verdict(row: Any, of: Compared) -> str:
+def _verdict(row: Any, of: PartNames) -> str:
     if row.chi_square > row.upper:
         return "Parts are farther from nominal than their tolerances allow: these are too small, or more is wrong."
     if row.chi_square < row.lower:
@@ -194,7 +194,7 @@ def _spread(legs: pd.Series) -> Any:
     return np.where(np.isfinite(numbers), 0.22 * ((numbers - known.min()) / np.ptp(known) - 0.5), 0.0)
 
 
-def changes(tables: Tables) -> Section | None:
+def changes(tables: Tables) -> ReportSection | None:
     """Numbers then and now, those that changed first; None where no earlier model is named."""
     if "changes" not in tables:
         return None
@@ -202,8 +202,8 @@ def changes(tables: Tables) -> Section | None:
     said = change_words(tables)
     if table is None or not said:
         why = "The earlier model and this campaign have no number in common that both determine."
-        return Section("changes", _TITLE, why, state="not evaluated")
-    return Section("changes", _TITLE, said, tuple(_figures(table)), (_listing(table),))
+        return ReportSection("changes", _TITLE, why, state="not evaluated")
+    return ReportSection("changes", _TITLE, said, tuple(_figures(table)), (_listing(table),))
 
 
 def changes_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -213,8 +213,8 @@ def changes_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionV
         return None
     changed = float(table["changed"].sum())
     if changed:
-        return SectionVerdict("changes", State.ATTENTION, ReasonCode.CHANGED, said, changed, "1")
-    return SectionVerdict("changes", State.OK, ReasonCode.UNCHANGED, said, changed, "1")
+        return SectionVerdict("changes", RelationState.ATTENTION, ReasonCode.CHANGED, said, changed, "1")
+    return SectionVerdict("changes", RelationState.OK, ReasonCode.UNCHANGED, said, changed, "1")
 
 
 def change_words(tables: Tables) -> str:

@@ -20,17 +20,17 @@ from truing.report.diagnosis.findings import DOUBTS
 from truing.report.diagnosis.gain import gained
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import RIVAL, SUSPECTED, Judged, accepted_of, judged
+from truing.report.diagnosis.judged import RIVAL, SUSPECTED, AssessedCause, accepted_of, judged
 from truing.report.diagnosis.next_measurements import following
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.unwritten_loads import unwritten_loads
 from truing.report.diagnosis.words import certainty, counted, lower
 from truing.report.figure_style import BAR, BLUE, GREY, label, style
 from truing.report.numbers import count, printed, sign, with_uncertainty
-from truing.report.page import Drawn, Listing, Section
+from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_diagnosis
 from truing.report.tables import Tables, filled
-from truing.report.wordings.claim import Size
+from truing.report.wordings.claim import ParameterSize
 
 _TITLE = "Diagnosis"
 
@@ -39,24 +39,24 @@ _WORTH_DRAWING = 3
 _TICKS = 24
 
 
-def diagnosis(tables: Tables) -> Section | None:
+def diagnosis(tables: Tables) -> ReportSection | None:
     """What was found and how sure, the evidence, the gain, the geometry, what stays hidden, and what to do next."""
     if "diagnosis" not in tables:
         return None
     rows = judged(tables)
     if not rows:
         why = why_no_diagnosis(tables)
-        return Section("diagnosis", _TITLE, why[:1].upper() + why[1:])
+        return ReportSection("diagnosis", _TITLE, why[:1].upper() + why[1:])
     found = accepted_of(rows)
     rivals = [row for row in rows if row.verdict == RIVAL]
     told = [_accepted(row, tables) for row in found]
     told += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
     listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
     parts = tuple(part for part in (adequacy(tables), *_parts(rows, found, tables)) if part is not None)
-    return Section("diagnosis", _TITLE, counted(rows, tables), (), listings, said=tuple(told), parts=parts)
+    return ReportSection("diagnosis", _TITLE, counted(rows, tables), (), listings, said=tuple(told), parts=parts)
 
 
-def _parts(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Section | None]:
+def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[ReportSection | None]:
     return [
         evidence(rows),
         gained(rows, tables),
@@ -70,50 +70,50 @@ def _parts(rows: list[Judged], found: list[Judged], tables: Tables) -> list[Sect
     ]
 
 
-def _accepted(row: Judged, tables: Tables) -> tuple[str, str]:
+def _accepted(row: AssessedCause, tables: Tables) -> tuple[str, str]:
     """A finding with its mark; of what is only suspected, that and why."""
     if row.verdict == SUSPECTED:
         return "warn", f"Suspected, not found: {lower(_finding(row, tables))} Why: {DOUBTS[row.reason_code]}."
     return "warn" if row.is_noise else "found", _finding(row, tables)
 
 
-def _finding(row: Judged, tables: Tables) -> str:
+def _finding(row: AssessedCause, tables: Tables) -> str:
     """What, where, how large; then how sure."""
     sure = certainty(row)
     return f"{clause(row, tables)}. {sure[:1].upper()}{sure[1:]}." if sure else f"{clause(row, tables)}."
 
 
-def _words(rows: list[Judged]) -> Listing:
+def _words(rows: list[AssessedCause]) -> Listing:
     """The full sentences, as the tables hold them."""
     told = tuple((row.name, printed(row.explanation), printed(row.then)) for row in rows)
     heads = ("cause", "what the data say", "next measurement")
     return Listing(heads, told, (), "In full, as diagnosis.parquet has it", True, "diagnosis.parquet")
 
 
-def _swallowed(tables: Tables) -> Section | None:
+def _swallowed(tables: Tables) -> ReportSection | None:
     """Where the absorption map stands, and what it says in a sentence."""
     fitted = filled(tables, "calibration")
     said = swallowed(absorbed_by(tables, shown_calibration(tables, fitted))) if fitted is not None else ""
     if not said:
         return None
     see = (("knowledge", "The absorption map, under What can be known."),)
-    return Section("swallowed", "What parameters swallow where it is left out", said, see=see)
+    return ReportSection("swallowed", "What parameters swallow where it is left out", said, see=see)
 
 
-def sizes(found: list[Judged]) -> Section:
+def sizes(found: list[AssessedCause]) -> ReportSection:
     """The parameters of everything that was found."""
     drawn = [picture for row in found for picture in _pictures(row)]
     listings = tuple(_parameters(row) for row in found if row.sizes)
     numbers = sum(size.number is not None for row in found for size in row.sizes)
     lead = f"{count(numbers, 'number')} of the extended model, each with one standard deviation."
-    return Section("sizes", "How large", lead, tuple(drawn), listings)
+    return ReportSection("sizes", "How large", lead, tuple(drawn), listings)
 
 
-def _pictures(row: Judged) -> Drawn:
+def _pictures(row: AssessedCause) -> Drawn:
     matrix = _matrix(row)
     if matrix is not None:
         return [matrix]
-    own: dict[str, list[Size]] = {}
+    own: dict[str, list[ParameterSize]] = {}
     for size in row.sizes:
         if size.number is not None and size.sigma is not None:
             own.setdefault(stem(size.name), []).append(size)
@@ -127,7 +127,7 @@ def _pictures(row: Judged) -> Drawn:
     ]
 
 
-def _matrix(row: Judged) -> tuple[object, str] | None:
+def _matrix(row: AssessedCause) -> tuple[object, str] | None:
     """The heat map of K; entries that chance may have made, among as many, are set in brackets."""
     entries = row.sizes_of("K")
     legs = math.isqrt(len(entries))
@@ -148,7 +148,7 @@ def _matrix(row: Judged) -> tuple[object, str] | None:
     return coefficient_map(table), words
 
 
-def _parameter_bars(row: Judged, kind: str, several: list[Size]) -> go.Figure:
+def _parameter_bars(row: AssessedCause, kind: str, several: list[ParameterSize]) -> go.Figure:
     """Parameters of a kind, one per leg or so, with intervals of 95 %."""
     largest = max(abs(size.number or 0.0) for size in several)
     factor, unit = handy_unit(kind, several[0].unit, largest)
@@ -179,19 +179,19 @@ def _parameter_bars(row: Judged, kind: str, several: list[Size]) -> go.Figure:
     return figure
 
 
-def _place(size: Size) -> str:
+def _place(size: ParameterSize) -> str:
     numbered = re.search(r"_(\d+)$", size.name)
     return f"leg {numbered[1]}" if numbered else size.name
 
 
-def _parameters(row: Judged) -> Listing:
+def _parameters(row: AssessedCause) -> Listing:
     cells = tuple((size.name, *_cells(size)) for size in row.sizes)
     caption = f"Parameters of {row.name}"
     heads = ("parameter", "value", "in the units of the tables", "unit")
     return Listing(heads, cells, caption=caption, folded=len(cells) > 8, held_by="diagnosis.parquet")
 
 
-def _cells(size: Size) -> tuple[str, str, str]:
+def _cells(size: ParameterSize) -> tuple[str, str, str]:
     told = printed(told_size(size.name, size.value, size.sigma, size.unit))
     number = with_uncertainty(size.number, size.sigma) if size.number is not None else _text(size.value)
     return told, number, sign(size.unit)

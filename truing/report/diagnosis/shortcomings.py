@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from truing.report.diagnosis.adequacy import CAUSES_LEFT, shortcoming_words
-from truing.report.diagnosis.judged import FOUND, SUSPECTED, Judged
+from truing.report.diagnosis.judged import FOUND, SUSPECTED, AssessedCause
 from truing.report.section_verdict import verdict_rows
 from truing.report.tables import Tables, cell, filled
 from truing.report.verdict import with_verdict
@@ -55,7 +55,7 @@ _LOOKS_BACK = re.compile(
 )
 
 
-def measurements_to_tell(rows: list[Judged], tables: Tables) -> Iterator[tuple[str, str]]:
+def measurements_to_tell(rows: list[AssessedCause], tables: Tables) -> Iterator[tuple[str, str]]:
     """Yield by what the final model falls short, and what would tell why, the worst first; nothing where it holds."""
     table, verdict = filled(tables, "adequacy"), verdict_rows(with_verdict(tables)).get("adequacy")
     if table is None or verdict is None or not rows:

@@ -6,9 +6,9 @@ import re
 
 import pandas as pd
 
-from truing.report.diagnosis.judged import Judged, accepted_of
+from truing.report.diagnosis.judged import AssessedCause, accepted_of
 from truing.report.numbers import rough
-from truing.report.page import Section
+from truing.report.page import ReportSection
 from truing.report.tables import Tables, filled, load_steps
 from truing.report.wordings.bench_wordings import load_words
 from truing.report.wordings.claim import sure_of
@@ -19,7 +19,7 @@ _MM = 1e-3
 _SHARE = {"": 1.0, "_asymmetry": 0.5, "_growth": 1.0}
 
 
-def unwritten_loads(rows: list[Judged], tables: Tables) -> Section | None:
+def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection | None:
     """How large a moment or force acted beside a load, and what a calibration makes of it; None where nothing did."""
     acted = _acted(rows, tables)
     if not acted or filled(tables, "sensor_matrix") is None:
@@ -29,10 +29,10 @@ def unwritten_loads(rows: list[Judged], tables: Tables) -> Section | None:
         "takes the loads as they are written down gets another G_B, and cannot see it from errors: every run has the "
         "same in it."
     )
-    return Section("swallowed", _TITLE, said, see=(("calibration", "The calibration of the sensor."),))
+    return ReportSection("swallowed", _TITLE, said, see=(("calibration", "The calibration of the sensor."),))
 
 
-def load_warning(rows: list[Judged], tables: Tables) -> str:
+def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
     """That a calibration to the loads as written down holds what acted beside them; empty where none does."""
     acted = _acted(rows, tables)
     if not acted or filled(tables, "sensor_matrix") is None or _taken_in(tables):
@@ -44,7 +44,7 @@ def load_warning(rows: list[Judged], tables: Tables) -> str:
     )
 
 
-def _acted(rows: list[Judged], tables: Tables) -> str:
+def _acted(rows: list[AssessedCause], tables: Tables) -> str:
     steps = load_steps(tables)
     return "; beside ".join(beside for row in accepted_of(rows) for beside in _beside(row, steps))
 
@@ -55,7 +55,7 @@ def _taken_in(tables: Tables) -> bool:
     return choice is not None and bool((choice["figure"] == "loads_as_diagnosed").any())
 
 
-def _beside(row: Judged, steps: pd.DataFrame) -> list[str]:
+def _beside(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
     """``the z load up to 108 N·m about y and 72 N·m about x``; nothing of other causes, or of all loads in common."""
     axis = re.fullmatch(r"load ([fm][xyz])", row.subject)
     if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
-from truing.report.diagnosis.judged import NOT_TESTABLE, REJECTED, RIVAL, SUSPECTED, Judged, accepted_of, judged
+from truing.report.diagnosis.judged import NOT_TESTABLE, REJECTED, RIVAL, SUSPECTED, AssessedCause, accepted_of, judged
 from truing.report.diagnosis.next_steps import next_steps
 from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.numbers import count, printed, rough
@@ -46,30 +46,30 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
     """What the search for causes came to: found, suspected, nothing with what was tested, or not tested."""
     rows = judged(tables)
     if not rows:
-        apart = "belonging" in before and before["belonging"].state == State.FAILS
+        apart = "belonging" in before and before["belonging"].state == RelationState.FAILS
         code = ReasonCode.WITHHELD if apart else ReasonCode.NOT_EVALUATED
-        return _diagnosed(State.NOT_TESTED, code, f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")
+        return _diagnosed(RelationState.NOT_TESTED, code, f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")
     found = accepted_of(rows)
     effects = [row for row in found if not row.is_noise]
     if effects:
         doubted = any(row.verdict == SUSPECTED for row in effects)
         code = ReasonCode.SUSPECTED if doubted else ReasonCode.FOUND
-        return _diagnosed(State.ATTENTION, code, _found_words(found, tables), len(effects))
+        return _diagnosed(RelationState.ATTENTION, code, _found_words(found, tables), len(effects))
     if found:
         said = f"{clause(found[0], tables)}; beyond that {_none(rows)}."
         code = ReasonCode.NOTHING_FOUND if found[0].is_remainder else ReasonCode.NOISE
-        return _diagnosed(State.ATTENTION, code, said)
+        return _diagnosed(RelationState.ATTENTION, code, said)
     if not _testable(rows):
         said = f"{_upper(tested_words(rows))}: not tested, {_none(rows)}."
-        return _diagnosed(State.NOT_TESTED, ReasonCode.NOT_TESTABLE, said)
+        return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, said)
     adequacy = before.get("adequacy")
-    if adequacy is not None and adequacy.state in (State.ATTENTION, State.FAILS):
+    if adequacy is not None and adequacy.state in (RelationState.ATTENTION, RelationState.FAILS):
         said = f"{_upper(_none(rows))}; yet what is left is not the declared noise."
-        return _diagnosed(State.ATTENTION, ReasonCode.NOTHING_FOUND, said)
-    return _diagnosed(State.OK, ReasonCode.AGREES, _agreement(rows, tables))
+        return _diagnosed(RelationState.ATTENTION, ReasonCode.NOTHING_FOUND, said)
+    return _diagnosed(RelationState.OK, ReasonCode.AGREES, _agreement(rows, tables))
 
 
-def _diagnosed(state: State, code: ReasonCode, said: str, causes: int | None = None) -> SectionVerdict:
+def _diagnosed(state: RelationState, code: ReasonCode, said: str, causes: int | None = None) -> SectionVerdict:
     number = None if causes is None else float(causes)
     return SectionVerdict("diagnosis", state, code, said, number, None if causes is None else "1")
 
@@ -82,14 +82,14 @@ def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Secti
     recorded = recorded_readings(tables)
     if not recorded:
         said = "No simulation was tested: no readings were recorded that it could relate to the measured poses."
-        return SectionVerdict("simulation", State.NOT_TESTED, ReasonCode.NO_READINGS, said)
+        return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_READINGS, said)
     names = listed_shortly(recorded)
     said = f"Whether the machine moves as its readings say was not tested: no [mechanism] relates {names} to the "
     said += f"measured poses. {_bodies_words(judged(tables))}"
-    return SectionVerdict("simulation", State.NOT_TESTED, ReasonCode.NO_MECHANISM, said)
+    return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_MECHANISM, said)
 
 
-def _bodies_words(rows: list[Judged]) -> str:
+def _bodies_words(rows: list[AssessedCause]) -> str:
     found = accepted_of(rows)
     return f"Tested: {tested_words(rows)}; {'see Diagnosis' if found else _none(rows)}."
 
@@ -104,7 +104,7 @@ def diagnosis_details(tables: Tables) -> list[Verdict]:
     return [line for line in told if line[1]]
 
 
-def _found_words(found: list[Judged], tables: Tables) -> str:
+def _found_words(found: list[AssessedCause], tables: Tables) -> str:
     """What was found, and what modelling it brings."""
     effects, noise = [row for row in found if not row.is_noise], [row for row in found if row.is_noise]
     brings = gain(found, tables)
@@ -119,17 +119,17 @@ def _found_words(found: list[Judged], tables: Tables) -> str:
     return f"{told}; {modelling} {brings}." if brings else f"{told}."
 
 
-def _further(rows: list[Judged]) -> str:
+def _further(rows: list[AssessedCause]) -> str:
     more = len(rows) - _TOLD
     return f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""
 
 
-def _testable(rows: list[Judged]) -> list[Judged]:
+def _testable(rows: list[AssessedCause]) -> list[AssessedCause]:
     """The candidates that this campaign could have shown."""
     return [row for row in rows if row.verdict != NOT_TESTABLE and not row.is_noise]
 
 
-def _none(rows: list[Judged]) -> str:
+def _none(rows: list[AssessedCause]) -> str:
     """``none of 9 candidates was found; not testable here: scale of the measurement, sag under gravity``."""
     tested, idle = len(_testable(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
     if not tested:
@@ -150,7 +150,7 @@ _RELATED = {
 }
 
 
-def tested_words(rows: list[Judged]) -> str:
+def tested_words(rows: list[AssessedCause]) -> str:
     """The relations that were tested, named by what stands on either side; empty where the rows do not say."""
     return "; ".join(_RELATED[Relation(name)] for name in dict.fromkeys(row.relation for row in rows) if name)
 
@@ -167,7 +167,7 @@ def _listed(clauses: list[str], several: int) -> str:
     return f"{_COUNTED.get(several, several)} things are wrong: {numbered}"
 
 
-def _agreement(rows: list[Judged], tables: Tables) -> str:
+def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     of = tested_words(rows)
     said = f"{_upper(of)} agree to within the noise" if of else "What is left is noise"
     said = f"{said}: {_none(rows)}."
@@ -196,7 +196,7 @@ def _worst(own: pd.DataFrame) -> str:
     return " or ".join(dict.fromkeys(told))
 
 
-def _rivals(found: list[Judged], rows: list[Judged], tables: Tables) -> list[Verdict]:
+def _rivals(found: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
     """What the data cannot tell from what was found."""
     rivals = [row for row in rows if row.verdict == RIVAL]
     if not rivals or not found:
@@ -213,7 +213,7 @@ def lower(sentence: str) -> str:
     return sentence[:1].lower() + sentence[1:]
 
 
-def _next(rows: list[Judged], tables: Tables) -> list[Verdict]:
+def _next(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
     """What to do next: what serves the most urgent need, for a table on the page in short."""
     steps = [step for step in next_steps(rows, tables) if step.need != Need.TESTABLE]
     if not steps:
@@ -222,7 +222,7 @@ def _next(rows: list[Judged], tables: Tables) -> list[Verdict]:
     return [("next", f"Next: {lower(first.said)}{where}")]
 
 
-def certainty(row: Judged) -> str:
+def certainty(row: AssessedCause) -> str:
     """How sure a finding is: chance, signal over noise, probability among the candidates, and what it predicts."""
     told = []
     if row.p_value is not None:
@@ -250,7 +250,7 @@ def _probability(p: float) -> str:
     )
 
 
-def counted(rows: list[Judged], tables: Tables) -> str:
+def counted(rows: list[AssessedCause], tables: Tables) -> str:
     """How many candidates were judged, and what became of them; bodies without legs leave no model."""
     rivals, out = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
     idle, of = sum(row.verdict == NOT_TESTABLE for row in rows), tested_words(rows) or "what was measured"

@@ -10,7 +10,7 @@ import pandas as pd
 
 from truing.report.numbers import count, handy, plain, printed, quantity, with_uncertainty
 from truing.report.numbers import count as counted
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture
 from truing.report.tables import SIGMA, Tables, cell, filled
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
@@ -20,7 +20,7 @@ _HELD = "image_residuals.parquet"
 _LENGTHS = "scale_bar_lengths.parquet"
 
 
-def photographs(tables: Tables) -> Section | None:
+def photographs(tables: Tables) -> ReportSection | None:
     """The network of rays; None where a campaign's points do not come out of photographs."""
     points, residuals = filled(tables, "object_points"), filled(tables, "image_residuals")
     cameras, images = filled(tables, "cameras"), filled(tables, "image_orientations")
@@ -43,7 +43,7 @@ def photographs(tables: Tables) -> Section | None:
         _points(points),
     ]
     lead = _lead(points, residuals, images, tables)
-    return Section("photographs", "Photographs", lead, figures, tuple(listings))
+    return ReportSection("photographs", "Photographs", lead, figures, tuple(listings))
 
 
 def _with_bodies(points: pd.DataFrame, tables: Tables) -> pd.DataFrame:

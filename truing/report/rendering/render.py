@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import plotly.graph_objects as go
 
-from truing.report.page import Head, Listing, Section, all_of
+from truing.report.page import Listing, PageHead, ReportSection, all_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -50,7 +50,7 @@ class _Figure:
 
 
 @dataclass(frozen=True)
-class _Table:
+class _ListingTable:
     """A listing, what it is called, and what is handed out as CSV where that is not what its cells show."""
 
     listing: Listing
@@ -63,13 +63,13 @@ class _Table:
 class _Drawn:
     """A section with its figures and listings as the page holds them, and its parts likewise."""
 
-    section: Section
+    section: ReportSection
     figures: tuple[_Figure, ...]
-    tables: tuple[_Table, ...]
+    tables: tuple[_ListingTable, ...]
     parts: tuple[_Drawn, ...]
 
 
-def render_page(head: Head, sections: Sequence[Section]) -> str:
+def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     """The whole page as text; plotly's library stands in it once, so that it opens without a network."""
     any_figure = any(section.figures for section in all_of(sections))
     plotly = _plotly_script() if any_figure else ""
@@ -85,7 +85,7 @@ def render_page(head: Head, sections: Sequence[Section]) -> str:
     )
 
 
-def _drawn(section: Section, campaign: str) -> _Drawn:
+def _drawn(section: ReportSection, campaign: str) -> _Drawn:
     figures = (_figure(*shown, f"{section.id}-{k}", campaign) for k, shown in enumerate(section.figures))
     parts = (_drawn(part, campaign) for part in section.parts)
     return _Drawn(section, tuple(figures), tuple(_tables(section, campaign)), tuple(parts))
@@ -109,10 +109,12 @@ def _figure(figure: go.Figure, caption: str, name: str, campaign: str) -> _Figur
     )
 
 
-def _tables(section: Section, campaign: str) -> Iterator[_Table]:
+def _tables(section: ReportSection, campaign: str) -> Iterator[_ListingTable]:
     for k, listing in enumerate(section.listings):
         csv = embedded(listing.csv) if listing.csv else ""
-        yield _Table(listing, listing.caption or section.title, csv, file_name(campaign, f"{section.id}-table-{k}"))
+        yield _ListingTable(
+            listing, listing.caption or section.title, csv, file_name(campaign, f"{section.id}-table-{k}")
+        )
 
 
 @cache

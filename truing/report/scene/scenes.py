@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.report.calibration.calibrations import rows_of, shown_calibration
 from truing.report.numbers import with_uncertainty
-from truing.report.scene.view import MOST_POINTS, Scene
+from truing.report.scene.view import MOST_POINTS, DrawnScene
 from truing.report.tables import LOAD_UNITS, LOADS, SHIFT, SIGMA, XYZ, Tables, filled
 
 _PLACE = ["px_mm", "py_mm", "pz_mm"]
@@ -24,7 +24,7 @@ _TURNED = ["rx_rad", "ry_rad", "rz_rad"]
 _ARROW = 0.45  # of the view's size, for the largest load of its kind
 
 
-def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> Scene:
+def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene:
     """The scene of a body whose ``residuals`` (kept ones, with dx_mm, dy_mm, dz_mm) are given; of a platform with legs.
 
     ``tables`` with ``shape``: where targets sit (body, target, x_mm, y_mm, z_mm, leg); ``motions``: where bodies stand.
@@ -41,7 +41,7 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> Scene:
     moved = np.concatenate([shift, their_shift], axis=1)
     numbers, lower, upper = _joints(tables, body, motion, len(poses))
     attached = targets["at"].to_numpy(dtype=float)
-    return Scene(
+    return DrawnScene(
         step="pose",
         labels=tuple(map(str, poses)),
         names=tuple(targets["target"].astype(str)),
@@ -208,7 +208,7 @@ def _of_leg(shifts: pd.DataFrame, pose: Any, leg: int) -> str:
     return f"Leg {leg}: its attachment shifts along z by {shift}{out}{drive}."
 
 
-def load_scene(tables: Tables) -> Scene | None:
+def load_scene(tables: Tables) -> DrawnScene | None:
     """The scene of every load case of which all six components are known; None without one, or without joints.
 
     ``tables`` with ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): the joints in the unloaded platform's frame.
@@ -228,7 +228,7 @@ def load_scene(tables: Tables) -> Scene | None:
     numbers = tuple(int(leg) for leg in joints["leg"])
     covariance = _covariance(known)
     along = (upper - lower) / np.linalg.norm(upper - lower, axis=1, keepdims=True)
-    return Scene(
+    return DrawnScene(
         step="load",
         labels=tuple(_called(row) for row in known.to_dict("records")),
         names=tuple(f"b{leg}" for leg in numbers),

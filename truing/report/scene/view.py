@@ -19,7 +19,7 @@ _TALLEST = 0.95  # of a scene beside the view's height, that its top is not cut
 
 
 @dataclass(frozen=True)
-class Scene:
+class DrawnScene:
     """What is drawn of S steps (poses, or loads), N points and L legs, all in the body's frame, mm.
 
     ``place`` (S, N, 3) and ``shift`` (S, N, 3), NaN where a point was not measured; ``leg`` (N,) from 1, 0 for none;
@@ -87,7 +87,7 @@ def gains(chosen: float) -> list[float]:
     return [float(gain) for gain in every if gain <= _BEYOND * chosen]
 
 
-def picture(scene: Scene, title: str, subtitle: str) -> go.Figure:
+def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
     """The scene as a figure whose slider chooses the step; the page adds amplification and legs."""
     figure = go.Figure(_traces(scene))
     for trace, own in zip(figure.data, drawn(scene, 0, scene.gain), strict=True):
@@ -104,7 +104,7 @@ def picture(scene: Scene, title: str, subtitle: str) -> go.Figure:
     return figure
 
 
-def drawn(scene: Scene, step: int, gain: float, chosen: tuple[int, ...] = ()) -> list[dict[str, Any]]:
+def drawn(scene: DrawnScene, step: int, gain: float, chosen: tuple[int, ...] = ()) -> list[dict[str, Any]]:
     """Coordinates and texts of every trace with these legs chosen, as the script of the page computes them too."""
     start, end = scene.place[step], scene.place[step] + gain * scene.shift[step]
     there = np.isfinite(start).all(-1) & np.isfinite(end).all(-1)
@@ -136,14 +136,14 @@ def drawn(scene: Scene, step: int, gain: float, chosen: tuple[int, ...] = ()) ->
     ]
 
 
-def _joints(scene: Scene, step: int) -> NDArray[np.float64]:
+def _joints(scene: DrawnScene, step: int) -> NDArray[np.float64]:
     """Lower and upper joints (L, 2, 3) of a step."""
     if scene.lower is None or scene.upper is None:
         return np.zeros((0, 2, 3))
     return np.stack([scene.lower[step], scene.upper[step]], axis=1)
 
 
-def held(scene: Scene) -> dict[str, Any]:
+def held(scene: DrawnScene) -> dict[str, Any]:
     """The scene as the page's script reads it: numbers in mm, points by step."""
     return {
         "gain": scene.gain,
@@ -172,7 +172,7 @@ def _listed(values: NDArray[np.float64], places: int = 4) -> Any:
     return np.where(np.isfinite(rounded), rounded.astype(object), np.array(None)).tolist()
 
 
-def _traces(scene: Scene) -> list[go.Scatter3d]:
+def _traces(scene: DrawnScene) -> list[go.Scatter3d]:
     """The traces without coordinates, in the order of ``drawn``."""
 
     def dots(name: str, colour: str, size: float = 4.0, **more: Any) -> go.Scatter3d:
@@ -196,7 +196,7 @@ def _traces(scene: Scene) -> list[go.Scatter3d]:
     ]
 
 
-def _slider(scene: Scene) -> dict[str, Any]:
+def _slider(scene: DrawnScene) -> dict[str, Any]:
     steps = []
     for step, name in enumerate(scene.labels):
         own = drawn(scene, step, scene.gain)
@@ -206,7 +206,7 @@ def _slider(scene: Scene) -> dict[str, Any]:
     return {"steps": steps, "currentvalue": {"prefix": f"{scene.step} "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}
 
 
-def _box(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _box(scene: DrawnScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Corners (3,) of what is shown over all steps where no leg is chosen."""
     place = scene.place[:, ~scene.own].reshape(-1, 3)
     parts = [place, (scene.place + scene.gain * scene.shift)[:, ~scene.own].reshape(-1, 3)]

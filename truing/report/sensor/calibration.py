@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, style
 from truing.report.model_tests import ModelTest, below_noise, listing_of
 from truing.report.numbers import plain, with_uncertainty
-from truing.report.page import Drawn, Listing, Section
+from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import LOAD_UNITS, LOADS, WHY_NOT, Tables, cell, filled, reason
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
@@ -34,13 +34,13 @@ _SHOWN = {
 }
 
 
-def calibration(tables: Tables) -> Section | None:
+def calibration(tables: Tables) -> ReportSection | None:
     """The choice among calibrations, the matrix, the errors by class, and the figures of merit."""
     if "sensor_matrix" not in tables:
         return None
     matrices = filled(tables, "sensor_matrix")
     if matrices is None:
-        return Section("calibration", _TITLE, _why(tables))
+        return ReportSection("calibration", _TITLE, _why(tables))
     choice, classes, merit = (filled(tables, name) for name in ("sensor_choice", "error_classes", "sensor_merit"))
     largest = _largest(tables)
     shown: Drawn = []
@@ -60,7 +60,7 @@ def calibration(tables: Tables) -> Section | None:
     lead = _lead(tables, choice, matrices, largest)
     tests = _tests(choice)
     listings.insert(0, listing_of(tests, "Tests of the chosen calibration"))
-    return Section("calibration", _TITLE, lead, tuple(shown), tuple(listings))
+    return ReportSection("calibration", _TITLE, lead, tuple(shown), tuple(listings))
 
 
 def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -73,16 +73,16 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     if choice is None or not evaluated:
         why = tests[0].says if tests else _why(tables)
         said = f"Calibration not tested: {why}"
-        return SectionVerdict("calibration", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+        return SectionVerdict("calibration", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
     chosen = _chosen(choice)
     failed = [test for test in evaluated if not test.holds]
     if not failed:
         said = f"The calibration {chosen} fits: {'; '.join(test.asked for test in evaluated)}."
-        return SectionVerdict("calibration", State.OK, ReasonCode.FITS, said)
+        return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, said)
     said = f"The calibration {chosen} fails a test ({failed[0].asked}). {failed[0].says}"
     own = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
     ratio = max(filter(None, (_ratio(own, what) for what in ("heldout", "verification"))))
-    state = State.FAILS if ratio > BY_A_FACTOR else State.ATTENTION
+    state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
     return SectionVerdict("calibration", state, ReasonCode.HELD_OUT_MISSED, said, ratio, "1", _AT_NOISE)
 
 

@@ -10,12 +10,12 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.deformation_section import compliance_map
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
 from truing.report.model_tests import ModelTest, by_p, listing_of
 from truing.report.numbers import p_equals, p_value, plain, printed, quantity, with_uncertainty
-from truing.report.page import Drawn, Listing, Section
+from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.scene.by_leg import by_leg_of_sensor
 from truing.report.scene.scenes import load_scene
 from truing.report.scene.view import picture
@@ -32,20 +32,20 @@ _BAND = "rgba(230,159,0,0.25)"
 _MANY = 400  # so many cases of a panel need no bars of their own
 
 
-def deformation(tables: Tables) -> Section | None:
+def deformation(tables: Tables) -> ReportSection | None:
     """Curves of load and displacement, the compliance entry by entry, and the models' errors."""
     if "compliance" not in tables:
         return None
     compliance = filled(tables, "compliance")
     if compliance is None:
         why = reason(tables, "compliance") or "The campaign holds no readings of a platform under load."
-        return Section("deformation", "Deformation under load", why, state="not evaluated")
+        return ReportSection("deformation", "Deformation under load", why, state="not evaluated")
     shown = [*_view(tables), *_curves(tables), *_maps(compliance)]
     tests = _tests(tables)
     listings = [listing_of(tests, "Tests of the models"), by_leg_of_sensor(tables), _entries(compliance)]
     listings.append(_errors(tables["deformation_errors"]))
     told = tuple(listing for listing in listings if listing.rows)
-    return Section("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), told)
+    return ReportSection("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), told)
 
 
 def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -56,13 +56,13 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     tests = _tests(tables)
     evaluated = [test for test in tests if test.holds is not None]
     if not evaluated:
-        return SectionVerdict("deformation", State.NOT_TESTED, ReasonCode.NOT_EVALUATED, tests[0].says)
+        return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, tests[0].says)
     failed = [test for test in evaluated if not test.holds]
     first = (failed or evaluated)[0]
     said = _lead(tables, compliance)
     if failed:
-        return SectionVerdict("deformation", State.ATTENTION, ReasonCode.DEFORMS, said, first.p, "1", _UNCLEAR)
-    return SectionVerdict("deformation", State.OK, ReasonCode.RIGID, said, first.p, "1", _UNCLEAR)
+        return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, said, first.p, "1", _UNCLEAR)
+    return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, said, first.p, "1", _UNCLEAR)
 
 
 def _tests(tables: Tables) -> list[ModelTest]:

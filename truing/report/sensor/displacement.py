@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from truing.report.figure_style import BAR, BLUE, MANY_POINTS, ORANGE, RED, label, panel_grid, style
 from truing.report.numbers import count, p_value, with_uncertainty
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.tables import CHANNELS, LOADS, Tables, filled, moved_unit, reason
 
 _COMPONENTS = dict(zip(CHANNELS, ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"), strict=True))
@@ -17,14 +17,14 @@ _UNLIKELY = 1e-3
 _REACH = 6.0  # sigmas beyond which a residual stands at the edge
 
 
-def displacement(tables: Tables) -> Section | None:
+def displacement(tables: Tables) -> ReportSection | None:
     """Load cases, which components are known of them, and what is left of the readings."""
     if "displacement" not in tables:
         return None
     cases = filled(tables, "displacement")
     if cases is None:
         why = reason(tables, "displacement") or "The campaign holds no readings of a platform under load."
-        return Section("displacement", "Displacement", why, state="not evaluated")
+        return ReportSection("displacement", "Displacement", why, state="not evaluated")
     residuals, terms = tables["reading_residuals"], tables["run_terms"]
     drawn: tuple[tuple[go.Figure, str], ...] = ()
     if residuals["residual"].notna().any():
@@ -33,7 +33,7 @@ def displacement(tables: Tables) -> Section | None:
         )
         drawn = ((reading_residuals(residuals), words),)
     listings = [one for one in (_known(cases), _drifts(terms)) if one is not None]
-    return Section("displacement", "Displacement", _lead(cases, residuals), drawn, tuple(listings))
+    return ReportSection("displacement", "Displacement", _lead(cases, residuals), drawn, tuple(listings))
 
 
 def _lead(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.report.figure_style import BLUE, ORANGE, label, style
 from truing.report.measured_section import corrections
 from truing.report.numbers import count, handy, printed, with_uncertainty
-from truing.report.page import Listing, Section
+from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, filled, load_steps
 from truing.schemas.verdict import ReasonCode
@@ -30,18 +30,20 @@ _DRAWN = 6  # runs
 _CAPTION = "Where the two lines part, the axis stands elsewhere according to the side from which it comes."
 
 
-def positioning(tables: Tables) -> Section | None:
+def positioning(tables: Tables) -> ReportSection | None:
     """What ISO 230-2 says of every run, the axis first, then target by target; and why of others nothing is said."""
     rows, withheld = filled(tables, "positioning"), not_stated(tables)
     if rows is None:
-        return Section("positioning", "Positioning", " ".join(withheld), state="not evaluated") if withheld else None
+        return (
+            ReportSection("positioning", "Positioning", " ".join(withheld), state="not evaluated") if withheld else None
+        )
     axis, targets = rows[rows["subject"].isna()], rows[rows["subject"].notna()]
     lead = "By ISO 230-2, targets approached from either side. What all targets' deviations share counts for nothing."
     listings = (_of_axis(axis), corrections(tables, of_axis=True), _of_targets(targets))
     shown = tuple(listing for listing in listings if listing.rows)
     drawn = tuple((deviations(own), _CAPTION) for own in _few_runs(targets))
     said = tuple(("fail", why) for why in withheld)
-    return Section("positioning", "Positioning", lead, figures=drawn, listings=shown, said=said)
+    return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, said=said)
 
 
 def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -66,7 +68,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
     said = printed(f"By ISO 230-2, {which}: {', '.join(told)}, each with one standard deviation.{also}")
     size, unit = float(own.loc["A", "value"]), str(own.loc["A", "unit"])
-    return SectionVerdict("positioning", State.OK, ReasonCode.MEASURED, said, size, unit)
+    return SectionVerdict("positioning", RelationState.OK, ReasonCode.MEASURED, said, size, unit)
 
 
 def not_stated(tables: Tables) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.wordings.claim import Claim, Size, Wording, largest, listed, only, positive, sure_of, told
+from truing.report.wordings.claim import Claim, ParameterSize, Wording, largest, listed, only, positive, sure_of, told
 
 _ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
 _ALL_CHANNELS = "all linear channels"
@@ -59,16 +59,16 @@ def _where(claim: Claim, otherwise: str) -> str:
     return f"{name} in run {parts['run']}" if name else f"run {parts['run']}"
 
 
-def _towards(size: Size) -> str:
+def _towards(size: ParameterSize) -> str:
     """``12.0 ± 0.1 mm towards +x``."""
     return f"{told(positive(size))} towards {_direction(size)}"
 
 
-def _all_towards(sizes: list[Size]) -> str:
+def _all_towards(sizes: list[ParameterSize]) -> str:
     return " and ".join(map(_towards, sizes))
 
 
-def _direction(size: Size) -> str:
+def _direction(size: ParameterSize) -> str:
     return f"{'−' if (size.number or 0.0) < 0.0 else '+'}{size.name.partition('_')[2][:1]}"
 
 
@@ -162,7 +162,7 @@ def _drag(claim: Claim) -> str:
         return f"the deflection {_under_loads(claim)} drags behind the load, without load too"
     turns, threshold = "", claim.size("threshold")
     if threshold is not None and threshold.number:
-        turns = f", and turns round over {told(Size('width', 2.0 * threshold.number, None, '1'))} of the range"
+        turns = f", and turns round over {told(ParameterSize('width', 2.0 * threshold.number, None, '1'))} of the range"
     return (
         f"the deflection {_under_loads(claim)} drags behind the load by {size} of its largest, without load too{turns}"
     )
@@ -215,7 +215,7 @@ def _tilted(claim: Claim) -> str:
     return f"the beam of {_where(claim, 'a channel')} stands{f' {size}' if size else ''} off its axis{towards}"
 
 
-def _way(tilt: Size) -> str:
+def _way(tilt: ParameterSize) -> str:
     """``+dy`` of a tilt towards the axis of channel dy."""
     return f"{'−' if (tilt.number or 0.0) < 0.0 else '+'}{tilt.name.removeprefix('tilt_')}"
 

@@ -20,7 +20,7 @@ _TOLD = 3
 
 
 @dataclass(frozen=True)
-class Size:
+class ParameterSize:
     """A parameter of a cause: value, one sigma (None for text and counts) and unit, as the table tells them."""
 
     name: str
@@ -58,7 +58,7 @@ class Claim:
 
     cause: str
     subject: str = ""
-    sizes: tuple[Size, ...] = ()
+    sizes: tuple[ParameterSize, ...] = ()
     follows: tuple[str, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     words: str = ""
@@ -66,11 +66,11 @@ class Claim:
     unit: str = ""
     reach: Reach | None = None
 
-    def size(self, name: str) -> Size | None:
+    def size(self, name: str) -> ParameterSize | None:
         """The parameter of that name."""
         return next((size for size in self.sizes if size.name == name), None)
 
-    def sizes_of(self, kind: str) -> tuple[Size, ...]:
+    def sizes_of(self, kind: str) -> tuple[ParameterSize, ...]:
         """The parameters of a kind, one per leg where each leg has its own."""
         return tuple(size for size in self.sizes if stem(size.name) == kind and size.number is not None)
 
@@ -111,17 +111,17 @@ class Wording:
     advice: str | Callable[[Claim], str]
 
 
-def told(size: Size) -> str:
+def told(size: ParameterSize) -> str:
     """``0.210 ± 0.010 %``."""
     return told_size(size.name, size.value, size.sigma, size.unit)
 
 
-def positive(size: Size) -> Size:
+def positive(size: ParameterSize) -> ParameterSize:
     """The size without its sign, where words tell that."""
-    return Size(size.name, abs(size.number or 0.0), size.sigma, size.unit)
+    return ParameterSize(size.name, abs(size.number or 0.0), size.sigma, size.unit)
 
 
-def largest(sizes: tuple[Size, ...]) -> Size | None:
+def largest(sizes: tuple[ParameterSize, ...]) -> ParameterSize | None:
     """The size that is farthest from nothing."""
     return max(sizes, key=lambda size: abs(size.number or 0.0), default=None)
 
@@ -132,7 +132,7 @@ def only(claim: Claim, kind: str) -> tuple[str, bool]:
     return ("", True) if size is None else (told(positive(size)), (size.number or 0.0) > 0.0)
 
 
-def sure_of(sizes: tuple[Size, ...]) -> list[Size]:
+def sure_of(sizes: tuple[ParameterSize, ...]) -> list[ParameterSize]:
     """Sizes that are beyond two of their sigmas, the largest first; where none is, the largest alone."""
     known = [size for size in sizes if size.number is not None]
     sure = [size for size in known if size.sigma is None or abs(size.number or 0.0) > _SURE * size.sigma]
@@ -140,7 +140,7 @@ def sure_of(sizes: tuple[Size, ...]) -> list[Size]:
     return sorted(sure or ([alone] if alone else []), key=lambda size: -abs(size.number or 0.0))
 
 
-def _leg_of(size: Size, subject: str) -> str:
+def _leg_of(size: ParameterSize, subject: str) -> str:
     """``leg 3``: whose parameter it is, by its suffix or by the subject."""
     numbered = re.search(r"_(\d+)$", size.name)
     return f"leg {numbered[1]}" if numbered else subject_words(subject)

@@ -15,7 +15,7 @@ import pyarrow as pa
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.runs.comparison.steps import (
     NAMES,
-    Step,
+    RunStep,
     matrix_numbers,
     matrix_step,
     mechanism_numbers,
@@ -40,7 +40,7 @@ class SideBySide:
     """The rows of compared.parquet, and from each run to the next the steps that were judged, or why not."""
 
     table: pd.DataFrame
-    steps: tuple[tuple[Step, ...], ...]  # of each pair of neighbours
+    steps: tuple[tuple[RunStep, ...], ...]  # of each pair of neighbours
 
 
 def kind_of(run: Run) -> str:
@@ -104,7 +104,7 @@ def _numbers(run: Run) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=[*NAMES, "value", "sigma", "unit"])
 
 
-def _steps(before: Run, now: Run, old: pd.DataFrame, new: pd.DataFrame) -> Iterator[Step]:
+def _steps(before: Run, now: Run, old: pd.DataFrame, new: pd.DataFrame) -> Iterator[RunStep]:
     yield _of_models(before, now)
     matrices = [numbers[numbers["group"] == "G_B"] for numbers in (old, new)]
     if all(map(len, matrices)):
@@ -115,7 +115,7 @@ def _steps(before: Run, now: Run, old: pd.DataFrame, new: pd.DataFrame) -> Itera
         )
 
 
-def _of_models(before: Run, now: Run) -> Step:
+def _of_models(before: Run, now: Run) -> RunStep:
     first, second = before.model, now.model
     absent = [run.campaign for run, model in ((before, first), (now, second)) if model is None]
     if first is None or second is None:

@@ -35,7 +35,7 @@ _LEGS = 6
 
 
 @dataclass(frozen=True)
-class Step:
+class RunStep:
     """Rows by NAMES with sigma_difference, z, changed, change, sigma_change, instead and reason; empty where nothing
     could be judged, and then ``why``. ``rebuilt``: more has changed than can be named one by one.
     """
@@ -45,9 +45,9 @@ class Step:
     rebuilt: bool = False
 
 
-def not_judged(why: str) -> Step:
+def not_judged(why: str) -> RunStep:
     """Return the step between two runs whose numbers cannot be held against each other."""
-    return Step(pd.DataFrame(columns=[*NAMES, "z", "changed"]), why)
+    return RunStep(pd.DataFrame(columns=[*NAMES, "z", "changed"]), why)
 
 
 def held_at_zero(shared: NDArray, covariance: NDArray, own: NDArray, effects: list[NDArray]) -> NDArray:
@@ -103,7 +103,7 @@ def owner(cause: Cause) -> str:
     return f"{cause.id} {cause.subject}".strip()
 
 
-def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> Step:
+def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     """Return what has changed between two models of one mechanism, each with its whole covariance.
 
     Tolerances draw both the same way, and so does a survey that both rest on; surveys of their own define frames of
@@ -129,7 +129,7 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> Step:
     return _step(columns, known)
 
 
-def _step(columns: dict[str, Any], known: NDArray) -> Step:
+def _step(columns: dict[str, Any], known: NDArray) -> RunStep:
     rows = pd.DataFrame(columns)
     rebuilt = bool(rows["changed"].all())
     rows = rows.reindex(columns=[*dict.fromkeys([*rows.columns, "change", "sigma_change", "instead"])])
@@ -138,7 +138,7 @@ def _step(columns: dict[str, Any], known: NDArray) -> Step:
     if rebuilt:
         rows["changed"] = beyond_chance(rows["z"].to_numpy(float))
     rows["reason"] = [None if told else "not identifiable" for told in known]
-    return Step(rows.drop(columns=["before", "sigma_before", "now", "sigma_now", "unit"]), rebuilt=rebuilt)
+    return RunStep(rows.drop(columns=["before", "sigma_before", "now", "sigma_now", "unit"]), rebuilt=rebuilt)
 
 
 def _known(told: Told, covariance: NDArray, prior: NDArray) -> NDArray:
@@ -195,7 +195,7 @@ def matrix_numbers(table: pd.DataFrame) -> pd.DataFrame:
     return own.assign(**columns)[[*NAMES, "value", "sigma", "unit"]]
 
 
-def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray) -> Step:
+def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray) -> RunStep:
     """Return what has changed of compliance and common effects; simulated (36,): sigmas known before either campaign.
 
     The tolerances that both are drawn to are counted as if each campaign had its own: its differences are smaller than
@@ -212,7 +212,7 @@ def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray)
     return _each(_named(before, keys), (new - old) / scale, np.hypot(sigma_old, sigma_new) / scale, known)
 
 
-def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> Step:
+def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> RunStep:
     """Return which entries of G_B have changed."""
     both = before.merge(now, on=NAMES, suffixes=("_before", "_now"))
     spread = np.hypot(both["sigma_before"].to_numpy(float), both["sigma_now"].to_numpy(float))
@@ -220,7 +220,7 @@ def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> Step:
     return _each(both[NAMES].to_numpy().tolist(), difference, spread, np.isfinite(spread))
 
 
-def _each(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> Step:
+def _each(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> RunStep:
     """Return which of the known numbers (n,) differ by more than chance explains, each by itself.
 
     The bound is for all of them together, whatever their correlations are.
@@ -237,7 +237,7 @@ def _each(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArra
         "instead": None,
         "reason": [None if told else "not identifiable" for told in known],
     }
-    return Step(pd.DataFrame(names, columns=NAMES).assign(**columns))
+    return RunStep(pd.DataFrame(names, columns=NAMES).assign(**columns))
 
 
 def _unit(channel: str, load: str) -> str:

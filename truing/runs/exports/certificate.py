@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 import pandas as pd
 
-from truing.belonging.relation import State
+from truing.belonging.relation import RelationState
 from truing.estimation.uncertainty_budget import NOT_HELD
 from truing.report.numbers import plain
 from truing.report.uncertainty_section import KINDS, statement
@@ -153,7 +153,9 @@ def failed_checks(run: Run) -> list[str]:
 def doubts(run: Run) -> list[str]:
     """A sentence per section of the verdict by which the run's model is not to be relied on, or incomplete."""
     rows = run.verdict
-    doubted = rows["state"].eq(State.FAILS.value) | rows["reason_code"].isin([code.value for code in INCOMPLETE])
+    doubted = rows["state"].eq(RelationState.FAILS.value) | rows["reason_code"].isin(
+        [code.value for code in INCOMPLETE]
+    )
     own = rows[rows["section"].isin(OF_MODEL) & doubted]
     return [f"{row.section}: {row.state} ({_size(row)}). {row.explanation} {_TO_DO}" for row in own.itertuples()]
 

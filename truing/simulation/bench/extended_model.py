@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
-from truing.simulation.bench.known_readings import KnownReadings, Optics, ReadingConditions, SignalGains, Zeros
+from truing.simulation.bench.known_readings import ChannelZeros, KnownReadings, Optics, ReadingConditions, SignalGains
 from truing.simulation.bench.load_steps import CHANNELS, LOADS
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
@@ -193,7 +193,7 @@ def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingCon
         np.ones(_AXES),
         extended.largest,
         np.zeros(_AXES),
-        Zeros(none, none, np.zeros(0), none.astype(bool)),
+        ChannelZeros(none, none, np.zeros(0), none.astype(bool)),
         SignalGains.none(),
         extended.wavelength_m,
         extended.reference_temperature_c,

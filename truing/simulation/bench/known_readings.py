@@ -117,7 +117,7 @@ _FREE = 1e4
 
 
 @dataclass(frozen=True)
-class Zeros:
+class ChannelZeros:
     """Zeros of run and channel: labels of the runs (Z,), numbers of the channels, prior sigma, whether it is known."""
 
     run: NDArray
@@ -134,7 +134,7 @@ class Zeros:
         )
 
 
-def zeros_of(run: NDArray, seen: NDArray, sigma: NDArray, *, signals: int = 0) -> Zeros:
+def zeros_of(run: NDArray, seen: NDArray, sigma: NDArray, *, signals: int = 0) -> ChannelZeros:
     """Return the zeros of readings seen (B, K) in runs (B,): one of the noise sigma (K,) per run and channel.
 
     Those of signals, which come last, are free.
@@ -143,7 +143,7 @@ def zeros_of(run: NDArray, seen: NDArray, sigma: NDArray, *, signals: int = 0) -
     labels = np.array([label for label, _ in found], run.dtype)
     channel = np.array([k for _, k in found], int)
     known = channel < len(sigma) - signals
-    return Zeros(labels, channel, np.where(known, 1.0, _FREE) * sigma[channel], known)
+    return ChannelZeros(labels, channel, np.where(known, 1.0, _FREE) * sigma[channel], known)
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class KnownReadings:
     sigma: NDArray
     largest: NDArray
     load_sigma: NDArray
-    zeros: Zeros
+    zeros: ChannelZeros
     gains: SignalGains = field(default_factory=SignalGains.none)
     wavelength_m: float = 632.990577e-9
     reference_temperature_c: float = 20.0
@@ -225,7 +225,7 @@ def run_names(steps: RecordedSteps) -> NDArray:
 
 def zeros_of_steps(
     steps: RecordedSteps, seen: NDArray[np.bool_], fitted: NDArray[np.bool_], typical: NDArray, tared: float | None
-) -> Zeros:
+) -> ChannelZeros:
     """Return the zeros of runs, as uncertain as their starts show; those of signals are free, unless runs were tared.
 
     seen (B, K) at steps that may be fitted to (B,); typical (K,) noise of a channel, SI; tared: one standard deviation

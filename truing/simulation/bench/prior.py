@@ -17,7 +17,14 @@ from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.bench.known_readings import KnownReadings
 from truing.simulation.bench.model import ReadingModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
-from truing.simulation.prior_campaign import CampaignPrior, LaidOut, Part, block_diagonal, clipped, persistent_causes
+from truing.simulation.prior_campaign import (
+    CampaignPrior,
+    LaidOut,
+    SharedUnknowns,
+    block_diagonal,
+    clipped,
+    persistent_causes,
+)
 
 _ENTRIES = 36
 # Combinations that move the compliance by less than this share of what the strongest does are told by rounding alone.
@@ -126,7 +133,9 @@ def _parted(model: LaidOut, shared: NDArray) -> tuple[UncertainSensor, NDArray, 
     return known.sensor, shared[model.layout["geometry"]], shared[model.layout["stiffness"]]
 
 
-def _parts(sensor: UncertainSensor, causes: tuple[ReadingCause, ...], effects: list[NDArray]) -> tuple[Part, ...]:
+def _parts(
+    sensor: UncertainSensor, causes: tuple[ReadingCause, ...], effects: list[NDArray]
+) -> tuple[SharedUnknowns, ...]:
     geometry, stiffness = np.split(sensor.scales, [sensor.geometry_size])
-    own = [Part("geometry", geometry), Part("stiffness", stiffness)]
-    return (*own, *(Part(cause.key, sigma) for cause, sigma in zip(causes, effects, strict=True)))
+    own = [SharedUnknowns("geometry", geometry), SharedUnknowns("stiffness", stiffness)]
+    return (*own, *(SharedUnknowns(cause.key, sigma) for cause, sigma in zip(causes, effects, strict=True)))

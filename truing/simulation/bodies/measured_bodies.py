@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
-from truing.estimation.labels.judged_points import Judged, judged_points
+from truing.estimation.labels.judged_points import PointSelection, judged_points
 from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, with_declared_noise
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, log_so3, rigid_motions
@@ -147,7 +147,7 @@ def moved_for_certain(
     return (*found, *single)
 
 
-def _put_right(points: PosePoints, residuals: PointResiduals, judged: Judged) -> tuple[Array, Mask]:
+def _put_right(points: PosePoints, residuals: PointResiduals, judged: PointSelection) -> tuple[Array, Mask]:
     """Points (B, k, 3) under their right labels, and which of them (B, k) tell where the body is."""
     right = points.points.copy()
     trusted = points.seen & residuals.fitted
@@ -170,7 +170,7 @@ def _found_smaller(cov: Array, gaps: Array, targets: int) -> Array:
 
 
 @dataclass(frozen=True)
-class Standing:
+class BodyPlaces:
     """How a body stands: the number of its places, which of them each pose has (B,), a root of its jitter (6, 6).
 
     No place where it need not stand still. ``R``, ``t`` (B, ..) are where it stands, as a start, m.
@@ -189,11 +189,11 @@ class MeasuredBodies:
     frame for the campaign."""
 
     bodies: list[BodyTargets]
-    stands: list[Standing]
+    stands: list[BodyPlaces]
     lead: int
 
     @classmethod
-    def led(cls, bodies: list[BodyTargets], stands: list[Standing], reference: str | None) -> MeasuredBodies:
+    def led(cls, bodies: list[BodyTargets], stands: list[BodyPlaces], reference: str | None) -> MeasuredBodies:
         """Return bodies led by the reference, else by the one determined most often; by none where one stands still."""
         names = [body.name for body in bodies]
         lead = names.index(reference) if reference in names else int(np.argmax([body.ok.sum() for body in bodies]))
@@ -291,12 +291,12 @@ def frame_is_common(body: BodyTargets, order: Array) -> bool:
     return bool(np.median(steps) < _STEP * body.sigma)
 
 
-def not_standing(body: BodyTargets) -> Standing:
+def not_standing(body: BodyTargets) -> BodyPlaces:
     """Stand a body nowhere: it need not stand still."""
-    return Standing(0, np.zeros(len(body.ok), np.int64), np.eye(6), body.R, body.t)
+    return BodyPlaces(0, np.zeros(len(body.ok), np.int64), np.eye(6), body.R, body.t)
 
 
-def standing_at(body: BodyTargets, level: Index, order: Array) -> Standing:
+def standing_at(body: BodyTargets, level: Index, order: Array) -> BodyPlaces:
     """Stand a body at the middle of what was found at each of its places, of which each pose has one (B,)."""
     R, t, middle = body.R.copy(), body.t.copy(), body.shape.mean(0)
     centre = body.t + body.R @ middle
@@ -307,7 +307,7 @@ def standing_at(body: BodyTargets, level: Index, order: Array) -> Standing:
             first = body.R[known][0]
             R[own] = exp_so3(np.median(log_so3(body.R[known] @ first.T), axis=0)) @ first
             t[own] = np.median(centre[known], axis=0) - R[own] @ middle
-    return Standing(int(level.max()) + 1, level, _jitter(body, level, order), R, t)
+    return BodyPlaces(int(level.max()) + 1, level, _jitter(body, level, order), R, t)
 
 
 def _jitter(body: BodyTargets, level: Index, order: Array) -> Array:

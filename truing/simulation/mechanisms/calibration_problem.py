@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.leg_bodies import Carried, LegBodies, joints_of
-from truing.simulation.mechanisms.parameters import SHARED, Parameter, ParameterSet
+from truing.simulation.mechanisms.parameters import SHARED, LegParameter, ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import shift_change
 from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
 
@@ -59,9 +59,9 @@ class CommonErrors:
     effects: NDArray
 
     @property
-    def entries(self) -> tuple[Parameter, ...]:
+    def entries(self) -> tuple[LegParameter, ...]:
         """Return the errors as numbers to identify."""
-        return tuple(Parameter(f"common{k + 1}", SHARED, "1", 1.0) for k in range(self.effects.shape[-1]))
+        return tuple(LegParameter(f"common{k + 1}", SHARED, "1", 1.0) for k in range(self.effects.shape[-1]))
 
     def corrected(self, deviation: NDArray, errors: NDArray) -> NDArray:
         """Return deviations (..., B, N) of the truth from the measurement, less what errors (..., K) did to it."""
@@ -73,7 +73,7 @@ class CommonErrors:
 
 
 @dataclass(frozen=True)
-class Constrained:
+class PoseEquations:
     """The equations of each pose, M in m, and their first derivatives; 0 where all belongs together."""
 
     value: NDArray  # (..., B, M)
@@ -106,7 +106,7 @@ class CalibrationProblem:
             raise ValueError(f"poses of legs: found {legs}, expected legs of one body each in a model of single legs")
 
     @property
-    def entries(self) -> tuple[Parameter, ...]:
+    def entries(self) -> tuple[LegParameter, ...]:
         """Return all that is identified: the machine's parameters, what places each leg in its survey frame, and the
         errors common to all poses."""
         seats = self.leg_bodies.entries if self.leg_bodies else ()
@@ -136,7 +136,7 @@ class CalibrationProblem:
         """Return the positions of the actuators (..., B, L), m, that were read, counted as the machine counts them."""
         return self.rho + (machine.legs.rho0 - self.nominal.legs.rho0)
 
-    def constrain(self, values: NDArray, deviation: NDArray) -> Constrained:
+    def constrain(self, values: NDArray, deviation: NDArray) -> PoseEquations:
         """Return the equations at values (..., P), SI, where the truth is off the measurement by deviation (..., B, N).
 
         Rotations deviate by exp(theta) R.
@@ -146,9 +146,9 @@ class CalibrationProblem:
         first = len(self.entries) - len(self.common.entries)
         found = self._constrain(values[..., :first], self.common.corrected(deviation, values[..., first:]))
         by_values = np.concatenate([found.by_values, self.common.slopes(found.by_deviation)], -1)
-        return Constrained(found.value, found.by_deviation, by_values)
+        return PoseEquations(found.value, found.by_deviation, by_values)
 
-    def _constrain(self, values: NDArray, deviation: NDArray) -> Constrained:
+    def _constrain(self, values: NDArray, deviation: NDArray) -> PoseEquations:
         machine, readings = self.machine(values), 6 + self.rho.shape[-1]
         p, R = self.p + deviation[..., :3], exp_so3(deviation[..., 3:6]) @ self.R
         rho = self.readings(machine) + deviation[..., 6:readings]
@@ -171,16 +171,16 @@ def _leading(values: NDArray) -> NDArray:
     return values[..., None, :] if values.ndim > 1 else values
 
 
-def _constrained(closing: Closing, deviation: NDArray, change: Change, carried: Carried | None = None) -> Constrained:
+def _constrained(closing: Closing, deviation: NDArray, change: Change, carried: Carried | None = None) -> PoseEquations:
     """Join the derivatives: by the platform's pose and the readings, by the parameters, and by what the legs add."""
     by_pose = [by_deviation(closing.by_twist, deviation[..., 3:6]), closing.by_rho]
     by_values = [closing.by_parameter + _by_rho0(closing, change)]
     if carried is not None:
         by_pose, by_values = [*by_pose, carried.by_deviation], [*by_values, carried.by_values]
-    return Constrained(closing.value, np.concatenate(by_pose, -1), np.concatenate(by_values, -1))
+    return PoseEquations(closing.value, np.concatenate(by_pose, -1), np.concatenate(by_values, -1))
 
 
-def _with_shifts(found: Constrained, shifted: ShiftClosing, change: Change) -> Constrained:
+def _with_shifts(found: PoseEquations, shifted: ShiftClosing, change: Change) -> PoseEquations:
     """Put the equations of the shifts below the others, and their deviations behind."""
     count, legs = shifted.by_rho.shape[-2:]
     batch = found.value.shape[:-1]
@@ -190,7 +190,7 @@ def _with_shifts(found: Constrained, shifted: ShiftClosing, change: Change) -> C
     moved = change.get("rho0", (legs,))
     values[..., : change.size] = shifted.by_parameter + shifted.by_rho @ moved
     beside = np.zeros((*found.by_deviation.shape[:-1], count))
-    return Constrained(
+    return PoseEquations(
         np.concatenate([found.value, shifted.value], -1),
         np.concatenate([np.concatenate([found.by_deviation, beside], -1), below], -2),
         np.concatenate([found.by_values, values], -2),

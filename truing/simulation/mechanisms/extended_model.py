@@ -18,7 +18,7 @@ from truing.simulation.catalogue import catalogue, of_photographed_points
 from truing.simulation.cause import Effect, Step
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.model import Known, PointModel
-from truing.simulation.mechanisms.parameters import Parameter, ParameterSet, full_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.mechanisms.recording import COMMON, Conditions
 from truing.simulation.mechanisms.structures.structure import Machine
@@ -345,7 +345,7 @@ class IdentifiedGeometry:
     known (P,): whose prior is a tolerance, and not merely wide. by_shared (P, G): how they follow the model's unknowns.
     """
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[LegParameter, ...]
     nominal: NDArray
     values: NDArray
     covariance: NDArray
@@ -384,7 +384,7 @@ def identified_geometry(model: PointModel, shared: NDArray, covariance: NDArray)
     )
 
 
-def _part(entry: Parameter) -> str:
+def _part(entry: LegParameter) -> str:
     return entry.name.partition("_")[0]
 
 

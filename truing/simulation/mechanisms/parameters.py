@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.structures.structure import Machine, Section
+from truing.simulation.mechanisms.structures.structure import BeamSection, Machine
 
 _OF_LEGS = ("a", "b", "u", "l", "rho0")
 _AXES = ("x", "y", "z")
@@ -24,7 +24,7 @@ SHARED = -1
 
 
 @dataclass(frozen=True)
-class Parameter:
+class LegParameter:
     """One number of one leg (from 0; -1: shared), the unit it has in the tables, and what one of that is in SI."""
 
     name: str
@@ -56,7 +56,7 @@ class _Slot:
 class ParameterSet:
     """Parameters in their order; values (..., P) in SI, with any leading batch that a machine's arrays then have."""
 
-    entries: tuple[Parameter, ...]
+    entries: tuple[LegParameter, ...]
 
     def __len__(self) -> int:
         """Return the number of parameters P."""
@@ -142,7 +142,7 @@ def _along_the_sphere(u: NDArray, slope: NDArray) -> NDArray:
 _RANK = {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2, "flexure_length": 1, "flexure": 1, "tube": 1}
 
 
-def _slot(parameter: Parameter) -> _Slot:
+def _slot(parameter: LegParameter) -> _Slot:
     """Return where a parameter stands; raises ValueError for a name that no machine has."""
     name, leg = parameter.name, parameter.leg
     head, _, tail = name.partition("_")
@@ -169,14 +169,14 @@ def _array(machine: Machine, field: str) -> NDArray:
     held = getattr(machine.legs if field in _OF_LEGS else machine, field)
     if held is None:
         raise ValueError(f"machine: found no {field}, expected one for its parameters")
-    return np.stack([held.bending, held.axial, held.torsion], -1) if isinstance(held, Section) else np.asarray(held)
+    return np.stack([held.bending, held.axial, held.torsion], -1) if isinstance(held, BeamSection) else np.asarray(held)
 
 
 def _with_arrays(machine: Machine, arrays: dict[str, NDArray]) -> Machine:
     """Return the machine with arrays put in by field."""
     legs = {name: array for name, array in arrays.items() if name in _OF_LEGS}
     rest: dict[str, Any] = {name: array for name, array in arrays.items() if name not in _OF_LEGS}
-    rest |= {name: Section(*np.moveaxis(rest[name], -1, 0)) for name in ("flexure", "tube") if name in rest}
+    rest |= {name: BeamSection(*np.moveaxis(rest[name], -1, 0)) for name in ("flexure", "tube") if name in rest}
     return replace(machine, legs=machine.legs.replace(**legs), **rest)
 
 
@@ -226,7 +226,7 @@ def _check(deformation: str) -> None:
         raise ValueError(f"deformation: found {deformation!r}, expected none, linear or matrix")
 
 
-def _directions(machine: Machine, count: int) -> list[Parameter]:
+def _directions(machine: Machine, count: int) -> list[LegParameter]:
     """Return the smallest components of each u, in the order of the axes; of equal ones the first."""
     if "u" not in machine.legs.closure.geometry:
         return []
@@ -235,14 +235,14 @@ def _directions(machine: Machine, count: int) -> list[Parameter]:
     return [_ratio(f"u_{_AXES[smallest[leg, place]]}", leg) for place, leg in order]
 
 
-def _sections(wanted: bool) -> Sequence[Parameter]:
+def _sections(wanted: bool) -> Sequence[LegParameter]:
     pairs = [(body, kind) for body in ("flexure", "tube") for kind in _STIFFNESS if wanted]
-    return [Parameter(f"{body}_{kind}", SHARED, _STIFFNESS[kind], 1.0) for body, kind in pairs]
+    return [LegParameter(f"{body}_{kind}", SHARED, _STIFFNESS[kind], 1.0) for body, kind in pairs]
 
 
-def _millimetres(name: str, leg: int) -> Parameter:
-    return Parameter(name, leg, "mm", 1e-3)
+def _millimetres(name: str, leg: int) -> LegParameter:
+    return LegParameter(name, leg, "mm", 1e-3)
 
 
-def _ratio(name: str, leg: int) -> Parameter:
-    return Parameter(name, leg, "1", 1.0)
+def _ratio(name: str, leg: int) -> LegParameter:
+    return LegParameter(name, leg, "1", 1.0)

@@ -19,7 +19,7 @@ from truing.simulation.mechanisms.model import PointModel
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.prior_campaign import (
     CampaignPrior,
-    Part,
+    SharedUnknowns,
     block_diagonal,
     centred,
     clipped,
@@ -46,7 +46,7 @@ def mechanism_prior(
     wider = model.with_causes(causes)
     names = [name for name in _GEOMETRY if name in old.layout and name in wider.layout]
     names += [cause.key for cause in causes]
-    parts = tuple(Part(name, np.broadcast_to(wider.scale_of(name), _size(old, name))) for name in names)
+    parts = tuple(SharedUnknowns(name, np.broadcast_to(wider.scale_of(name), _size(old, name))) for name in names)
     bridge = _bridge(old, wider, names)
     own, others = _split(old, names)
     told = clipped(np.linalg.inv(found.covariance) - np.eye(len(found.shared)))

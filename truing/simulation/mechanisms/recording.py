@@ -108,7 +108,7 @@ def _seat(places: NDArray, state: State, targets: Targets) -> None:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionDerivatives:
     """How platform, attachments, legs and targets move per parameter of a change.
 
     All in the base frame but ``moved``: targets on their bodies, along the axes of the surveys; None where they stay.
@@ -121,7 +121,7 @@ class Motion:
     moved: NDArray | None  # (B, K, 3, P)
 
 
-def motion(passage: Passage, nominal: NDArray, change: Change) -> Motion:
+def motion(passage: Passage, nominal: NDArray, change: Change) -> MotionDerivatives:
     """Return the motion of all bodies that a change at the end of the structure brings about; exact."""
     state = passage.state
     legs, R = state.legs, state.R
@@ -131,7 +131,7 @@ def motion(passage: Passage, nominal: NDArray, change: Change) -> Motion:
     lower = np.broadcast_to(legs.closure.lower_change(legs, state.rho, change), attachment.shape)
     g = leg_vectors(legs, state.p, R, state.rho, state.delta_bz)
     turn = _leg_turn(state, nominal, unit(g), attachment - lower, g, twist)
-    return Motion(twist, attachment, lower, turn, change.fields.get("moved"))
+    return MotionDerivatives(twist, attachment, lower, turn, change.fields.get("moved"))
 
 
 def _leg_turn(state: State, nominal: NDArray, z: NDArray, dg: NDArray, g: NDArray, twist: NDArray) -> NDArray:
@@ -146,7 +146,7 @@ def _leg_turn(state: State, nominal: NDArray, z: NDArray, dg: NDArray, g: NDArra
     return np.cross(z[..., None], dz, axis=2) + z[..., None] * along[..., None, :]
 
 
-def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: Motion) -> NDArray:
+def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: MotionDerivatives) -> NDArray:
     """Return how the targets move (B, K, 3, P), base frame, when the bodies do."""
     places = np.broadcast_to(state.shape + state.moved, (len(state.rho), len(targets.body), 3))
     result = np.zeros((*places.shape, bodies.twist.shape[-1]))

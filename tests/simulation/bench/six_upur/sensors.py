@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from truing.simulation.bench.six_upur import elements
-from truing.simulation.bench.six_upur.elements import Element, leaf_compliance, universal_joint
+from truing.simulation.bench.six_upur.elements import LegElement, leaf_compliance, universal_joint
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 
@@ -35,7 +35,7 @@ def joints_of(name: str) -> JointCentres:
     return joint_centres(np.array(numbers["B"]), platform, numbers["h"])
 
 
-def leg_of(name: str) -> list[Element]:
+def leg_of(name: str) -> list[LegElement]:
     """The leg of a reference set: universal joints of two leaves, an axial and a torsional spring."""
     numbers = REFERENCE["sets"][f"fs_{name}"]
     flexure = numbers["flexure"]
@@ -57,7 +57,7 @@ def crooked_joints(rng: np.random.Generator) -> JointCentres:
     return joint_centres(lower, arm, 0.3)
 
 
-def crooked_leg(rng: np.random.Generator) -> list[Element]:
+def crooked_leg(rng: np.random.Generator) -> list[LegElement]:
     """Elements of every kind, with a filler between them."""
     size = rng.uniform(0.5, 1.5, 8)
     loose = rng.normal(size=(6, 6)) * np.repeat([1e-5, 1e-3], 3)[:, None]

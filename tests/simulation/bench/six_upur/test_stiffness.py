@@ -20,7 +20,7 @@ from tests.simulation.bench.six_upur.sensors import (
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3, skew
 from truing.simulation.bench.six_upur import elements
-from truing.simulation.bench.six_upur.elements import Element, leg_parts
+from truing.simulation.bench.six_upur.elements import LegElement, leg_parts
 from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.stiffness import elastic_sensor, end_transport
@@ -83,7 +83,7 @@ def test_a_chain_may_be_cut_anywhere(seed: int) -> None:
     cut = rng.uniform(0.02, 0.1)
     joints, rod = crooked_joints(rng), (206e9, 0.3)
 
-    def compliance(leg: list[Element]) -> np.ndarray:
+    def compliance(leg: list[LegElement]) -> np.ndarray:
         return levered(elastic_sensor(joints, leg).compliance, 2.0)
 
     whole = compliance([elements.cylinder(0.12, 0.012, *rod), elements.rigid()])
@@ -161,7 +161,7 @@ def test_eq_24_as_printed_breaks_the_symmetry_of_K() -> None:
         ([elements.rigid(), elements.cylinder(0.1, 0.01, 2e11, 0.3), elements.rigid()], "one at most"),
     ],
 )
-def test_elements_that_make_no_leg_are_refused(leg: list[Element], expected: str) -> None:
+def test_elements_that_make_no_leg_are_refused(leg: list[LegElement], expected: str) -> None:
     with pytest.raises(ValueError, match=expected):
         elastic_sensor(joints_of("S"), leg)
 

@@ -25,7 +25,7 @@ from truing.estimation.rotation import exp_so3
 from truing.schemas.mechanism import SensorTolerance
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.assembly import SOURCES, influence_change, motion_of_sources
-from truing.simulation.bench.six_upur.elements import Element, moved_along
+from truing.simulation.bench.six_upur.elements import LegElement, moved_along
 from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes, outward
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.stiffness import elastic_sensor, end_transport
@@ -116,7 +116,9 @@ def as_assembled(joints: JointCentres, errors: NDArray) -> JointCentres:
     return JointCentres(lower, arm @ exp_so3(found[3:]).T, joints.origin + found[:3])
 
 
-def compliance_with(joints: JointCentres, leg: list[Element], seat: int, errors: NDArray, soften: NDArray) -> NDArray:
+def compliance_with(
+    joints: JointCentres, leg: list[LegElement], seat: int, errors: NDArray, soften: NDArray
+) -> NDArray:
     """The compliance of a sensor with length errors (6, 5) and parts softened by factors (6, P), put together anew.
 
     Parts lie where the unloaded sensor has them, but for what the clearances and the installation insert.

@@ -172,7 +172,7 @@ _TYPED = 1e-3
 
 
 @dataclass(frozen=True)
-class Element:
+class LegElement:
     """An element of a leg: length, m, and compliances (6, 6) at its outer end by the elastic parameter they go with.
 
     A length of None takes up what the other elements leave of each leg. measures: whether it is the leg's force sensor.
@@ -184,37 +184,39 @@ class Element:
     measures: bool = False
 
 
-def rigid(length: float | None = None) -> Element:
+def rigid(length: float | None = None) -> LegElement:
     """Return an element that does not give; without a length, the rest of the leg."""
-    return Element("rigid", length, ())
+    return LegElement("rigid", length, ())
 
 
-def cylinder(length: float, diameter: float, youngs_pa: float, poisson: float) -> Element:
+def cylinder(length: float, diameter: float, youngs_pa: float, poisson: float) -> LegElement:
     """Return a solid circular rod."""
-    return Element("cylinder", length, (("youngs", cylinder_compliance(length, diameter, youngs_pa, poisson)),))
+    return LegElement("cylinder", length, (("youngs", cylinder_compliance(length, diameter, youngs_pa, poisson)),))
 
 
-def leaf(length: float, width: float, thickness: float, youngs_pa: float, poisson: float, soft: str) -> Element:
+def leaf(length: float, width: float, thickness: float, youngs_pa: float, poisson: float, soft: str) -> LegElement:
     """Return a leaf spring that bends about the leg axis s1 or s2."""
     found = leaf_compliance(length, width, thickness, youngs_pa, poisson, soft)
-    return Element("leaf", length, (("youngs", found),))
+    return LegElement("leaf", length, (("youngs", found),))
 
 
-def notch(width: float, web: float, radius: float, youngs_pa: float, poisson: float, soft: str) -> Element:
+def notch(width: float, web: float, radius: float, youngs_pa: float, poisson: float, soft: str) -> LegElement:
     """Return a circular flexure hinge, 2 radius long, that bends about the leg axis s1 or s2."""
-    return Element("notch", 2.0 * radius, (("youngs", notch_compliance(width, web, radius, youngs_pa, poisson, soft)),))
+    return LegElement(
+        "notch", 2.0 * radius, (("youngs", notch_compliance(width, web, radius, youngs_pa, poisson, soft)),)
+    )
 
 
-def spring(axial: float | None = None, torsion: float | None = None, length: float = 0.0) -> Element:
+def spring(axial: float | None = None, torsion: float | None = None, length: float = 0.0) -> LegElement:
     """Return springs along and about the leg, N/m and N m/rad, rigid where absent; the axial one is the sensor."""
     known = (("axial", 2, axial), ("torsion", 5, torsion))
     gives = tuple((name, _at(place) / value) for name, place, value in known if value is not None)
-    return Element("spring", length, gives, measures=axial is not None)
+    return LegElement("spring", length, gives, measures=axial is not None)
 
 
-def compliance(matrix: ArrayLike, length: float = 0.0) -> Element:
+def compliance(matrix: ArrayLike, length: float = 0.0) -> LegElement:
     """Return an element of known compliance (6, 6) at its outer end, SI, leg axes; errors as for `passive`."""
-    return Element("compliance", length, (("scale", passive(matrix, "compliance")),))
+    return LegElement("compliance", length, (("scale", passive(matrix, "compliance")),))
 
 
 def passive(matrix: ArrayLike, what: str) -> NDArray:
@@ -252,7 +254,7 @@ class LegParts:
     by_middle: NDArray
 
 
-def leg_parts(elements: Sequence[Element], length: NDArray) -> LegParts:
+def leg_parts(elements: Sequence[LegElement], length: NDArray) -> LegParts:
     """Return the flexible parts of legs of lengths (..., 6), m, between the joint centres.
 
     Raises ValueError where elements and legs differ in length by more than 0.1 %, or nothing gives.
@@ -274,7 +276,7 @@ def leg_parts(elements: Sequence[Element], length: NDArray) -> LegParts:
     return LegParts(tuple(names), *(np.stack(each, -3) for each in (compliances, installed, middle)))
 
 
-def _beyond(elements: Sequence[Element], length: NDArray) -> list[NDArray]:
+def _beyond(elements: Sequence[LegElement], length: NDArray) -> list[NDArray]:
     """Return how far (..., 6), m, each element's outer end is from the leg's."""
     lengths = [element.length for element in elements]
     given = sum(value for value in lengths if value is not None)
@@ -292,7 +294,7 @@ def _beyond(elements: Sequence[Element], length: NDArray) -> list[NDArray]:
     return outer[::-1]
 
 
-def _seat(elements: Sequence[Element], beyond: list[NDArray], length: NDArray) -> int:
+def _seat(elements: Sequence[LegElement], beyond: list[NDArray], length: NDArray) -> int:
     """Return where the force sensor sits: the first element that measures, else the one that the middle is in."""
     for j, element in enumerate(elements):
         if element.measures:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
-from truing.simulation.bench.six_upur.elements import Element, LegParts, leg_parts
+from truing.simulation.bench.six_upur.elements import LegElement, LegParts, leg_parts
 from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes
 
 # Below this share of the largest, an eigenvalue of a leg's compliance cannot be told from rounding.
@@ -52,7 +52,7 @@ class ElasticSensor:
         return np.einsum("...li,...lij->...lj", self.joints.direction, self.leg_wrenches[..., :3, :])
 
 
-def elastic_sensor(joints: JointCentres, elements: Sequence[Element]) -> ElasticSensor:
+def elastic_sensor(joints: JointCentres, elements: Sequence[LegElement]) -> ElasticSensor:
     """Return a sensor whose six legs are made of the same elements.
 
     Raises ValueError where elements do not fit the legs, or leave them rigid in some direction.

@@ -29,7 +29,7 @@ Three = tuple[NDArray, NDArray, NDArray]
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _LegGeometry:
     """What all samples share: (3, 6, 1) legs, arms and outward directions below and above; 1 / G; (6, 1) lengths."""
 
     leg: NDArray
@@ -40,11 +40,11 @@ class _Plan:
     length: NDArray
 
 
-def plan_of(joints: JointCentres) -> _Plan:
+def plan_of(joints: JointCentres) -> _LegGeometry:
     """Return what `stand` needs of one sensor; raises LinAlgError where six legs do not hold the platform."""
     arrays = (joints.leg, joints.arm, outward(joints.lower), outward(joints.arm))
     leg, arm, below, above = (array.T[..., None] for array in arrays)
-    return _Plan(leg, arm, below, above, np.linalg.inv(influence_matrix(joints)), joints.length[:, None])
+    return _LegGeometry(leg, arm, below, above, np.linalg.inv(influence_matrix(joints)), joints.length[:, None])
 
 
 def assembled(joints: JointCentres, errors: NDArray) -> NDArray:
@@ -55,7 +55,7 @@ def assembled(joints: JointCentres, errors: NDArray) -> NDArray:
     return stand(plan_of(joints), np.ascontiguousarray(np.transpose(errors, (2, 1, 0)))).T
 
 
-def stand(plan: _Plan, errors: NDArray) -> NDArray:
+def stand(plan: _LegGeometry, errors: NDArray) -> NDArray:
     """Return platform errors (6, N) of sensors with errors (5, 6, N), m, in the order of `assembly.SOURCES`."""
     above, below, low, middle, installed = errors
     wanted = plan.length + low - middle + installed

@@ -25,7 +25,7 @@ _POSE = 6
 
 
 @dataclass(frozen=True)
-class Group:
+class PoseGroup:
     """A group of neighbouring poses in time: which they are (B,), and the names of the first and the last."""
 
     own: NDArray[np.bool_]
@@ -33,7 +33,7 @@ class Group:
     to_pose: int | str
 
 
-def groups_in_time(scene: PointScene) -> Iterator[Group]:
+def groups_in_time(scene: PointScene) -> Iterator[PoseGroup]:
     """Yield groups of poses that follow each other, in several lengths; none of few poses, or without an order."""
     count = len(scene.poses)
     if count < _FEWEST_POSES or ORDER not in scene.covariates:
@@ -47,7 +47,7 @@ def groups_in_time(scene: PointScene) -> Iterator[Group]:
     for length in lengths:
         for first in sorted({*range(0, count - length, max(length // 8, 1)), count - length}):
             own = (rank >= first) & (rank < first + length)
-            yield Group(own, scene.poses[in_time[first]], scene.poses[in_time[first + length - 1]])
+            yield PoseGroup(own, scene.poses[in_time[first]], scene.poses[in_time[first + length - 1]])
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import attachments, shortest_turn, unit, upper_joints
-from truing.simulation.mechanisms.parameters import Parameter
+from truing.simulation.mechanisms.parameters import LegParameter
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel, shift_change
 from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
 
@@ -55,12 +55,12 @@ class LegBodies:
     w: NDArray
 
     @property
-    def entries(self) -> tuple[Parameter, ...]:
+    def entries(self) -> tuple[LegParameter, ...]:
         """Return the numbers to identify beside those of the machine, leg by leg: c0, then two components of w."""
-        found: list[Parameter] = []
+        found: list[LegParameter] = []
         for leg, axes in zip(self.leg, self._free(), strict=True):
-            found += [Parameter(f"c_{axis}", int(leg), "mm", 1e-3) for axis in "xyz"]
-            found += [Parameter(f"w_{'xyz'[axis]}", int(leg), "1", 1.0) for axis in axes]
+            found += [LegParameter(f"c_{axis}", int(leg), "mm", 1e-3) for axis in "xyz"]
+            found += [LegParameter(f"w_{'xyz'[axis]}", int(leg), "1", 1.0) for axis in axes]
         return tuple(found)
 
     @property

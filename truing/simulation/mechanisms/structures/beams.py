@@ -16,28 +16,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.mechanisms.legs.kinematics import unit
-from truing.simulation.mechanisms.structures.structure import Section
+from truing.simulation.mechanisms.structures.structure import BeamSection
 
 # The inputs of an element, in the order of its derivatives.
 LENGTH, BENDING, AXIAL, TORSION = range(4)
 
 
-def section(diameter_m: float, youngs_pa: float, poisson: float) -> Section:
+def section(diameter_m: float, youngs_pa: float, poisson: float) -> BeamSection:
     """Return the stiffness of a solid circular section: EI, ES and GJ with J the polar moment."""
     square = diameter_m * diameter_m
     shear_pa = youngs_pa / (2 * (1 + poisson))
     bending, area, polar = np.pi * square**2 / 64, np.pi * square / 4, np.pi * square**2 / 32
-    return Section(youngs_pa * bending, youngs_pa * area, shear_pa * polar)
+    return BeamSection(youngs_pa * bending, youngs_pa * area, shear_pa * polar)
 
 
-def element_stiffness(length: NDArray, beam: Section) -> NDArray:
+def element_stiffness(length: NDArray, beam: BeamSection) -> NDArray:
     """Return K (..., 12, 12) of beams of lengths (...), m."""
     k1, k2, k3 = beam.bending, beam.axial, beam.torsion
     share = np.stack([k2 / length, k3 / length, *_bent(k1, length)], -1)
     return np.tensordot(share, _PATTERNS, 1)
 
 
-def element_change(length: NDArray, beam: Section) -> NDArray:
+def element_change(length: NDArray, beam: BeamSection) -> NDArray:
     """Return the derivatives (..., 4, 12, 12) of K by length and by bending, axial and torsion stiffness."""
     k1, k2, k3, zero, one = beam.bending, beam.axial, beam.torsion, 0.0 * length, 1.0 + 0.0 * length
     turn, couple, shear = _bent(k1, length)
@@ -88,8 +88,8 @@ class Chain:
 
     flexure_length: NDArray
     tube_length: NDArray
-    flexure: Section
-    tube: Section
+    flexure: BeamSection
+    tube: BeamSection
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ from truing.simulation.mechanisms.structures.beams import (
     nodes,
 )
 from truing.simulation.mechanisms.structures.kinematic_model import shifting
-from truing.simulation.mechanisms.structures.structure import Closing, Machine, Section
+from truing.simulation.mechanisms.structures.structure import BeamSection, Closing, Machine
 
 PLATFORM_END = slice(6, 12)  # b' among the ends of a condensed chain
 
@@ -86,7 +86,7 @@ def chain_of(machine: Machine) -> Chain:
     length = legs.closure.length(legs, legs.rho0)
     beams = [np.asarray(k)[..., None] for beam in (flexure, tube) for k in (beam.bending, beam.axial, beam.torsion)]
     parts: list[Any] = list(np.broadcast_arrays(l_b, length - l_b, *beams))
-    return Chain(parts[0], parts[1], Section(*parts[2:5]), Section(*parts[5:]))
+    return Chain(parts[0], parts[1], BeamSection(*parts[2:5]), BeamSection(*parts[5:]))
 
 
 def at_rest(machine: Machine) -> Rest:

@@ -31,7 +31,7 @@ _MAX_ITERATIONS = 30
 
 
 @dataclass(frozen=True)
-class Section:
+class BeamSection:
     """Stiffness of a circular beam's section: bending k1 = EI (N m^2), axial k2 = ES (N), torsion k3 = GJ (N m^2)."""
 
     bending: float
@@ -52,8 +52,8 @@ class Machine:
     legs: Legs
     deformation: NDArray
     flexure_length: NDArray | None = None
-    flexure: Section | None = None
-    tube: Section | None = None
+    flexure: BeamSection | None = None
+    tube: BeamSection | None = None
     load: NDArray = field(default_factory=lambda: np.zeros(6))
 
     def delta_bz(self, rho: NDArray) -> NDArray:
