@@ -21,7 +21,7 @@ from truing.calibration.every_case import screened
 from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
 from truing.calibration.measured import CalibrationData
 from truing.calibration.question import cases
-from truing.pipeline.run_campaign import StageSelection, Wish, run_campaigns
+from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaigns
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages import calibrate as stage
@@ -34,7 +34,7 @@ def tables() -> tuple[dict[str, object], Campaign]:
     """Return what the stage reads, from a fresh run of the stages before it."""
     campaign = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
     with tempfile.TemporaryDirectory() as folder:
-        wish = Wish(StageSelection(None, "deformation", False), distrust=False, accept_failed_checks=True)
+        wish = RunOptions(StageSelection(None, "deformation", False), distrust=False, accept_failed_checks=True)
         if run_campaigns([CAMPAIGN], Path(folder), wish, quiet=True):
             raise SystemExit("the sample campaign did not run")
         names = [name.rstrip("?") for name in stage.DECLARATION.reads]

@@ -15,7 +15,7 @@ from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import second_folder
 from truing.pipeline.stage_order import RAW_READERS, is_optional, stage_module
 from truing.pipeline.starter import unconfirmed
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.schemas.faults import CampaignFaults, Fault
 
 _MOST_ROWS = 300_000  # of object points that a look beforehand compares with their readings; `run` compares all
@@ -195,7 +195,7 @@ def _remove(document: Mapping[str, Any], dotted: str) -> bool:
 def report_check(place: Path) -> ExitCode:
     """`truing check` on one campaign: says that it can be used, or raises CampaignFaults."""
     campaign = open_campaign(place)
-    found, voice = check_campaign(campaign), Voice(quiet=False)
+    found, voice = check_campaign(campaign), RunConsole(quiet=False)
     unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
     apart, doubtful = ((), ()) if unrelated else _apart(place)
     verdict = "no fault" if found.is_evaluated else "nothing but quality can be evaluated"

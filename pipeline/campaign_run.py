@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import truing
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
 from truing.pipeline.freshness import Evidence, Freshness, StageStatus
-from truing.pipeline.ledger import Entry, Ledger, MadeFrom, RememberedDigests, digest_of, read_ledger
+from truing.pipeline.ledger import DigestCache, Entry, MadeFrom, Manifest, digest_of, read_ledger
 from truing.pipeline.problems import EnvironmentProblem
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.source_digest import SourceTree
@@ -49,8 +49,8 @@ class CampaignRun:
 
     campaign: CampaignFolder
     folder: Path
-    remembered: RememberedDigests
-    ledger: Ledger
+    remembered: DigestCache
+    ledger: Manifest
     scratch: Path | None = None  # for temporary files of whoever reads raw files; absent: the system's own place
     workers: int = 1  # processes for what one stage can do in independent pieces
     _found: dict[str, tuple[Path, ...]] = field(default_factory=dict)
@@ -250,7 +250,7 @@ def _names_of(campaign: CampaignFolder) -> tuple[str, ...]:
 
 def detached_run(campaign: CampaignFolder) -> CampaignRun:
     """A campaign without a run folder: nothing is known of it, and nothing can be written."""
-    return CampaignRun(campaign, campaign.folder, RememberedDigests(None), Ledger())
+    return CampaignRun(campaign, campaign.folder, DigestCache(None), Manifest())
 
 
 def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, workers: int = 1) -> CampaignRun:
@@ -262,5 +262,5 @@ def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, 
         for name, entry in ledger.entries.items()
         if name in _names_of(campaign) and entry.artifacts.keys() <= ARTIFACTS.keys()
     }
-    remembered = RememberedDigests(private / "digests.json", distrust=distrust)
+    remembered = DigestCache(private / "digests.json", distrust=distrust)
     return CampaignRun(campaign, folder, remembered, ledger, private, workers)

@@ -145,11 +145,11 @@ def run(
 
     Example: truing run sample_data/telescope --from pose
     """
-    from truing.pipeline.run_campaign import StageSelection, Wish, run_campaigns
+    from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaigns
 
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
-    wish = Wish(StageSelection(first, only, force), distrust=check, accept_failed_checks=qa is _QaGate.WARN)
+    wish = RunOptions(StageSelection(first, only, force), distrust=check, accept_failed_checks=qa is _QaGate.WARN)
     raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet, workforce=workforce(workers, scheduler)))
 
 
@@ -274,11 +274,11 @@ def design(
 
     def choose() -> ExitCode:
         from truing.pipeline.design_command import DesignFiles, design_campaign
-        from truing.stages.configurations.chosen import DesignWish
+        from truing.stages.configurations.chosen import DesignOptions
 
         names = _listed(parameters)
         shown = _listed(causes)
-        wish = DesignWish(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
+        wish = DesignOptions(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
         return design_campaign(campaign, wish, DesignFiles(extend, avoid, out))
 
     _end(choose)
@@ -314,10 +314,10 @@ def power(
     """
 
     def tell() -> ExitCode:
-        from truing.pipeline.power_command import PowerWish, power_campaign
+        from truing.pipeline.power_command import PowerOptions, power_campaign
 
         names = _listed(causes)
-        return power_campaign(campaign, PowerWish(names, draws, gross, seed), workforce(workers, scheduler), out)
+        return power_campaign(campaign, PowerOptions(names, draws, gross, seed), workforce(workers, scheduler), out)
 
     _end(tell)
 
@@ -373,12 +373,12 @@ def plan(
     """
 
     def choose() -> ExitCode:
-        from truing.estimation.bundle.photograph_plan import PlanWish
+        from truing.estimation.bundle.photograph_plan import PlanOptions
         from truing.pipeline.plan_command import PlanFiles, plan_campaign
 
         near, far = _pair("--distance", distance) if distance else (None, None)
         bounds = _pair("--elevation", elevation)
-        wish = PlanWish(stations, wanted, near, far, bounds, directions, incidence, least)
+        wish = PlanOptions(stations, wanted, near, far, bounds, directions, incidence, least)
         return plan_campaign(campaign, wish, PlanFiles(camera, run, normals, out))
 
     _end(choose)
@@ -438,6 +438,6 @@ def compare(
 
 def _end(*actions: Callable[[], ExitCode]) -> None:
     from truing.pipeline.endings import end_all
-    from truing.pipeline.voice import Voice
+    from truing.pipeline.voice import RunConsole
 
-    raise typer.Exit(end_all(list(actions), Voice(quiet=False)))
+    raise typer.Exit(end_all(list(actions), RunConsole(quiet=False)))

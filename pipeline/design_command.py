@@ -13,12 +13,12 @@ from truing.pipeline.campaign_folder import CampaignFolder, open_campaign
 from truing.pipeline.given_files import check_file, read_given, table_bytes
 from truing.pipeline.in_memory import bench_tables
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.pipeline.whole_file import write_whole
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.cause_loads import loads_for_causes
-from truing.stages.configurations.chosen import DesignTables, DesignWish
+from truing.stages.configurations.chosen import DesignOptions, DesignTables
 from truing.stages.configurations.words import words_of, words_of_loads
 from truing.stages.design import design
 from truing.stages.ingestion.loading_tables import TABLES, read_loading_tables
@@ -35,11 +35,11 @@ class DesignFiles:
     out: Path | None = None
 
 
-def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCode:
+def design_campaign(place: Path, wish: DesignOptions, files: DesignFiles) -> ExitCode:
     """Choose configurations, say how good they are, and write them to a file or say them. Raises CampaignFaults."""
     campaign = open_campaign(place)
     check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
-    voice = Voice(quiet=False)
+    voice = RunConsole(quiet=False)
     if campaign.validated().campaign.kind == "interferometer":
         return (_loads_for_causes if wish.causes else _plan_loads)(campaign, wish, files, voice)
     if wish.causes:
@@ -53,7 +53,7 @@ def design_campaign(place: Path, wish: DesignWish, files: DesignFiles) -> ExitCo
     return ExitCode.DONE
 
 
-def _plan_loads(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, voice: Voice) -> ExitCode:
+def _plan_loads(campaign: CampaignFolder, wish: DesignOptions, files: DesignFiles, voice: RunConsole) -> ExitCode:
     """Choose load steps for a sensor; raises CampaignFaults for what only poses have."""
     _check_of_loads(wish, files)
     found = plan_loads(campaign.validated(), wish, _loads_of(campaign))
@@ -68,7 +68,7 @@ def _plan_loads(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, 
     return ExitCode.DONE
 
 
-def _loads_for_causes(campaign: CampaignFolder, wish: DesignWish, files: DesignFiles, voice: Voice) -> ExitCode:
+def _loads_for_causes(campaign: CampaignFolder, wish: DesignOptions, files: DesignFiles, voice: RunConsole) -> ExitCode:
     """Choose runs of loads that show causes, beside the campaign's own load steps, measured or planned."""
     from truing.pipeline.power_command import check_causes  # which loads all that a diagnosis needs
 
@@ -99,7 +99,7 @@ def _loads_of(campaign: CampaignFolder) -> dict[str, pa.Table]:
     return {} if log else found.artifacts
 
 
-def _check_of_loads(wish: DesignWish, files: DesignFiles) -> None:
+def _check_of_loads(wish: DesignOptions, files: DesignFiles) -> None:
     """Raise CampaignFaults for what only poses have."""
     given = {"--extend": files.extend, "--avoid": files.avoid, "--parameters": " ".join(wish.parameters) or None}
     if of_poses := [Fault(name, "no such table for loads", value=str(one)) for name, one in given.items() if one]:
@@ -107,7 +107,7 @@ def _check_of_loads(wish: DesignWish, files: DesignFiles) -> None:
 
 
 def _hand_over(
-    table: pa.Table, out: Path | None, voice: Voice, what: str, then: str = "; fill in time_s when measuring"
+    table: pa.Table, out: Path | None, voice: RunConsole, what: str, then: str = "; fill in time_s when measuring"
 ) -> None:
     if out is None:
         voice.say(table_bytes(table, ".csv").decode().rstrip("\n"))

@@ -16,7 +16,7 @@ from truing.pipeline.problems import (
     environment_problem,
     gravest,
 )
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.schemas.faults import CampaignFaults
 from truing.schemas.memory import shortage
 
@@ -26,7 +26,7 @@ KEPT = "finished artifacts are intact; run again to resume"
 _LEAST_MB = 2000
 
 
-def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
+def end(action: Callable[[], ExitCode], voice: RunConsole) -> ExitCode:
     """The exit code of an action, its trouble told on stderr; interruptions pass, for they end the whole call."""
     try:
         with heard():
@@ -48,7 +48,7 @@ def end(action: Callable[[], ExitCode], voice: Voice) -> ExitCode:
         return _end_of(error, voice)
 
 
-def _end_of(error: Exception, voice: Voice) -> ExitCode:
+def _end_of(error: Exception, voice: RunConsole) -> ExitCode:
     known = environment_problem(error, "the work was prevented")
     if known is not None:
         voice.warn(f"{known}; {KEPT}")
@@ -58,7 +58,7 @@ def _end_of(error: Exception, voice: Voice) -> ExitCode:
     return ExitCode.DEFECT
 
 
-def end_all(actions: list[Callable[[], ExitCode]], voice: Voice) -> ExitCode:
+def end_all(actions: list[Callable[[], ExitCode]], voice: RunConsole) -> ExitCode:
     """Several actions, one after the other; the gravest ending is the call's, and an interruption ends them all."""
     try:
         with interruptible():
@@ -67,7 +67,7 @@ def end_all(actions: list[Callable[[], ExitCode]], voice: Voice) -> ExitCode:
         return end_interrupted(error, voice)
 
 
-def end_interrupted(error: Interrupted, voice: Voice) -> ExitCode:
+def end_interrupted(error: Interrupted, voice: RunConsole) -> ExitCode:
     """The exit code of a call that a signal has ended, said on stderr."""
     answered()
     voice.warn(f"interrupted ({error}); {KEPT}")

@@ -51,9 +51,9 @@ def _call() -> None:
 def _end_interrupted(error: Interrupted) -> int:
     """Interrupted before any action began, as while libraries load."""
     from truing.pipeline.endings import end_interrupted
-    from truing.pipeline.voice import Voice
+    from truing.pipeline.voice import RunConsole
 
-    return end_interrupted(error, Voice(quiet=False))
+    return end_interrupted(error, RunConsole(quiet=False))
 
 
 def _keep(code: int) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truing.pipeline.campaign_folder import CampaignFolder, relative_name
-from truing.pipeline.ledger import Entry, Ledger, MadeFrom, RememberedDigests, canonical
+from truing.pipeline.ledger import DigestCache, Entry, MadeFrom, Manifest, canonical
 from truing.pipeline.source_digest import SourceTree
 from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS, bare
 
@@ -56,8 +56,8 @@ class Evidence:
     run_folder: Path
     source: SourceTree
     artifacts: Mapping[str, Artifact]
-    remembered: RememberedDigests
-    ledger: Ledger
+    remembered: DigestCache
+    ledger: Manifest
 
     def source_of(self, stage: str) -> dict[str, str]:
         """Digests of the source files that a stage consists of."""

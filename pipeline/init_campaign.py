@@ -28,7 +28,7 @@ from truing.pipeline.init_entries import (
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.starter import guess_lines
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault
 
@@ -70,7 +70,7 @@ def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
     guesses = network_tables(_with_surfaces(_beside(_apart(guesses)))) + _photographs(folder)
     text = (campaign_text if every_key else _starter)(folder.resolve().name, guesses)
     _write_new(target, text)
-    voice = Voice(quiet=False)
+    voice = RunConsole(quiet=False)
     for group, guess in guesses:
         voice.say(f"{_shown(group.glob)}: {_summary(group, guess)}")
     voice.say(f"wrote {target}; complete it, then: truing check {folder}")

@@ -71,7 +71,7 @@ class Owner:
 
 
 @dataclass
-class Ledger:
+class Manifest:
     """The entries of a run folder, the digest of the last campaign.toml that was found valid, and whose run it is."""
 
     entries: dict[str, Entry] = field(default_factory=dict)
@@ -85,15 +85,15 @@ class Ledger:
             write_whole(store, content)
 
 
-def read_ledger(store: Path) -> Ledger:
+def read_ledger(store: Path) -> Manifest:
     """The ledger of a run folder; an empty one where there is none, or none that can be read."""
     try:
         regular_size(store)
         content = json.loads(store.read_bytes())
         entries = {name: _entry(row) for name, row in content["entries"].items()}
-        return Ledger(entries, str(content["valid_campaign"]), _owner(content.get("owner")))
+        return Manifest(entries, str(content["valid_campaign"]), _owner(content.get("owner")))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return Ledger()
+        return Manifest()
 
 
 def _entry(row: dict[str, Any]) -> Entry:
@@ -111,7 +111,7 @@ def _owner(told: Any) -> Owner | None:
     return None if told is None else Owner(*(str(told[key]) for key in ("name", "file", "settings", "folder")))
 
 
-class RememberedDigests:
+class DigestCache:
     """SHA-256 of files, and facts derived from their bytes, kept in one JSON file of the run folder."""
 
     def __init__(self, store: Path | None, *, distrust: bool = False) -> None:

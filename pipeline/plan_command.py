@@ -11,7 +11,7 @@ import pyarrow as pa
 from numpy import isnan
 
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.photograph_plan import PhotographPlan, PlannedTargets, PlanWish, plan_photographs
+from truing.estimation.bundle.photograph_plan import PhotographPlan, PlannedTargets, PlanOptions, plan_photographs
 from truing.formats.faultlog import FaultLog
 from truing.formats.photographs import list_photographs
 from truing.formats.source import CampaignFiles
@@ -21,7 +21,7 @@ from truing.pipeline.given_files import check_file, leave_tables, read_given
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_beside_run, note_owner
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.report.plan_page import plan_head, plan_sections
 from truing.report.rendering.render import render_page
 from truing.schemas.artifacts import ARTIFACTS
@@ -45,9 +45,9 @@ class PlanFiles:
     out: Path | None = None
 
 
-def plan_campaign(place: Path, wish: PlanWish, files: PlanFiles) -> ExitCode:
+def plan_campaign(place: Path, wish: PlanOptions, files: PlanFiles) -> ExitCode:
     """Choose stations, say how well the targets will be known, and leave tables and a page. Raises CampaignFaults."""
-    campaign, voice = usable_campaign(place), Voice(quiet=False)
+    campaign, voice = usable_campaign(place), RunConsole(quiet=False)
     settings = campaign.validated()
     _check(settings.campaign.kind, wish)
     check_file(files.out, reads=(files.normals,), campaign=campaign)
@@ -91,7 +91,7 @@ def _not_modelled(targets: PlannedTargets) -> list[str]:
     return [f"{said}; {count} a normal, without which it counts as seen from behind, too (--normals)."]
 
 
-def _check(kind: str, wish: PlanWish) -> None:
+def _check(kind: str, wish: PlanOptions) -> None:
     faults = []
     if kind != "photogrammetry":
         faults.append(Fault("campaign.toml", "photogrammetry", column="campaign.kind", value=kind))

@@ -23,7 +23,7 @@ from truing.pipeline.in_memory import bench_tables, call_stage
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_beside_run, note_owner
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.report.diagnosis.findings import subject_words
 from truing.report.diagnosis.hidden import size_words
 from truing.report.power_page import (
@@ -54,7 +54,7 @@ from truing.simulation.detection_trials import (
 from truing.stages import power
 from truing.stages.common.why_not import NO_DRAWING
 from truing.stages.diagnosis.ray_points import gather_rays
-from truing.stages.diagnosis.rows import Words, diagnosis_table
+from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
 from truing.stages.diagnosis.search import (
     decided,
     decided_of_rays,
@@ -86,7 +86,7 @@ _ASKED = " With their names after --causes, rays are drawn from the run's networ
 
 
 @dataclass(frozen=True)
-class PowerWish:
+class PowerOptions:
     """What the caller asked for: causes (all where none is named), draws per size, share of gross errors, seed."""
 
     causes: tuple[str, ...] = ()
@@ -95,9 +95,9 @@ class PowerWish:
     seed: int = 0
 
 
-def power_campaign(place: Path, wish: PowerWish, workforce: Workforce, out: Path | None) -> ExitCode:
+def power_campaign(place: Path, wish: PowerOptions, workforce: Workforce, out: Path | None) -> ExitCode:
     """Tell what a campaign's layout would show, and leave tables and a page. Raises CampaignFaults."""
-    voice, campaign = Voice(quiet=False), usable_campaign(place)
+    voice, campaign = RunConsole(quiet=False), usable_campaign(place)
     settings = campaign.validated()
     of_rays = wants_rays(wish.causes, campaign)
     check_file(out, campaign=campaign)
@@ -132,7 +132,7 @@ def check_causes(names: Sequence[str], settings: Campaign) -> None:
         raise CampaignFaults(Fault("--causes", f"of {', '.join(known)}", value=name) for name in strange)
 
 
-def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerWish, run: Path | None = None) -> Plan:
+def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerOptions, run: Path | None = None) -> Plan:
     """The campaign as a plan, from what was measured or from survey and configurations alone; of its rays, from what a
     run left of them. Raises CampaignFaults."""
     if run is not None:
@@ -196,7 +196,7 @@ def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign)
     return tables
 
 
-def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: PowerWish) -> list[DetectionQuestion]:
+def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: PowerOptions) -> list[DetectionQuestion]:
     """What is asked, with what theory expects of it, from a campaign that is drawn without any effect.
 
     Raises CampaignFaults where such a campaign could not be diagnosed.
@@ -212,9 +212,9 @@ def _answers(
     plan: Plan,
     settings: Campaign,
     asked: Sequence[DetectionQuestion],
-    wish: PowerWish,
+    wish: PowerOptions,
     workforce: Workforce,
-    voice: Voice,
+    voice: RunConsole,
 ) -> Generator[Answer]:
     """Draw and diagnose all campaigns, wherever that is done; the same answers everywhere."""
     pieces = trials(asked, plan, wish.draws, _NOTHING_PER_DRAW * wish.draws, wish.seed)
@@ -238,7 +238,7 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
         diagnosis = decided(gathered, settings, lambda *_: None)
     except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated
         return answer(trial, ())
-    table = diagnosis_table(diagnosis, Words(shown=gathered.shown), settings.diagnosis.false_alarm)
+    table = diagnosis_table(diagnosis, DetectionAdvice(shown=gathered.shown), settings.diagnosis.false_alarm)
     return answer(trial, table.to_pylist())
 
 
@@ -247,7 +247,7 @@ def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: T
     rule = rule_of(settings)
     gathered, _ = gather_rays(tables, settings)
     diagnosis = decided_of_rays(gathered, settings, lambda *_: None)
-    table = diagnosis_table(diagnosis, Words(shown=gathered.shown), rule_of_rays(rule).noise_level)
+    table = diagnosis_table(diagnosis, DetectionAdvice(shown=gathered.shown), rule_of_rays(rule).noise_level)
     return answer(trial, table.to_pylist())
 
 
@@ -259,8 +259,8 @@ def _tell(
     campaign: CampaignFolder,
     asked: Sequence[DetectionQuestion],
     answers: Sequence[Answer],
-    out: tuple[Path, OfPhotographs | None],
-    voice: Voice,
+    out: tuple[Path, PhotographNote | None],
+    voice: RunConsole,
 ) -> None:
     """Say and leave what was found, and what an ``out`` beside the file says of photographs."""
     file, photographs = out
@@ -283,14 +283,14 @@ def _tell(
 
 
 @dataclass(frozen=True)
-class OfPhotographs:
+class PhotographNote:
     """The sentence that says what is not judged, and what the run tells of that: cause, subject, size in words."""
 
     said: str
     rows: tuple[tuple[str, ...], ...] = ()
 
 
-def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
+def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None:
     """What the run in a folder tells of causes that are not drawn; None where no point comes from photographs."""
     if not campaign.has_photographs:
         return None
@@ -301,9 +301,9 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> OfPhotographs | None:
     own = None if table is None else table.to_pandas().query("cause in @names")
     if own is None or not len(own):
         why = f"{listed.capitalize()} are not judged here: `truing run` tells from which size on they would be found."
-        return OfPhotographs(_DRAWN + why)
+        return PhotographNote(_DRAWN + why)
     what = f"{listed.capitalize()} are not drawn either: what the run in {run.as_posix()} would have shown of them, "
-    return OfPhotographs(_DRAWN + what + "with a probability of 80 %, is told by theory alone." + _ASKED, _rows(own))
+    return PhotographNote(_DRAWN + what + "with a probability of 80 %, is told by theory alone." + _ASKED, _rows(own))
 
 
 def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
@@ -341,9 +341,9 @@ def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
         raise CampaignFaults([Fault(run.as_posix(), expected)]) from None
 
 
-def said_of_rays(run: Path) -> OfPhotographs:
+def said_of_rays(run: Path) -> PhotographNote:
     """The sentence that says what is drawn."""
-    return OfPhotographs(
+    return PhotographNote(
         f"Rays are drawn, not photographs: with the network, the noise and the cameras of the run in {run.as_posix()}, "
         "as small departures from these. What an effect does to the machine's points is not looked at."
     )

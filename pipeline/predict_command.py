@@ -16,7 +16,7 @@ from truing.pipeline.ledger import digest_of
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import campaign_of
 from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.pipeline.whole_file import write_whole
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
@@ -42,7 +42,7 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
         sys.stdout.write(_csv(predicted).decode())
         return ExitCode.DONE
     _write(out, predicted, _campaign(model, text), [text, _csv(predicted).decode()])
-    voice = Voice(quiet=False)
+    voice = RunConsole(quiet=False)
     if is_campaign:
         _say_errors(predicted, voice)
     voice.say(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
@@ -69,7 +69,7 @@ def _is_there(model: Path, name: str) -> bool:
     return (model.parent / ARTIFACTS[name].file).is_file()
 
 
-def _say_errors(errors: pa.Table, voice: Voice) -> None:
+def _say_errors(errors: pa.Table, voice: RunConsole) -> None:
     for row in errors.to_pylist():
         size = f"{row['rms_error']:.4g} {row['unit']} rms, {row['largest_error']:.4g} {row['unit']} at most"
         voice.say(f"{row['quantity']:<12} {row['prediction_by']:<11} {size} ({row['model']})")

@@ -12,12 +12,12 @@ from truing import __version__
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.given_files import check_folder
-from truing.pipeline.ledger import Ledger, RememberedDigests, read_ledger
+from truing.pipeline.ledger import DigestCache, Manifest, read_ledger
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.pipeline.whole_file import write_whole
-from truing.report.comparison.compared_runs import Between, ComparedRun, RunComparison
+from truing.report.comparison.compared_runs import ComparedRun, RunComparison, RunTransition
 from truing.report.comparison.page import comparison_head, comparison_sections
 from truing.report.rendering.render import render_page
 from truing.report.verdict import gates
@@ -68,9 +68,9 @@ def _broken_run(folder: Path, broken: Exception) -> list[Fault]:
     return [Fault(str(folder), f"a run that is whole ({line})") for line in str(broken).split("\n")]
 
 
-def _changed(folder: Path, ledger: Ledger) -> Iterator[Fault]:
+def _changed(folder: Path, ledger: Manifest) -> Iterator[Fault]:
     """A fault per file that is no longer what its stage has written."""
-    digests = RememberedDigests(None)
+    digests = DigestCache(None)
     for entry in ledger.entries.values():
         for name, digest in entry.artifacts.items():
             file = ARTIFACTS[name].file if name in ARTIFACTS else _PAGE
@@ -81,7 +81,7 @@ def _changed(folder: Path, ledger: Ledger) -> Iterator[Fault]:
                 yield Fault(str(folder / file), f"this file, which its stage has written; {_AGAIN}")
 
 
-def _mixed(folder: Path, ledger: Ledger) -> Iterator[Fault]:
+def _mixed(folder: Path, ledger: Manifest) -> Iterator[Fault]:
     """A fault per stage that was made from other tables than lie there now: a run that did not come to its end."""
     there = {name: digest for entry in ledger.entries.values() for name, digest in entry.artifacts.items()}
     for stage, entry in ledger.entries.items():
@@ -104,7 +104,7 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
     check_folder(place)
     with environment(f"the folder {place} cannot be made"):
         place.mkdir(parents=True, exist_ok=True)
-    voice = Voice(quiet=False)
+    voice = RunConsole(quiet=False)
     for form in forms or FORMS:
         try:
             written = [_write(place, name, content) for name, content in _files(form, run, campaign)]
@@ -198,7 +198,7 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
     artifact = ARTIFACTS["compared"]
     _leave_table(place / artifact.file, found, runs)
     write_whole(place / PAGE, render_page(head, comparison_sections(shown)).encode())
-    voice = Voice(quiet=False)
+    voice = RunConsole(quiet=False)
     for _, sentence in head.verdicts:
         voice.say(sentence)
     voice.say(f"table and page: {place / artifact.file}, {place / PAGE}")
@@ -261,7 +261,7 @@ def _shown(runs: Sequence[Run], found: SideBySide) -> RunComparison:
         for label, run in zip(_labels(runs), runs, strict=True)
     )
     between = tuple(
-        Between(tuple(step.why for step in steps if step.why), any(step.rebuilt for step in steps))
+        RunTransition(tuple(step.why for step in steps if step.why), any(step.rebuilt for step in steps))
         for steps in found.steps
     )
     return RunComparison(compared, found.table, between)

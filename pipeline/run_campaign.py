@@ -27,7 +27,7 @@ from truing.pipeline.stage_order import (
     needed_for,
     stage_module,
 )
-from truing.pipeline.voice import Recorder, Voice
+from truing.pipeline.voice import Recorder, RunConsole
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import meant
@@ -65,7 +65,7 @@ def _expected(name: str, names: list[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Wish:
+class RunOptions:
     """What the caller of `truing run` asked for besides the campaign."""
 
     selection: StageSelection = field(default_factory=StageSelection)
@@ -82,7 +82,7 @@ def usable_campaign(place: Path) -> CampaignFolder:
     return campaign
 
 
-def run_campaign(campaign: CampaignFolder, folder: Path, wish: Wish, voice: Voice) -> ExitCode:
+def run_campaign(campaign: CampaignFolder, folder: Path, wish: RunOptions, voice: RunConsole) -> ExitCode:
     """Bring the wished stages of a campaign up to date in its run folder."""
     with occupied(folder), defects_logged(folder / _LOG, "preparing the run"):
         run = open_run(campaign, folder, distrust=wish.distrust, workers=wish.workers)
@@ -108,7 +108,7 @@ def _validate(run: CampaignRun) -> None:
         second_folder(run.campaign).validated()
 
 
-def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish: Wish) -> None:
+def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish: RunOptions) -> None:
     """Tell what is wrong with other files before photographs are measured, which takes long."""
     slow = [stage for stage in stages if stage.name in OF_PHOTOGRAPHS]
     if any(
@@ -119,7 +119,7 @@ def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish:
         check_before_photographs(detached_run(run.campaign))
 
 
-def _bring_up_to_date(run: CampaignRun, stage: Stage, wish: Wish, voice: Voice) -> bool:
+def _bring_up_to_date(run: CampaignRun, stage: Stage, wish: RunOptions, voice: RunConsole) -> bool:
     """Run a stage unless it is fresh; returns whether it ran."""
     log = run.folder / _LOG
     with defects_logged(log, f"stage {stage.name}"):
@@ -134,12 +134,12 @@ def _bring_up_to_date(run: CampaignRun, stage: Stage, wish: Wish, voice: Voice) 
         return True
 
 
-def _say_where(run: CampaignRun, voice: Voice) -> None:
+def _say_where(run: CampaignRun, voice: RunConsole) -> None:
     made = any("report" in entry.artifacts for entry in run.ledger.entries.values())
     voice.say(f"report: {run.folder / ARTIFACTS['report'].file}" if made else f"results: {run.folder}")
 
 
-def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], wish: Wish, voice: Voice) -> ExitCode:
+def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], wish: RunOptions, voice: RunConsole) -> ExitCode:
     if not run.is_refused(stages):
         return ExitCode.DONE
     failed = run.failed_checks(stages)
@@ -152,7 +152,7 @@ def show_standings(place: Path, out: Path | None, *, distrust: bool) -> ExitCode
     campaign = usable_campaign(place)
     run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
     check_owner(run)
-    voice = Voice(quiet=False)
+    voice = RunConsole(quiet=False)
     for stage, standing in run.standings():
         voice.say(f"{stage.name:<12} {standing.state:<10} {standing.why}".rstrip())
     return ExitCode.DONE
@@ -160,7 +160,7 @@ def show_standings(place: Path, out: Path | None, *, distrust: bool) -> ExitCode
 
 def show_all_stages() -> ExitCode:
     """The stages of every kind of campaign, with what they read and leave."""
-    voice = Voice(quiet=False)
+    voice = RunConsole(quiet=False)
     for kind, names in ORDER.items():
         voice.say(f"{kind}:")
         for name in names:
@@ -179,18 +179,18 @@ class _Job:
 
     campaign: CampaignFolder
     folder: Path
-    wish: Wish
+    wish: RunOptions
     heading: str | None = None
 
 
 @dataclass(frozen=True)
-class _Told:
+class _RunOutcome:
     """How a campaign ended, and what was said meanwhile: each line with whether it warns."""
 
     code: ExitCode
     lines: tuple[tuple[bool, str], ...]
 
-    def repeat(self, voice: Voice) -> None:
+    def repeat(self, voice: RunConsole) -> None:
         """Say it to whoever watches."""
         for warns, line in self.lines:
             (voice.warn if warns else voice.say)(line)
@@ -201,7 +201,7 @@ class _JobPlan:
     """From the places of a call to jobs; no two campaigns of a call may share a run folder."""
 
     out: Path | None
-    wish: Wish
+    wish: RunOptions
     several: bool
     taken: set[Path] = field(default_factory=set)
 
@@ -220,27 +220,27 @@ class _JobPlan:
 
 
 def run_campaigns(
-    places: Sequence[Path], out: Path | None, wish: Wish, *, quiet: bool, workforce: Workforce | None = None
+    places: Sequence[Path], out: Path | None, wish: RunOptions, *, quiet: bool, workforce: Workforce | None = None
 ) -> ExitCode:
     """Run campaigns; the gravest ending is the call's. Nothing but an interruption of one ends the others."""
-    voice, plan = Voice(quiet=quiet), _JobPlan(out, wish, several=len(places) > 1)
+    voice, plan = RunConsole(quiet=quiet), _JobPlan(out, wish, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
         plan.wish = replace(wish, workers=(workforce and workforce.workers) or processors())
         return end_all([partial(_run_here, place, plan, voice) for place in places], voice)
     return end_all([partial(_run_at_a_time, places, plan, workforce, voice)], voice)
 
 
-def _run_here(place: Path, plan: _JobPlan, voice: Voice) -> ExitCode:
+def _run_here(place: Path, plan: _JobPlan, voice: RunConsole) -> ExitCode:
     return _run(plan.job(place), voice)
 
 
-def _run(job: _Job, voice: Voice) -> ExitCode:
+def _run(job: _Job, voice: RunConsole) -> ExitCode:
     if job.heading is not None:
         voice.say(job.heading)
     return run_campaign(job.campaign, job.folder, job.wish, voice)
 
 
-def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce, voice: Voice) -> ExitCode:
+def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce, voice: RunConsole) -> ExitCode:
     """Several campaigns at a time, their messages in the order of the call, each whole."""
     planned = [_planned(place, plan, workforce) for place in places]
     jobs = [job for job in planned if isinstance(job, _Job)]
@@ -255,7 +255,7 @@ def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce,
     return gravest(codes)
 
 
-def _planned(place: Path, plan: _JobPlan, workforce: Workforce) -> _Job | _Told:
+def _planned(place: Path, plan: _JobPlan, workforce: Workforce) -> _Job | _RunOutcome:
     """The job for one place, or why there is none."""
     found: list[_Job] = []
     recorder = Recorder()
@@ -266,7 +266,7 @@ def _planned(place: Path, plan: _JobPlan, workforce: Workforce) -> _Job | _Told:
         return ExitCode.DONE
 
     code = end(prepare, recorder)
-    return found[0] if found else _Told(code, tuple(recorder.lines))
+    return found[0] if found else _RunOutcome(code, tuple(recorder.lines))
 
 
 def _for_other_machines(job: _Job) -> _Job:
@@ -275,13 +275,13 @@ def _for_other_machines(job: _Job) -> _Job:
     return replace(job, campaign=campaign, folder=job.folder.resolve())
 
 
-def _told(job: _Job) -> _Told:
+def _told(job: _Job) -> _RunOutcome:
     """What a worker does: run the campaign, and keep what it says."""
     recorder = Recorder()
     code = end(lambda: _run(job, recorder), recorder)
-    return _Told(code, tuple(recorder.lines))
+    return _RunOutcome(code, tuple(recorder.lines))
 
 
-def _lost(job: _Job) -> _Told:
+def _lost(job: _Job) -> _RunOutcome:
     why = f"{job.campaign.name}: whatever worker ran it vanished (killed, or out of memory); {KEPT}"
-    return _Told(ExitCode.ENVIRONMENT, ((True, why),))
+    return _RunOutcome(ExitCode.ENVIRONMENT, ((True, why),))

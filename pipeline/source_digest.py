@@ -16,7 +16,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-from truing.pipeline.ledger import TICK_NS, RememberedDigests
+from truing.pipeline.ledger import TICK_NS, DigestCache
 
 _NAME = "truing"
 _BESIDE = ("schemas", "stages", "pipeline")  # packages of `truing` whose folders stand beside its own in a checkout
@@ -35,7 +35,7 @@ _OF_THIS_PROCESS: dict[Path, tuple[State, _Told]] = {}
 class SourceTree:
     """The project's source as it stands now; every file is looked at once."""
 
-    def __init__(self, root: Path, remembered: RememberedDigests) -> None:
+    def __init__(self, root: Path, remembered: DigestCache) -> None:
         self._root = root
         self._remembered = remembered
         self._told = _told_before(root) if remembered.trusts_times else {}

@@ -17,7 +17,7 @@ _SECONDS_BETWEEN_LINES = 5.0
 _WIDE = 200  # characters of a table that nobody watches
 
 
-class Voice:
+class RunConsole:
     """Says what a run does. Used as a context around one stage, it is that stage's ``progress(done, total, what)``."""
 
     def __init__(self, *, quiet: bool) -> None:
@@ -58,13 +58,13 @@ class Voice:
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
 
-    def during(self, stage: str) -> Voice:
+    def during(self, stage: str) -> RunConsole:
         """This voice, about to speak of a stage."""
         self._stage = stage
         self._last_line = time.monotonic()
         return self
 
-    def __enter__(self) -> Voice:
+    def __enter__(self) -> RunConsole:
         if self._terminal:
             self._bar = _bar()
             self._bar.add_task(self._stage, total=None)
@@ -88,7 +88,7 @@ class Voice:
             self.say(f"{self._stage}: {done} of {total} {what}" if total else f"{self._stage}: {done} {what}")
 
 
-class Recorder(Voice):
+class Recorder(RunConsole):
     """Keeps what is said where nobody watches, for whoever asked for the work; each line with whether it warns."""
 
     def __init__(self) -> None:

@@ -35,7 +35,7 @@ DECLARATION = Stage(
 def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
     """The adjusted network as tables; raises CampaignFaults where the rays do not make one."""
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
-    from truing.estimation.bundle.named_adjustment import Choices, KnownElsewhereError, adjust_network
+    from truing.estimation.bundle.named_adjustment import Choices, KnownPointMismatchError, adjust_network
     from truing.stages.bundle_adjustment import statistics
     from truing.stages.bundle_adjustment.rays_as_network import given_cameras, image_points, named_network, radii
     from truing.stages.bundle_adjustment.survey_distances import PRINTED_TO, never_seen, surveyed_points, with_scale
@@ -54,7 +54,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     try:
         found = adjust_network(named, rays, interior, choices, progress)
         artifacts = NetworkTables(found, rays).all(bars)
-    except KnownElsewhereError as error:
+    except KnownPointMismatchError as error:
         raise CampaignFaults(faults_of(error)) from None
     except UndeterminedNetworkError as error:
         raise CampaignFaults([undetermined(error, len(rays.point), named.network.rays.count)]) from None

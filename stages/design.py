@@ -21,7 +21,7 @@ from truing.calibration.configuration_search import (
 )
 from truing.estimation.design.pose_selection import information_of
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.stages.configurations.chosen import Design, DesignTables, DesignWish
+from truing.stages.configurations.chosen import Design, DesignOptions, DesignTables
 from truing.stages.configurations.problem import design_problem, limits_of
 from truing.stages.configurations.tables import configurations_table, existing_configurations, readings_of
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 
-def design(settings: Campaign, wish: DesignWish, tables: DesignTables) -> Design:
+def design(settings: Campaign, wish: DesignOptions, tables: DesignTables) -> Design:
     """Return configurations for a calibration and how far they are from the best; raises CampaignFaults."""
     limits = limits_of(settings, pose_too=wish.within == "workspace", avoid=tables.avoid, avoid_file=tables.avoid_file)
     kept_rho = None if tables.extend is None else readings_of(tables.extend, limits.readings.size, tables.extend_file)

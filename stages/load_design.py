@@ -26,7 +26,7 @@ from truing.estimation.sensor.load_cases import (
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.common.nominal_mechanism import FILE
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
-from truing.stages.configurations.chosen import DesignWish, LoadPlan
+from truing.stages.configurations.chosen import DesignOptions, LoadPlan
 from truing.stages.configurations.tables import loads_table
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 _FULL = np.array([1.0])
 
 
-def plan_loads(settings: Campaign, wish: DesignWish, tables: Mapping[str, pa.Table]) -> LoadPlan:
+def plan_loads(settings: Campaign, wish: DesignOptions, tables: Mapping[str, pa.Table]) -> LoadPlan:
     """Choose load steps within [loading], at most ``wish.at_once`` components at a time; raises CampaignFaults.
 
     tables: what the campaign holds already, to compare with.

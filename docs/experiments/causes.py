@@ -33,7 +33,7 @@ from truing.simulation.mechanisms.causes.per_leg import PerLeg
 from truing.simulation.mechanisms.causes.warmth import APART
 
 if TYPE_CHECKING:
-    from truing.simulation.mechanisms.model import PointModel
+    from truing.simulation.mechanisms.model import MechanismModel
     from truing.stages.diagnosis.gathered import DiagnosisData
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -134,7 +134,7 @@ def _gathered() -> DiagnosisData:
 class Seen:
     """The plain model of the sample campaign fitted to the points that are looked at."""
 
-    model: PointModel
+    model: MechanismModel
     measured: Observations
     fit: Fit
 

@@ -13,7 +13,7 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.known_points import KnownPointErrors, KnownTested
-from truing.estimation.bundle.named_adjustment import AdjustedNetwork, KnownElsewhereError
+from truing.estimation.bundle.named_adjustment import AdjustedNetwork, KnownPointMismatchError
 from truing.estimation.bundle.network import ImagePoints, NamedNetwork
 from truing.estimation.bundle.network_statistics import intersections
 from truing.estimation.rotation import log_so3
@@ -336,7 +336,7 @@ def undetermined(error: UndeterminedNetworkError, rays: int, named: int) -> Faul
     return Fault("image_points", expected, column="point")
 
 
-def faults_of(error: KnownElsewhereError) -> list[Fault]:
+def faults_of(error: KnownPointMismatchError) -> list[Fault]:
     """A fault per pose whose known points are of another object."""
     return [
         Fault(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.belonging.relation import RelationState
 from truing.calibration.accuracy import AssessedCalibration, Extended, choice, doubts, shortcoming
-from truing.calibration.every_case import LEAST_LEGS, OFF, Screened, calibrations, judged, screened_poses
+from truing.calibration.every_case import LEAST_LEGS, OFF, ScreenedPoses, calibrations, judged, screened_poses
 from truing.calibration.measured import CalibrationData
 from truing.calibration.question import Case, cases
 from truing.estimation.rotation import log_so3
@@ -175,7 +175,7 @@ def _applied(extended: Extended | None) -> str:
     return f"; main results with {listed(list(names))} applied"
 
 
-def _left_out_rows(clean: Screened) -> Rows:
+def _left_out_rows(clean: ScreenedPoses) -> Rows:
     rows = Rows("calibration_left_out")
     for pose in clean.poses_out:
         rows.add(pose=pose, subject="platform", reason=_DISAGREES, unit="sigma")
@@ -185,7 +185,7 @@ def _left_out_rows(clean: Screened) -> Rows:
     return rows
 
 
-def _screened_words(clean: Screened) -> list[str]:
+def _screened_words(clean: ScreenedPoses) -> list[str]:
     said, legs = [], [f"leg{one.leg + 1} in pose {one.pose}" for one in clean.legs_out]
     if clean.poses_out:
         said.append(f"poses that disagree with all others: {', '.join(map(str, clean.poses_out))}")

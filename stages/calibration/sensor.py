@@ -72,7 +72,7 @@ def leg_matrix(
 
 
 @dataclass(frozen=True)
-class Beside:
+class OtherCalibrations:
     """The calibrations that are not the main ones: with the loads as recorded, or as they act by the findings."""
 
     found: RecordedLoads
@@ -80,7 +80,7 @@ class Beside:
 
 
 def matrix_rows(
-    theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None, beside: Beside | None
+    theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None, beside: OtherCalibrations | None
 ) -> Rows:
     """Every matrix entry by entry."""
     rows = Rows("sensor_matrix")
@@ -269,16 +269,16 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     return Outcome(artifacts, read=read, left_out=left_out, figure=_figure_of_sensor(found, fitted, ranges))
 
 
-def _beside(tables: Mapping[str, pa.Table], settings: Campaign) -> Beside | None:
+def _beside(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:
     """The calibrations with the other loads; None where no finding changes a load, or those determine none."""
     try:
         other = recorded_beside(tables, settings)
-        return None if other is None else Beside(other, calibrations(other))
+        return None if other is None else OtherCalibrations(other, calibrations(other))
     except ValueError:
         return None
 
 
-def compared_rows(found: RecordedLoads, fitted: SensorCalibrations, beside: Beside) -> Rows:
+def compared_rows(found: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations) -> Rows:
     """Errors of held-out loads of the main calibration, and of the one beside it.
 
     ``rms_unchanged`` is over the load steps that both have and that no finding changes.

@@ -8,19 +8,19 @@ from dataclasses import asdict
 
 import pyarrow as pa
 
-from truing.belonging.relation import RecordSlip, Tested
+from truing.belonging.relation import RecordSlip, RelationTest
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.checks_of_axes import OF_POSITIONS
 from truing.schemas.quality_checks import WITHHOLDING
 
 
-def belonging_table(tested: Sequence[Tested], accepted: Sequence[str | None]) -> pa.Table:
+def belonging_table(tested: Sequence[RelationTest], accepted: Sequence[str | None]) -> pa.Table:
     """Return the artifact ``belonging``: one row per tested relation."""
     rows = [_row(one, who) for one, who in zip(tested, accepted, strict=True)]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["belonging"].arrow_schema())
 
 
-def _row(tested: Tested, accepted: str | None) -> dict[str, object]:
+def _row(tested: RelationTest, accepted: str | None) -> dict[str, object]:
     return {
         "relation": tested.relation,
         "subject": tested.subject,

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array
-from truing.estimation.interferometry.compliance import KeptReadings, Loaded, fitted_compliance, geometry_spread
+from truing.estimation.interferometry.compliance import AcceptedReadings, Loaded, fitted_compliance, geometry_spread
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.estimation.response import (
     FALSE_ALARM,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from truing.schemas.sections import Noise
 
 
-def kept_readings(residuals: pa.Table, steps: RecordedSteps) -> KeptReadings:
+def kept_readings(residuals: pa.Table, steps: RecordedSteps) -> AcceptedReadings:
     """What reading_residuals says of the readings of load steps; a reading whose geometry is unknown is not kept."""
     place = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
     keys = zip(residuals.column("run").to_pylist(), residuals.column("step").to_pylist(), strict=True)
@@ -37,7 +37,7 @@ def kept_readings(residuals: pa.Table, steps: RecordedSteps) -> KeptReadings:
             found[n, row, k] = number_column(residuals, name) * READING_SI[k]
     kept = np.isfinite(steps.reading) & np.isfinite(found[1])
     kept[row, k] &= ~np.asarray(residuals.column("rejected").to_pylist(), dtype=bool)
-    return KeptReadings(kept, found[0], found[1], np.nan_to_num(found[2]))
+    return AcceptedReadings(kept, found[0], found[1], np.nan_to_num(found[2]))
 
 
 def loaded_steps(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class DesignWish:
+class DesignOptions:
     """What is asked for.
 
     method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or ``actuators`` (of
@@ -65,7 +65,7 @@ class Design:
     """
 
     problem: DesignProblem
-    wish: DesignWish
+    wish: DesignOptions
     placed: Placed
     whole: AssessedConfigurations
     kept: AssessedConfigurations | None
@@ -96,7 +96,7 @@ class LoadPlan:
     the campaign's own loads by the same measure, and one_of: what one chosen load is worth in them.
     """
 
-    wish: DesignWish
+    wish: DesignOptions
     limits: LoadLimits
     chosen: LoadDesign
     candidates: int

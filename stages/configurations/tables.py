@@ -12,7 +12,7 @@ from truing.estimation.design.pose_order import PoseOrder
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.common.point_arrays import number_columns
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
-from truing.stages.configurations.chosen import DesignWish
+from truing.stages.configurations.chosen import DesignOptions
 
 RUN = 10  # loads between two readings without load, so that zero and drift of every run are told
 
@@ -47,7 +47,7 @@ def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> A
 
 
 def configurations_table(
-    rho: NDArray, order: PoseOrder, rest: NDArray | None, wish: DesignWish, extend: pa.Table | None
+    rho: NDArray, order: PoseOrder, rest: NDArray | None, wish: DesignOptions, extend: pa.Table | None
 ) -> pa.Table:
     """The configurations in the order of measurement, times still empty, after ``rest`` (L,) where given."""
     roles = np.repeat(["calibration", "verification"], [wish.poses, wish.verification])[order.order].tolist()

@@ -16,14 +16,14 @@ from truing.stages.diagnosis.applied import applied_model, choices_table
 from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
 from truing.stages.diagnosis.left_tables import left_out_table
 from truing.stages.diagnosis.ray_findings import with_rays
-from truing.stages.diagnosis.rows import Words, diagnosis_table
+from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
 from truing.stages.diagnosis.search import rule_beside_rays, rule_of
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import CauseDiagnosis, Settings
     from truing.schemas.campaign import Campaign
-    from truing.stages.diagnosis.gathered import DiagnosisData, Shown
+    from truing.stages.diagnosis.gathered import DiagnosisData, ReportedRms
     from truing.stages.diagnosis.ray_findings import RayFindings
 
 # Fewer platform targets off the attachments leave their shifts free by a plane.
@@ -80,7 +80,9 @@ def artifacts_of(
     last, legs = diagnosis.search, diagnosis.plain.model.part_count
     own = gathered.leaves(diagnosis, gathered, settings)
     detectable = detectable_words(last, rule.level, [verdict.cause for verdict in diagnosis.verdicts], legs)
-    words = Words(detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown, gathered.relation)
+    words = DetectionAdvice(
+        detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown, gathered.relation
+    )
     left = {
         "diagnosis": diagnosis_table(diagnosis, words, rule.noise_level),
         "adequacy": adequacy_table(diagnosis, rule, gathered.shown.what),
@@ -105,14 +107,14 @@ def _remark(gathered: DiagnosisData[Any], final: FittedModel) -> str:
     return " ".join(said)
 
 
-def _read(gathered: DiagnosisData[Any], shown: Shown) -> str:
+def _read(gathered: DiagnosisData[Any], shown: ReportedRms) -> str:
     held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
     seen = int(gathered.calibration.measured.seen.sum())
     used = counted(len(gathered.calibration.conditions.readings), shown.epoch)
     return f"{counted(seen, shown.what)} of {used}, {counted(held, shown.epoch)} held out"
 
 
-def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: Shown, rule: Settings) -> str:
+def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule: Settings) -> str:
     final = diagnosis.final
     rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
     left = f"{two_decimals(rms)} {shown.unit} rms, noise alone leaves {two_decimals(floor)}"

@@ -15,12 +15,12 @@ from truing.inference.fitted_model import FittedModel, Fitter
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml
 from truing.simulation.bench.extended_model import is_sensor, read_sensor
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.simulation.bench.prior import sensor_prior
 from truing.simulation.cause import Cause
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.mechanisms.extended_model import read_model
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.prior_campaign import CampaignPrior
 from truing.simulation.reported_numbers import alternatives, figures, numbers_of, told_numbers
@@ -49,7 +49,7 @@ def started(gathered: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData
     alone = with_earlier(gathered.model, earlier.nothing)
     try:
         stand = Fitter(alone, gathered.calibration, gathered.held_out, seed).prepared(gathered.given)
-        assert isinstance(stand.model, PointModel | ReadingModel)
+        assert isinstance(stand.model, MechanismModel | BenchModel)
         compared = _compared(earlier, stand.model, stand.fit.shared, stand.covariance())
     except np.linalg.LinAlgError:
         raise ValueError("with the effects of the earlier model the fit left what the legs can reach") from None
@@ -108,7 +108,7 @@ def changes_table(final: FittedModel) -> pa.Table | None:
 
     None where the campaign starts from nothing.
     """
-    assert isinstance(final.model, PointModel | ReadingModel)
+    assert isinstance(final.model, MechanismModel | BenchModel)
     earlier = final.model.prior_campaign
     if earlier is None:
         return None

@@ -31,7 +31,7 @@ _SCATTER = "Hold one load and read every channel ten times over: the scatter is 
 
 
 @dataclass(frozen=True)
-class Shown:
+class ReportedRms:
     """Root mean squares over some targets (all of them: every coordinate of every point), in a unit of so much SI.
 
     In words: ``what`` was measured, ``epoch`` where, ``fitted`` is what was fitted to, ``held_out`` what was not,
@@ -66,22 +66,22 @@ class Shown:
         moved = np.where(before.seen[..., None], after.gap - before.gap, 0.0)[:, self.targets]
         return float(np.sqrt(np.max(np.sum(moved**2, -1)))) / self.si
 
-    def concerned(self, before: PredictionError, after: PredictionError) -> Shown:
+    def concerned(self, before: PredictionError, after: PredictionError) -> ReportedRms:
         """How to tell of an effect: as of everything."""
         return self
 
-    def only(self, target: int) -> Shown:
+    def only(self, target: int) -> ReportedRms:
         """How to tell of one target: as of everything."""
         return self
 
-    def whole(self, error: PredictionError) -> Shown:
+    def whole(self, error: PredictionError) -> ReportedRms:
         """How to tell of everything."""
         return self
 
 
-POINTS = Shown()
+POINTS = ReportedRms()
 # Of rays, in units of their own noise; how far points move is told elsewhere.
-RAYS = Shown(
+RAYS = ReportedRms(
     "sigma",
     1.0,
     drive="what all poses should share",
@@ -95,7 +95,7 @@ RAYS = Shown(
 class Channels:
     """The units (K,) of channels and what one of each is in SI; ``signal`` (K,) which are no readings.
 
-    In words as in `Shown`; ``epoch`` is what a reading is taken at.
+    In words as in `ReportedRms`; ``epoch`` is what a reading is taken at.
     """
 
     units: tuple[str, ...]
@@ -108,7 +108,7 @@ class Channels:
     scatter: str = _SCATTER
     what: str = "reading"
 
-    def concerned(self, before: PredictionError, after: PredictionError) -> Shown:
+    def concerned(self, before: PredictionError, after: PredictionError) -> ReportedRms:
         """How to tell of an effect: over the channels that it moves, of one unit; signals where it moves no reading."""
         moved = after.whitened - before.whitened
         size = np.sqrt(np.sum(np.where(before.seen, moved[..., 0], 0.0) ** 2, 0))
@@ -116,17 +116,17 @@ class Channels:
         readings = np.where(self.signal, 0.0, size)
         return self._of(readings if readings.any() else size)
 
-    def only(self, target: int) -> Shown:
+    def only(self, target: int) -> ReportedRms:
         """How to tell of one channel."""
         return self._of((np.arange(len(self.units)) == target).astype(float))
 
-    def whole(self, error: PredictionError) -> Shown:
+    def whole(self, error: PredictionError) -> ReportedRms:
         """How to tell of all readings: those of the unit of which there are most."""
         seen = error.seen.sum(0).astype(float)
         readings = np.where(self.signal, 0.0, seen)
         return self._of(readings if readings.any() else seen)
 
-    def _of(self, weight: NDArray) -> Shown:
+    def _of(self, weight: NDArray) -> ReportedRms:
         units = np.array(self.units)
         total = {unit: float(np.sum(weight[units == unit] ** 2)) for unit in dict.fromkeys(self.units)}
         unit = max(total, key=lambda name: total[name])
@@ -134,7 +134,7 @@ class Channels:
             unit = self.units[0]
         own = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
         words = (self.fitted, self.held_out, self.drive, self.scatter, self.what, self.epoch)
-        return Shown(unit, float(self.si[own[0]]), own, *words)
+        return ReportedRms(unit, float(self.si[own[0]]), own, *words)
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class DiagnosisData(Generic[M]):
     left_out: str
     leaves: Callable[[CauseDiagnosis, DiagnosisData[Any], Campaign], InstrumentResults]
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
-    shown: Shown | Channels = POINTS
+    shown: ReportedRms | Channels = POINTS
     model_text: Callable[[FittedModel[Any], Campaign], str] | None = None  # what stands in model.toml of a fit
     is_calibrated: Callable[[Cause], bool] = lambda cause: False  # whether a calibration can hold a cause's effect
     relation: Relation = Relation.READINGS_POSES

@@ -13,7 +13,7 @@ from truing.inference.pulls import Pulls, pulls
 from truing.inference.screening import least_gross
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.extended_model import IdentifiedGeometry, identified_geometry
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.stages.common.rows import Rows
 from truing.stages.common.why_not import HELD_OUT
 
@@ -112,7 +112,7 @@ def pull_tables(before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
 
 
 def _geometry(fitted: FittedModel) -> IdentifiedGeometry:
-    assert isinstance(fitted.model, PointModel)
+    assert isinstance(fitted.model, MechanismModel)
     return identified_geometry(fitted.model, fitted.fit.shared, fitted.covariance())
 
 

@@ -19,7 +19,7 @@ from truing.simulation.mechanisms.causes.targets import TargetsSwapped, swapped_
 from truing.simulation.mechanisms.extended_model import extended, some_of, write_model
 from truing.simulation.mechanisms.legs.kinematics import reaches
 from truing.simulation.mechanisms.measured_mechanism import MeasuredTargets, SeatedLegs, seated_legs
-from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
 from truing.simulation.mechanisms.weight import Weight
 from truing.simulation.targets import BASE, FREE_DIRECTION, FREE_LENGTH_M, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.blocks import chosen, groupings_of, labels_of, repeats_of
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 _FEWEST_POSES = 3
 
 
-def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[PointModel]:
+def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[MechanismModel]:
     """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     section = cast("LeggedMechanism", settings.mechanism)
     if why := why_no_diagnosis_of_mechanism(section, settings.noise.point_mm, tables):
@@ -68,7 +68,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[
         raise ValueError(f"needs at least {_FEWEST_POSES} poses with readings and a base, found {int(fitted.sum())}")
     seated = seated_legs(legs, bodies, conditions.readings, base, fitted)
     bodies = bodies.some(seated.carry(bodies.targets))
-    model = PointModel(bodies.targets, some_of(conditions, fitted), legs, _known(section, settings, bodies, seated))
+    model = MechanismModel(bodies.targets, some_of(conditions, fitted), legs, _known(section, settings, bodies, seated))
     if unreached := int((~reaches(legs, conditions.readings[fitted])).sum()):
         raise ValueError(
             f"the legs of [mechanism] cannot meet the platform at the readings of {unreached} of "
@@ -95,7 +95,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[
     )
 
 
-def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets, seated: SeatedLegs) -> Known:
+def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets, seated: SeatedLegs) -> PriorKnowledge:
     """What campaign.toml and survey know beforehand; wide open where they give no tolerance."""
     tolerance = section.tolerance
     given = {"a": tolerance.a_mm, "b": tolerance.b_mm, "l": tolerance.length_mm}
@@ -104,7 +104,7 @@ def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets
         given["u"] = tolerance.u
         sigmas["u"] = FREE_DIRECTION if tolerance.u is None else tolerance.u
     flexures = [leg.flexure_length_mm for leg in section.legs if leg.flexure_length_mm is not None]
-    return Known(
+    return PriorKnowledge(
         sigmas,
         bodies.shape,
         shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov),
@@ -165,7 +165,7 @@ def _targets(
 
 def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
-    assert isinstance(fitted.model, PointModel)
+    assert isinstance(fitted.model, MechanismModel)
     context = {"campaign": settings.campaign.name}
     return write_model(extended(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 

@@ -42,7 +42,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Possible:
+class PossibleMeasurements:
     """Candidates: their conditions (readings (C, L), covariates by column), words on surroundings, columns that matter.
 
     ``repeats``: the measured pose that each repeats, None of new ones; ``instrument`` is how they would be measured;
@@ -100,7 +100,7 @@ class Possible:
         return self.pace_s * sum(times.values()) + float(pause)
 
 
-def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInstrument) -> Possible:
+def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInstrument) -> PossibleMeasurements:
     """Return what could be measured next, to judge models by."""
     rng = np.random.default_rng(0)
     measured, finest = models[0].model.conditions, _finest(settings)
@@ -115,7 +115,7 @@ def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInst
         ", ".join(dict.fromkeys(column[c].words for column in drawn.values() if column[c].words))
         for c in range(len(readings))
     ]
-    return Possible(
+    return PossibleMeasurements(
         conditions_at(measured, readings, covariates),
         tuple(said),
         matters,

@@ -14,7 +14,7 @@ from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.load_cases import LoadLimits, bench_loads
 from truing.report.numbers import duration
 from truing.simulation.bench.known_readings import ChannelZeros, ReadingConditions
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def _branches(load: Array) -> Iterator[str]:
 def next_run(stand: FittedModel) -> Fitted:
     """The fit of a bench as further runs see it: the zeros of runs that are over do not matter to them."""
     model = stand.model
-    assert isinstance(model, ReadingModel)
+    assert isinstance(model, BenchModel)
     none = ChannelZeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
     kept = np.setdiff1d(np.arange(model.shared_size), np.arange(model.shared_size)[model.layout["zero"]])
     later = replace(model, known=replace(model.known, zeros=none))
@@ -135,7 +135,7 @@ def next_run(stand: FittedModel) -> Fitted:
 def possible_runs(settings: Campaign, stand: FittedModel, models: Sequence[Fitted]) -> PossibleRuns:
     """Return the runs that could be done next on the bench of a fit, to judge models by."""
     model = stand.model
-    assert isinstance(model, ReadingModel)
+    assert isinstance(model, BenchModel)
     readout, seen = _readout(stand, model), stand.measured.seen
     least = np.repeat([settings.noise.load_n, settings.noise.load_nm], 3)
     plain = [_as_measured(run, model, least) for run in _plain_runs(settings, model, least)]
@@ -150,7 +150,7 @@ def possible_runs(settings: Campaign, stand: FittedModel, models: Sequence[Fitte
     )
 
 
-def _readout(stand: FittedModel, model: ReadingModel) -> Readout:
+def _readout(stand: FittedModel, model: BenchModel) -> Readout:
     """The noise of readings as the fit has it, and of the zeros of runs as they are known beforehand."""
     known, seen = model.known, stand.measured.seen
     variance = np.where(seen, stand.measured.covariance[..., 0, 0], 0.0).sum(0) / np.maximum(seen.sum(0), 1)
@@ -160,7 +160,7 @@ def _readout(stand: FittedModel, model: ReadingModel) -> Readout:
     return Readout(sigma, zero)
 
 
-def _reads(model: ReadingModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _reads(model: BenchModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
     """What is read in a run (N', N): as in the campaign all channels at once, or one of them with all signals."""
     ever = np.flatnonzero(seen.any(0))
     platform, signals = ever[ever < len(CHANNELS)], ever[ever >= len(CHANNELS)]
@@ -171,7 +171,7 @@ def _reads(model: ReadingModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
     return ever[None]
 
 
-def _as_measured(run: _Run, model: ReadingModel, least: Array) -> _Run:
+def _as_measured(run: _Run, model: BenchModel, least: Array) -> _Run:
     """A run with the names of measured ones that hold all its loads, to within what loads are known to."""
     measured, runs = model.conditions.load, model.conditions.run
     apart = np.abs(run.load[:, None] - measured) <= np.maximum(_SAME * least, _ROUNDED * np.abs(run.load[:, None]))
@@ -184,7 +184,7 @@ def _as_measured(run: _Run, model: ReadingModel, least: Array) -> _Run:
     return replace(run, repeats=", ".join(map(str, [most, *sorted(others)])))
 
 
-def _plain_runs(settings: Campaign, model: ReadingModel, least: Array) -> Iterator[_Run]:
+def _plain_runs(settings: Campaign, model: BenchModel, least: Array) -> Iterator[_Run]:
     """Runs at the usual pace: of every axis that can be loaded there and back, both ways, near zero, and held.
 
     Loads are round numbers, and none is smaller than ``least`` (6,), what loads are known to.
@@ -223,7 +223,7 @@ def _words(load: Array, form: str) -> str:
     return " with ".join(told)
 
 
-def _otherwise(model: ReadingModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:
+def _otherwise(model: BenchModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:
     """The same runs slowly, and while a temperature changes."""
     slow = f"a step every {duration(_SLOWER * plain[0].step_s)}"
     yield [replace(run, step_s=_SLOWER * run.step_s, words=slow) for run in plain]
@@ -235,13 +235,13 @@ def _otherwise(model: ReadingModel, plain: Sequence[_Run]) -> Iterator[list[_Run
 
 def _moves(fitted: Fitted, plain: Sequence[_Run], other: Sequence[_Run], sigma: Array) -> bool:
     """Whether a model expects other readings of runs that are done in another way."""
-    model: ReadingModel = fitted.model
+    model: BenchModel = fitted.model
     local = np.zeros((len(plain) * _STEPS, model.local_size))
     usual, then = (model.at(_conditions(model, runs)).points(fitted.shared, local)[..., 0] for runs in (plain, other))
     return bool(np.max(np.abs(then - usual) / sigma) > _MATTERS)
 
 
-def _conditions(model: ReadingModel, made: Sequence[_Run]) -> ReadingConditions:
+def _conditions(model: BenchModel, made: Sequence[_Run]) -> ReadingConditions:
     """The steps of runs that each begin after all that was measured; columns stay as they mostly were."""
     own, count = model.conditions, len(made)
     start = float(np.max(own.time_s)) + _PAUSE_S

@@ -187,20 +187,20 @@ class Rivals:
 
 
 @dataclass(frozen=True)
-class Next:
+class NextMeasurement:
     """What to measure next: next_poses.parquet or next_loads.parquet, and by a cause's key the advice on it."""
 
     table: pa.Table
     advice: dict[str, Advice]
 
 
-def next_of(diagnosis: CauseDiagnosis, settings: Campaign) -> Next:
+def next_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
     """Return what to measure after a diagnosis of poses."""
     final = diagnosis.final
     return next_measurements(settings, MeasuredPoints(final.measured, final.fit.frames), *_asked(diagnosis, _fitted))
 
 
-def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> Next:
+def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
     """Return which loads to apply after a diagnosis of a bench.
 
     What was found alone keeps the words of its cause, which ask for more than more loads; these are in the table.
@@ -213,7 +213,7 @@ def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> Next:
         alone.pop(pair.cause.key, None)
     by_purpose = {plan.purpose: plan for plan in plans if plan.leads}
     own = {key: _beside(_confirming(cause, legs), by_purpose.get(advice[key].purpose)) for key, cause in alone.items()}
-    return Next(plan_table("next_loads", plans), {**advice, **own})
+    return NextMeasurement(plan_table("next_loads", plans), {**advice, **own})
 
 
 def _beside(another: Advice, plan: MeasurementPlan | None) -> Advice:
@@ -245,11 +245,11 @@ def _fitted(stand: FittedModel) -> Fitted:
 
 def next_measurements(
     settings: Campaign, measured: MeasuredPoints, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
-) -> Next:
+) -> NextMeasurement:
     """Return which configurations to measure next; as `planned`."""
     instrument = measured.instrument()
     plans, advice = planned(lambda models: possible(settings, models, instrument), found, rivals)
-    return Next(plan_table("next_poses", plans), advice)
+    return NextMeasurement(plan_table("next_poses", plans), advice)
 
 
 def planned(

@@ -22,7 +22,7 @@ from truing.report.numbers import count as counted
 from truing.report.numbers import two_decimals
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bodies.model import BodyModel
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.point_causes import Photographed
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import BAR
@@ -32,7 +32,7 @@ from truing.stages.common.ray_statistics import effects_on_points
 from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
 from truing.stages.diagnosis.gathered import DiagnosisData
 from truing.stages.diagnosis.ray_points import gather_rays, scale_height
-from truing.stages.diagnosis.rows import Words, diagnosis_table, ranked_table
+from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table, ranked_table
 from truing.stages.diagnosis.search import decided_of_rays, rule_of_rays
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from truing.stages.declaration import Progress
 
 Array = NDArray[np.floating]
-Recorded = PointModel | BodyModel
+Recorded = MechanismModel | BodyModel
 
 _SI = 1e-3
 _UM = 1e6
@@ -167,7 +167,7 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     level, search = own_rule.level, rays.diagnosis.search
     diagnosis = replace(rays.diagnosis, verdicts=assessed(rays.diagnosis.verdicts, search, level))
     sizes = detectable_words(search, level, [verdict.cause for verdict in diagnosis.verdicts], 0)
-    words = Words(sizes, shown=rays.gathered.shown, relation=rays.gathered.relation)
+    words = DetectionAdvice(sizes, shown=rays.gathered.shown, relation=rays.gathered.relation)
     own = diagnosis_table(diagnosis, words, own_rule.noise_level).to_pylist()
     of_causes = [row for row in own if "noise_ratio" not in json.loads(row["parameters"])]
     for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):

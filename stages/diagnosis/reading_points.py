@@ -28,7 +28,7 @@ from truing.simulation.bench.known_readings import (
     run_names,
     zeros_of_steps,
 )
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.inputs import between_neighbours
 from truing.stages.common.blocks import groupings_of
@@ -54,14 +54,14 @@ _FEWEST_STEPS = 6
 _MILLIVOLT = 1e-3
 
 
-def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingModel:
+def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchModel:
     """Return the plain simulation at all load steps; raises ValueError, saying why, where there is none."""
     steps = load_steps(tables)
     sensor = simulated_sensor(tables, settings, steps)
     sigma, _ = _noise(steps, settings, ())
     points, seen = _points(steps, sigma)
     told = seen.any(1) & np.isfinite(steps.time_s)
-    return ReadingModel(_known(sensor, steps, points, seen, sigma, told, settings), _conditions(steps, told))
+    return BenchModel(_known(sensor, steps, points, seen, sigma, told, settings), _conditions(steps, told))
 
 
 def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
@@ -78,7 +78,7 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     fitted, held = told & ~steps.held_out, told & steps.held_out
     if why := _why_too_little(steps, fitted, settings):
         raise ValueError(why)
-    model = ReadingModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
+    model = BenchModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
     applied, loaded = np.round(steps.load[fitted], 9) + 0.0, {BlockKind.RUN: steps.run[fitted]}
     groupings = groupings_of(applied, steps.time_s[fitted], None, loaded)
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
@@ -243,7 +243,7 @@ def _poses(
 
 def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
-    assert isinstance(fitted.model, ReadingModel)
+    assert isinstance(fitted.model, BenchModel)
     context = {"campaign": settings.campaign.name}
     return write_sensor(extended_sensor(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
@@ -252,7 +252,7 @@ def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Cam
     """How far each reading is missed, the extended model, the sensor's pulls, what has changed, what to apply next."""
     assert isinstance(gathered.shown, Channels)
     final, following = diagnosis.final, next_loads_of(diagnosis, settings)
-    assert isinstance(final.model, ReadingModel)
+    assert isinstance(final.model, BenchModel)
     left = {
         "reading_errors": _errors_table(diagnosis, gathered.shown, settings),
         "model": _model_text(final, settings),
@@ -268,7 +268,7 @@ def _errors_table(diagnosis: CauseDiagnosis, channels: Channels, settings: Campa
     floor = _floors(diagnosis, channels, settings)
     rows: list[dict[str, Any]] = []
     for role, before, after in errors_by_role(diagnosis):
-        assert isinstance(before.model, ReadingModel)
+        assert isinstance(before.model, BenchModel)
         names, own = before.model.channel_names, before.model.conditions
         rows += [
             {

@@ -27,7 +27,7 @@ from truing.schemas.covariates import listed, own_name
 from truing.schemas.verdict import Relation
 from truing.simulation.bodies.causes.terms import CAME_FROM
 from truing.simulation.inputs import ORDER, TIME
-from truing.stages.diagnosis.gathered import POINTS, Channels, Shown
+from truing.stages.diagnosis.gathered import POINTS, Channels, ReportedRms
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
@@ -39,18 +39,18 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Words:
+class DetectionAdvice:
     """What the rows say beside the verdicts: the smallest sizes that would have been seen, and what to measure next, by
     a cause's key, what limits all statements, in which unit numbers are told, and what the search relates."""
 
     detectable: Mapping[str, str] = field(default_factory=dict)
     next_measurement: Mapping[str, Advice] = field(default_factory=dict)
     remark: str = ""
-    shown: Shown | Channels = POINTS
+    shown: ReportedRms | Channels = POINTS
     relation: Relation = Relation.READINGS_POSES
 
 
-def diagnosis_table(diagnosis: CauseDiagnosis, words: Words, noise_level: float) -> pa.Table:
+def diagnosis_table(diagnosis: CauseDiagnosis, words: DetectionAdvice, noise_level: float) -> pa.Table:
     """Rows of the verdicts in their order, noise that is larger than declared behind what was found.
 
     ``noise_level`` is the p-value below which it is.
@@ -90,7 +90,7 @@ def ranked_table(rows: list[dict[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(ranked, schema=artifact.arrow_schema(present=artifact.optional))
 
 
-def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: Words) -> dict[str, Any]:
+def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) -> dict[str, Any]:
     cause, legs = verdict.cause, diagnosis.plain.model.part_count
     shown, claim = words.shown.concerned(verdict.before, verdict.after), claim_of(verdict.cause, legs)
     facts = _facts(verdict, diagnosis, words, claim)
@@ -119,7 +119,7 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: Words) -> dict[str,
     }
 
 
-def _errors(shown: Shown, verdict: Verdict) -> dict[str, Any]:
+def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
     """What predictions miss without and with a cause, in the unit in which it is told."""
     return {
         "rms_before": shown.rms(verdict.before),
@@ -152,7 +152,7 @@ def _advised(advice: Advice) -> dict[str, Any]:
     }
 
 
-def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: Words, claim: Claim) -> Facts:
+def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, claim: Claim) -> Facts:
     """What a sentence on a verdict tells."""
     cause, shown = verdict.cause, words.shown.concerned(verdict.before, verdict.after)
     return Facts(
@@ -218,7 +218,7 @@ def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
-def _noise_rows(diagnosis: CauseDiagnosis, shown: Shown | Channels, level: float) -> list[dict[str, Any]]:
+def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level: float) -> list[dict[str, Any]]:
     """Noise that is larger in places, that of single channels, and where none has its own that of all."""
     final = diagnosis.final
     whole = shown.whole(final.error)
@@ -232,7 +232,7 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: Shown | Channels, level: float
     return rows
 
 
-def _attributed_rows(diagnosis: CauseDiagnosis, shown: Shown | Channels) -> Iterator[dict[str, Any]]:
+def _attributed_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels) -> Iterator[dict[str, Any]]:
     """Inputs that predict what the simulation misses, and that no effect without a name follows already."""
     final, legs = diagnosis.final, diagnosis.plain.model.part_count
     unnamed = [one.cause for one in diagnosis.verdicts if one.verdict == "found" and not one.cause.catalogued]
@@ -254,7 +254,7 @@ def _attributed_rows(diagnosis: CauseDiagnosis, shown: Shown | Channels) -> Iter
         }
 
 
-def _larger_row(level: NoiseLevel, final: FittedModel, shown: Shown) -> dict[str, Any]:
+def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Noise larger than declared is structure too: something moves what was measured that nothing here explains."""
     missed = shown.rms(final.error), shown.floor(final.floor)
     said = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit)
@@ -271,7 +271,7 @@ def _followed_column(column: str) -> tuple[str, ...]:
     return (TIME if plain == ORDER else plain,) if plain else ()
 
 
-def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> dict[str, Any]:
+def _following_row(own: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Noise that is larger in places, and the cause, the column or the target that it follows."""
     if own.driver.cause is not None:
         size = own.ratio, own.sigma
@@ -290,13 +290,13 @@ def _following_row(own: NoiseDependence, final: FittedModel, shown: Shown) -> di
     }
 
 
-def _scatter_row(own: FoundScatter, final: FittedModel, shown: Shown) -> dict[str, Any]:
+def _scatter_row(own: FoundScatter, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
     return _row_of_cause(own.candidate.cause, (own.size, own.sigma), own.p_value, own.doubt, final, shown)
 
 
 def _row_of_cause(
-    cause: Cause, size: tuple[float, float], p_value: float, doubt: str, final: FittedModel, shown: Shown
+    cause: Cause, size: tuple[float, float], p_value: float, doubt: str, final: FittedModel, shown: ReportedRms
 ) -> dict[str, Any]:
     """What is said of a cause that moves nothing on average, with its one size and sigma, SI; ``doubt`` is the reason
     code where it is only suspected."""
@@ -318,13 +318,13 @@ def _row_of_cause(
     }
 
 
-def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: Shown) -> dict[str, Any]:
+def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """What all rows on noise have that no cause makes larger."""
     ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}
     return _without_mean_effect(level.p_value, final, shown) | {"parameters": json.dumps({"noise_ratio": ratio})}
 
 
-def _without_mean_effect(p_value: float, final: FittedModel, shown: Shown) -> dict[str, Any]:
+def _without_mean_effect(p_value: float, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """What all rows have on what scatters: no effect on the mean, so nothing is predicted better."""
     rms, held = shown.rms(final.error), shown.rms(final.held_out)
     return {

@@ -98,7 +98,7 @@ def _check_names(out: LaterSurveys, first: pa.Table, file: str, log: FaultLog) -
 
 
 @dataclass(frozen=True)
-class _Wish:
+class _ResurveySettings:
     """What [[resurvey]] says of a survey: its poses by place in time (none: a check alone), and what has moved."""
 
     window: tuple[int, int] | None = None
@@ -108,14 +108,14 @@ class _Wish:
     column: str = ""
 
 
-def _in_time(wished: dict[str, _Wish]) -> list[str]:
+def _in_time(wished: dict[str, _ResurveySettings]) -> list[str]:
     """Surveys in the order in which they hold; checks come last, in the order of the file."""
     return sorted(wished, key=lambda name: (1 << 62) if (w := wished[name].window) is None else w[0])
 
 
-def _wishes(settings: Any, found: CollectedRows, order: PoseTimes, log: FaultLog) -> dict[str, _Wish]:
+def _wishes(settings: Any, found: CollectedRows, order: PoseTimes, log: FaultLog) -> dict[str, _ResurveySettings]:
     names = [str(name) for name in dict.fromkeys(texts(found, "survey"))]
-    wished = {name: _Wish() for name in names}
+    wished = {name: _ResurveySettings() for name in names}
     since: dict[int, str] = {}
     for number, entry in enumerate(settings.resurvey, 1):
         column = f"resurvey.{number}"
@@ -137,7 +137,7 @@ def _wishes(settings: Any, found: CollectedRows, order: PoseTimes, log: FaultLog
         since |= {} if where is None else {where[0]: column}
         why = ": ".join(filter(None, (entry.by, entry.reason)))
         pose = None if entry.from_pose is None else str(entry.from_pose)
-        wished[entry.survey] = _Wish(where, pose, entry.moved, why, column)
+        wished[entry.survey] = _ResurveySettings(where, pose, entry.moved, why, column)
     return wished
 
 
@@ -170,7 +170,12 @@ def _places(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Pla
 
 
 def _compare(
-    out: LaterSurveys, held: dict[str, Place], seen: dict[str, Place], of: tuple[str, str], wish: _Wish, alarm: float
+    out: LaterSurveys,
+    held: dict[str, Place],
+    seen: dict[str, Place],
+    of: tuple[str, str],
+    wish: _ResurveySettings,
+    alarm: float,
 ) -> None:
     """One body in one survey against the places that held before, which become the new ones where it holds."""
     common = [target for target in seen if target in held]
@@ -198,7 +203,13 @@ def _comparison(before: Sequence[Place], after: Sequence[Place], known: Mask, al
 
 
 def _moved_on(
-    out: LaterSurveys, body: str, target: str, places: tuple[Place, Place], name: str, found: Any, wish: _Wish
+    out: LaterSurveys,
+    body: str,
+    target: str,
+    places: tuple[Place, Place],
+    name: str,
+    found: Any,
+    wish: _ResurveySettings,
 ) -> Place:
     """A target that sits elsewhere is another one by name; one that sat at an attachment and does not say that it sits
     there again is none of the survey."""
@@ -222,7 +233,9 @@ def _added(out: LaterSurveys, body: str, now: Place, name: str, found: SurveyCom
     return Place(point, cov, now.leg, name)
 
 
-def _row(of: tuple[str, str], target: str, found: Any, at: int, holds_as: str | None, wish: _Wish) -> dict[str, Any]:
+def _row(
+    of: tuple[str, str], target: str, found: Any, at: int, holds_as: str | None, wish: _ResurveySettings
+) -> dict[str, Any]:
     told = found.status == "ok"
     sigma = np.sqrt(np.diag(found.cov[at])) / _MM if told else (None,) * 3
     shift = found.shift[at] / _MM if told else (None,) * 3
@@ -236,7 +249,9 @@ def _row(of: tuple[str, str], target: str, found: Any, at: int, holds_as: str | 
     }
 
 
-def _new_row(of: tuple[str, str], target: str, status: str, holds_as: str | None, wish: _Wish) -> dict[str, Any]:
+def _new_row(
+    of: tuple[str, str], target: str, status: str, holds_as: str | None, wish: _ResurveySettings
+) -> dict[str, Any]:
     return {
         "later_survey": of[0],
         "body": of[1],

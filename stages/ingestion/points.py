@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Mask
 from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
-from truing.formats.point_ledger import PointLedger
+from truing.formats.point_ledger import PointIndex
 from truing.formats.read import FileRows, ahead, read_table
 from truing.formats.shapes import COORDINATE_SIGMAS, POINTS
 from truing.formats.source import CampaignFiles
@@ -139,7 +139,7 @@ class Points:
     poses: int = 0
 
     def __post_init__(self) -> None:
-        self._ledger = PointLedger(self.expected.poses, self.source.scratch)
+        self._ledger = PointIndex(self.expected.poses, self.source.scratch)
         self._declared: pa.Array | None = None
         self._with_own_names: set[str] = set()
 

@@ -117,7 +117,7 @@ def _signals(found: CollectedRows, step: float | None, log: FaultLog) -> Array:
 
 
 @dataclass(frozen=True)
-class _Followed:
+class _ChannelLengths:
     """One channel: its ellipse, lengths (N,) in um since the first sample of each run and their sigma, and facts."""
 
     fit: EllipseFit
@@ -126,7 +126,7 @@ class _Followed:
     facts: dict[str, Any]
 
 
-def _followed(signals: Array, run: Index, settings: Any) -> _Followed:
+def _followed(signals: Array, run: Index, settings: Any) -> _ChannelLengths:
     """Samples (N, 2) in the order in which they were taken, of runs (N,)."""
     cut = np.zeros(len(signals), dtype=bool)
     for side in (0, 1):
@@ -157,7 +157,7 @@ def _followed(signals: Array, run: Index, settings: Any) -> _Followed:
         "miscount_risk": risk,
         "status": str(fit.status[0]),
     }
-    return _Followed(fit, length, _UM * per_rad * sigma, facts)
+    return _ChannelLengths(fit, length, _UM * per_rad * sigma, facts)
 
 
 def _by_step(found: CollectedRows, value: Array, sigma: Array, log: FaultLog) -> CollectedRows:

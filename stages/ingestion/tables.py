@@ -253,14 +253,14 @@ def check_any_fitted(tables: Sequence[pa.Table], file: str, what: str, log: Faul
         log.add(Fault(file, expected, column="role", value=f"{', '.join(roles)} alone"))
 
 
-class _LeavesOut(Protocol):
+class _WithOmissions(Protocol):
     """What was read with rows left out of it, by (file or subject, reason)."""
 
     @property
     def left_out(self) -> Mapping[tuple[str, str], int]: ...
 
 
-def all_left_out(*parts: _LeavesOut | None) -> Counter[tuple[str, str]]:
+def all_left_out(*parts: _WithOmissions | None) -> Counter[tuple[str, str]]:
     """How many rows were left out of all parts, by (subject, reason)."""
     total: Counter[tuple[str, str]] = Counter()
     for part in parts:

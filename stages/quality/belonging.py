@@ -12,7 +12,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index, Mask
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.points_of_bodies import (
-    AsAnother,
+    AsOtherBody,
     BodyPoints,
     poses_with_slips,
     relate_copies,
@@ -21,7 +21,7 @@ from truing.belonging.points_of_bodies import (
 )
 from truing.belonging.reading_hypotheses import MeasuredMotion
 from truing.belonging.readings_of_poses import READINGS, ReadingNames, relate_readings
-from truing.belonging.relation import DISPLACEMENT_UNITS, FRINGE_SHARES, ROTATION_UNITS, RelationState, Tested
+from truing.belonging.relation import DISPLACEMENT_UNITS, FRINGE_SHARES, ROTATION_UNITS, RelationState, RelationTest
 from truing.belonging.relations_of_loads import MILLIVOLT, KnownBench, relate_loads
 from truing.estimation.covariance import relative
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
@@ -54,7 +54,7 @@ _LEGS = 6
 _SINGULAR = 1e12  # condition of the legs' influence, from which on legs do not carry every load
 
 
-def belonging_checks(tested: Iterable[Tested]) -> Iterator[Check]:
+def belonging_checks(tested: Iterable[RelationTest]) -> Iterator[Check]:
     """Yield the check of every tested relation."""
     for one in tested:
         verdict = _VERDICTS[one.state]
@@ -62,7 +62,7 @@ def belonging_checks(tested: Iterable[Tested]) -> Iterator[Check]:
         yield Check(one.relation, one.subject, value, limit, one.unit, verdict, message(one))
 
 
-def without_contradiction(checks: Iterable[Check], tested: Iterable[Tested]) -> Iterator[Check]:
+def without_contradiction(checks: Iterable[Check], tested: Iterable[RelationTest]) -> Iterator[Check]:
     """Yield checks; exchanged rows are not told of signals that do not belong to their loads as they stand."""
     apart = any(one.relation == "signals-against-loads" and one.state == RelationState.FAILS for one in tested)
     deferred = False
@@ -76,7 +76,7 @@ def without_contradiction(checks: Iterable[Check], tested: Iterable[Tested]) -> 
 
 def relations_of_points(
     bodies: Sequence[BodyView], around: PoseSurroundings, tables: Mapping[str, pa.Table], settings: Campaign
-) -> tuple[Tested, ...]:
+) -> tuple[RelationTest, ...]:
     """Return the tested relations of a campaign of object points."""
     surveyed = set(tables["survey"].column("body").to_pylist()) if "survey" in tables else set()
     configurations = tables.get("configurations")
@@ -110,7 +110,7 @@ def _file_order(configurations: pa.Table | None, around: PoseSurroundings) -> In
 
 
 def _points(
-    body: BodyView, others: tuple[AsAnother, ...], around: PoseSurroundings, order: Index, groups: Groups
+    body: BodyView, others: tuple[AsOtherBody, ...], around: PoseSurroundings, order: Index, groups: Groups
 ) -> BodyPoints:
     """The targets that make the body's frame, poses in the order of the file."""
     frame = body.frame
@@ -130,20 +130,20 @@ def _points(
 
 def _as_others(
     body: BodyView, bodies: Sequence[BodyView], observed: pa.Table, around: PoseSurroundings, order: Index
-) -> tuple[AsAnother, ...]:
+) -> tuple[AsOtherBody, ...]:
     """What a body's rows would be as points of each other one: by the names of targets, and by their places."""
     found = []
     for other in bodies:
         if other is not body:
             named = pose_points(observed, body.name, around.poses, other.survey.targets)
-            found.append(AsAnother(other.name, other.survey.points, named.points[order], named.seen[order]))
+            found.append(AsOtherBody(other.name, other.survey.points, named.points[order], named.seen[order]))
             count = min(len(body.survey.targets), len(other.survey.targets))
             points, seen = body.points.points[order, :count], body.points.seen[order, :count]
-            found.append(AsAnother(other.name, other.survey.points[:count], points, seen))
+            found.append(AsOtherBody(other.name, other.survey.points[:count], points, seen))
     return tuple(found)
 
 
-def _copies(bodies: Sequence[BodyView], around: PoseSurroundings) -> Tested:
+def _copies(bodies: Sequence[BodyView], around: PoseSurroundings) -> RelationTest:
     points = np.concatenate([body.points.points for body in bodies], axis=1)
     seen = np.concatenate([body.points.seen for body in bodies], axis=1)
     sigma = np.concatenate([body.measured_sigma.mean(axis=2) for body in bodies], axis=1)
@@ -158,18 +158,18 @@ def _readings(
     surveyed: set[str],
     settings: Campaign,
     odd: Mask,
-) -> tuple[Tested, ...]:
+) -> tuple[RelationTest, ...]:
     """Actuator readings against the poses of the platform, but for those (B,) whose points hold a slip of their own."""
     if not settings.mechanism.is_legged:
-        return (Tested(READINGS, RelationState.NOT_TESTED, "no-mechanism"),)
+        return (RelationTest(READINGS, RelationState.NOT_TESTED, "no-mechanism"),)
     if not {"base", "platform"} <= surveyed:
-        return (Tested(READINGS, RelationState.NOT_TESTED, "no-survey"),)
+        return (RelationTest(READINGS, RelationState.NOT_TESTED, "no-survey"),)
     by_name = {body.name: body for body in bodies}
     section = cast("LeggedMechanism", settings.mechanism)
     columns = tuple(f"rho{leg + 1}_mm" for leg in range(len(section.legs)))
     missing = configurations is None or not {"base", "platform"} <= by_name.keys()
     if configurations is None or missing or not set(columns) <= set(configurations.column_names):
-        return (Tested(READINGS, RelationState.NOT_TESTED, "no-readings"),)
+        return (RelationTest(READINGS, RelationState.NOT_TESTED, "no-readings"),)
     found = _in_order(configurations, columns, around)
     base, platform = by_name["base"].fit, by_name["platform"].fit
     R, p, covariance = relative(base.R, base.t, base.covariance, platform.R, platform.t, platform.covariance)
@@ -245,7 +245,7 @@ def _drivers(around: PoseSurroundings, at: Index) -> Array:
     return np.column_stack(scaled) if scaled else np.zeros((len(at), 0))
 
 
-def relations_of_loads(steps: RecordedSteps, seen: Array | None, settings: Campaign) -> tuple[Tested, ...]:
+def relations_of_loads(steps: RecordedSteps, seen: Array | None, settings: Campaign) -> tuple[RelationTest, ...]:
     """The tested relations of a loading campaign; seen: rows (6, 6) of the simulated compliance that channels see."""
     count, sensitivity = len(steps.signals), settings.signals.sensitivity_mv_per_n
     gain = leg_forces = None

@@ -13,7 +13,7 @@ from truing.schemas.sections import SetLimits
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.belonging.relation import Tested
+    from truing.belonging.relation import RelationTest
 
 PASS, WARN, FAIL, NOT_EVALUATED = "pass", "warn", "fail", "not evaluated"
 COUNTED = "no time was recorded, or it merely counts"
@@ -42,7 +42,7 @@ class CheckResults:
 
     checks: Iterable[Check]
     read: str
-    relations: Sequence[Tested] = ()
+    relations: Sequence[RelationTest] = ()
     suggested: Mapping[str, pa.Table] = field(default_factory=dict)
     why_not: str = ""
 

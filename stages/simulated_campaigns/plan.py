@@ -16,7 +16,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.drawn_campaigns import CampaignLayout, draw_campaign, draw_readings
 from truing.simulation.mechanisms.legs.closures import Legs
-from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.photographs.causes.ray_causes import RayCause
 from truing.simulation.photographs.ray_poses import RayPoses
@@ -29,7 +29,7 @@ from truing.stages.common.reading_arrays import load_steps
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
-    from truing.simulation.bench.model import ReadingModel
+    from truing.simulation.bench.model import BenchModel
 
 _FEWEST_POSES = 3
 _VOLT_MV = 1e3
@@ -134,7 +134,7 @@ def _with_readings(configurations: pa.Table, legs: int, settings: Campaign) -> C
 
 def _nominal_model(
     legs: Legs, bodies: _Bodies, conditions: Conditions, reading_sigma: float
-) -> tuple[PointModel, _Bodies]:
+) -> tuple[MechanismModel, _Bodies]:
     """The model of an exact mechanism, and the bodies whose targets it can place: legs need three."""
     on_leg = bodies.targets.body == LEG
     ridden = [
@@ -143,11 +143,11 @@ def _nominal_model(
     bodies = bodies.only(~on_leg | np.isin(bodies.targets.leg, ridden))
     unmoved, at_origin = np.tile(np.eye(3), (legs.count, 1, 1)), np.zeros((legs.count, 3))
     survey = shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov)
-    known = Known({}, bodies.shape, survey, reading_sigma, np.array(ridden, int), unmoved, at_origin)
-    return PointModel(bodies.targets, conditions, legs, known), bodies
+    known = PriorKnowledge({}, bodies.shape, survey, reading_sigma, np.array(ridden, int), unmoved, at_origin)
+    return MechanismModel(bodies.targets, conditions, legs, known), bodies
 
 
-def full_plan(bare: CampaignPlan, model: PointModel, seen: NDArray, poses_table: pa.Table) -> CampaignPlan:
+def full_plan(bare: CampaignPlan, model: MechanismModel, seen: NDArray, poses_table: pa.Table) -> CampaignPlan:
     """The plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them.
 
     model: the plain simulation; seen (B, K): which of its targets were seen in the poses that are fitted.
@@ -229,7 +229,7 @@ class ReadingPlan:
     ``scene`` is what causes may propose candidates from, as the diagnosis offers it to them.
     """
 
-    model: ReadingModel
+    model: BenchModel
     steps: RecordedSteps
     tables: Mapping[str, pa.Table]
     scene: Scene
@@ -264,7 +264,7 @@ class ReadingPlan:
         return tables
 
 
-def reading_plan(tables: Mapping[str, pa.Table], model: ReadingModel) -> ReadingPlan:
+def reading_plan(tables: Mapping[str, pa.Table], model: BenchModel) -> ReadingPlan:
     """The plan of a loading campaign; model: its plain simulation at all load steps."""
     steps = load_steps(tables)
     own = {name: tables[name] for name in ("readings", "signals", "given_compliance") if name in tables}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truing.belonging.points_of_bodies import AsAnother, BodyPoints, poses_with_slips, relate_survey
+from truing.belonging.points_of_bodies import AsOtherBody, BodyPoints, poses_with_slips, relate_survey
 from truing.belonging.relation import RelationState, SlipKind
 
 SIGMA = 1e-5
@@ -79,7 +79,7 @@ def test_what_a_good_campaign_may_hold_is_no_slip(
 ) -> None:
     for seed in range(10):
         body = _changed(_body(seed, targets), rows, change)
-        other = AsAnother(
+        other = AsOtherBody(
             "base", np.random.default_rng([seed, 1]).uniform(-0.2, 0.2, (targets, 3)), body.points, body.seen
         )
         found = relate_survey(replace(body, others=(other,)))

@@ -41,7 +41,7 @@ def _motion(travel: np.ndarray, change=lambda readings: readings, seed: int = 0)
     return motion, ReadingNames(columns, tuple(str(pose) for pose in range(len(true))))
 
 
-def _readings(*given) -> relation.Tested:
+def _readings(*given) -> relation.RelationTest:
     return next(one for one in relations(*_motion(*given)) if one.relation == "readings-against-poses")
 
 

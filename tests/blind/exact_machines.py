@@ -28,7 +28,7 @@ from truing.simulation import targets as kinds
 from truing.simulation.cause import Cause
 from truing.simulation.inputs import APPROACH, ORDER, approach, order_in_time
 from truing.simulation.mechanisms.legs.closures import mechanism
-from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import FREE_ANGLE_RAD, ShapeUnknowns
 
@@ -72,7 +72,7 @@ def targets_of(campaign: Campaign) -> kinds.Targets:
     return kinds.Targets(np.array(kind), np.array(legs) - 1, tuple(marks.name), tuple(marks.body))
 
 
-def model_of(campaign: Campaign, make: Callable[[float, float], Cause] | None) -> PointModel:
+def model_of(campaign: Campaign, make: Callable[[float, float], Cause] | None) -> MechanismModel:
     """The machine as it was built and surveyed, all of it exactly known, with one cause or none."""
     built, schedule = campaign.truth.built, campaign.schedule
     kind = campaign.layout.geometry.mechanism
@@ -82,7 +82,7 @@ def model_of(campaign: Campaign, make: Callable[[float, float], Cause] | None) -
     none = ShapeUnknowns(np.zeros((len(targets.body), 3, 0)), np.eye(3 * int(targets.at_attachment.sum())) * 1e-6)
     ridden = np.unique(targets.leg[targets.body == kinds.LEG])
     seats, nowhere = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    known = Known({}, campaign.surveyed / 1e3, none, 0.0, ridden, seats, nowhere)
+    known = PriorKnowledge({}, campaign.surveyed / 1e3, none, 0.0, ridden, seats, nowhere)
     readings = campaign.readings / 1e3
     covariates = {
         "time_s": schedule.time_s,
@@ -91,14 +91,14 @@ def model_of(campaign: Campaign, make: Callable[[float, float], Cause] | None) -
         APPROACH: approach(readings, schedule.time_s, 5e-3 * campaign.layout.noise.declared_actuator_mm),
     }
     conditions = Conditions(readings, covariates, tuple(schedule.pose))
-    model = PointModel(targets, conditions, legs, known)
+    model = MechanismModel(targets, conditions, legs, known)
     axes = np.stack([rotate(with_axis(model.nominal_direction), np.tile(axis, (count, 1))) for axis in np.eye(3)], -1)
     start, end = schedule.time_s.min(), schedule.time_s.max()
     model = replace(model, known=replace(known, seat_rotation=axes))
     return model.with_causes(() if make is None else (make(float(start), float(end - start)),))
 
 
-def points_of(model: PointModel, values: NDArray, measured: NDArray) -> NDArray:
+def points_of(model: MechanismModel, values: NDArray, measured: NDArray) -> NDArray:
     """What the model says; each leg turned about its own axis as it was measured, which no closure fixes."""
     shared = np.zeros(model.shared_size)
     if model.causes:

@@ -33,7 +33,7 @@ from truing.simulation.bench.causes import (
     zero_step,
 )
 from truing.simulation.bench.known_readings import ChannelZeros, KnownReadings, ReadingConditions, SignalGains
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Cause
 
@@ -135,7 +135,7 @@ def bench(name: str, effects: Sequence[hidden.Effect] = ()) -> Campaign:
 BENCHES = {name: bench(name) for name in ("A", "notches")}
 
 
-def model_of(campaign: Campaign) -> ReadingModel:
+def model_of(campaign: Campaign) -> BenchModel:
     """The bench as it is, all of it exactly known; leg forces are those along elastic legs."""
     schedule, layout = campaign.schedule, campaign.layout
     elastic = theirs(layout.sensor)
@@ -154,13 +154,13 @@ def model_of(campaign: Campaign) -> ReadingModel:
     columns = dict(zip(COLUMNS, schedule.air.T, strict=True))
     span = (float(schedule.time_s[0]), float(schedule.time_s[-1]))
     conditions = ReadingConditions(schedule.run, schedule.step, schedule.time_s, schedule.load, columns, span)
-    return ReadingModel(known, conditions)
+    return BenchModel(known, conditions)
 
 
 MODELS = {name: model_of(campaign) for name, campaign in BENCHES.items()}
 
 
-def change_of(model: ReadingModel, cause: Cause, values: NDArray) -> NDArray:
+def change_of(model: BenchModel, cause: Cause, values: NDArray) -> NDArray:
     """What a cause does to readings and signals (S, K), SI."""
     held = model.with_causes([cause])
     shared = np.zeros(held.shared_size)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from truing.formats import point_ledger
 from truing.formats.evaluation import TableBatch
-from truing.formats.point_ledger import PointLedger
+from truing.formats.point_ledger import PointIndex
 from truing.formats.read import FileRows
 from truing.formats.source import RawFile
 from truing.schemas.mapping import FileMapping
@@ -45,7 +45,7 @@ def test_duplicates_unknown_poses_and_origins(parts, as_text, cells, step):
     poses = pa.array([str(pose) for pose in known]) if as_text else pa.array(known)
     before = point_ledger._CELLS, point_ledger.STEP
     point_ledger._CELLS, point_ledger.STEP = cells, step  # many slabs and many steps
-    ledger = PointLedger(poses)
+    ledger = PointIndex(poses)
     try:
         numbers = [ledger.add(file(f"f{i}"), batch(rows, 7 * i, as_text))[0] for i, rows in enumerate(parts)]
         found = np.concatenate([*ledger.duplicates(), np.zeros(0, int)])
@@ -71,14 +71,14 @@ def test_duplicates_unknown_poses_and_origins(parts, as_text, cells, step):
 
 
 def test_texts_in_a_campaign_of_integers_are_unknown_unless_they_are_integers():
-    ledger = PointLedger(pa.array([7, 8]))
+    ledger = PointIndex(pa.array([7, 8]))
     numbers, _ = ledger.add(file("f"), batch([("7", "a", "1"), ("x", "a", "1"), ("9", "a", "1")], 0, True))
     assert numbers.tolist() == [0, 2, 2]
     ledger.close()
 
 
 def test_where_no_pose_is_known_all_are_unknown():
-    ledger = PointLedger(pa.array([], pa.int64()))
+    ledger = PointIndex(pa.array([], pa.int64()))
     numbers, _ = ledger.add(file("f"), batch([(0, "a", "1"), (0, "a", "1")], 0, False))
     assert numbers.tolist() == [0, 0]
     assert list(ledger.duplicates()) == []
@@ -86,7 +86,7 @@ def test_where_no_pose_is_known_all_are_unknown():
 
 
 def test_label_columns_give_the_names_back():
-    ledger = PointLedger(pa.array([1]))
+    ledger = PointIndex(pa.array([1]))
     rows = [(1, "a", "1"), (1, "b", "1"), (1, "a", "2")]
     _, labels = ledger.add(file("f"), batch(rows, 0, False))
     body, target = ledger.label_columns(labels)
@@ -96,7 +96,7 @@ def test_label_columns_give_the_names_back():
 
 @pytest.mark.parametrize("records", [[0, 1, 2], [4, 4, 9], [3, 1, 2]])
 def test_origins_of_records_in_any_order(records):
-    ledger = PointLedger(pa.array([1]))
+    ledger = PointIndex(pa.array([1]))
     rows = batch([(1, "a", str(i)) for i in range(3)], 0, False)
     ledger.add(file("f"), TableBatch(rows.columns, np.array(records)))
     assert [ledger.origin(row)[1] for row in range(3)] == records

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.inference.adequacy import Adequacy, AdequacyTest, Lack, like_neighbours, noise_excess
+from truing.inference.adequacy import Adequacy, AdequacyTest, MisfitKind, like_neighbours, noise_excess
 
 EPOCHS, CHANNELS = 40, 6
 
@@ -53,17 +53,17 @@ def test_what_a_group_has_in_common_is_no_misfit_where_groups_are_exchanged_as_s
 
 
 def test_noise_far_above_the_declared_one_is_a_lack_of_fit_and_a_tenth_is_not() -> None:
-    assert noise_excess(Lack.INPUT_NOISE, 1.1, 100.0).p_value > 0.1
-    assert noise_excess(Lack.INPUT_NOISE, 1.8, 100.0).p_value < 1e-6
-    assert noise_excess(Lack.INPUT_NOISE, 1.8, 3.0).p_value > 0.05
+    assert noise_excess(MisfitKind.INPUT_NOISE, 1.1, 100.0).p_value > 0.1
+    assert noise_excess(MisfitKind.INPUT_NOISE, 1.8, 100.0).p_value < 1e-6
+    assert noise_excess(MisfitKind.INPUT_NOISE, 1.8, 3.0).p_value > 0.05
 
 
 def test_tests_are_corrected_for_kinds_and_for_columns() -> None:
     found = Adequacy(
         (
-            AdequacyTest(Lack.INPUT_NOISE, "", 1.3, 0.02),
-            AdequacyTest(Lack.LIKE_NEIGHBOURS, "time_s", 0.3, 0.01),
-            AdequacyTest(Lack.LIKE_NEIGHBOURS, "inputs", 0.1, 0.6),
+            AdequacyTest(MisfitKind.INPUT_NOISE, "", 1.3, 0.02),
+            AdequacyTest(MisfitKind.LIKE_NEIGHBOURS, "time_s", 0.3, 0.01),
+            AdequacyTest(MisfitKind.LIKE_NEIGHBOURS, "inputs", 0.1, 0.6),
         )
     )
     assert found.p_value == pytest.approx(0.04)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.inference import toy_campaign as toy
 from truing.estimation.rotation import exp_so3
-from truing.inference.adequacy import Adequacy, Lack, WhyUntested, by_region, pure_error
+from truing.inference.adequacy import Adequacy, MisfitKind, WhyUntested, by_region, pure_error
 from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
 from truing.inference.linear_problem import LinearisedModel, whiten
 from truing.inference.observations import Frames
@@ -111,11 +111,11 @@ def test_without_repeats_the_reason_is_that_and_with_few_another() -> None:
     assert not list(pure_error(found, np.full(toy.POSES, -1)))
     few = np.where(GROUPS == 0, 0, -1)
     assert not list(pure_error(found, few))
-    assert Adequacy(()).why_untested(Lack.PURE_ERROR) == WhyUntested.NO_REPEATS
-    assert Adequacy((), repeated=True).why_untested(Lack.PURE_ERROR) == WhyUntested.TOO_FEW
-    assert Adequacy(()).why_untested(Lack.INPUT_NOISE) == WhyUntested.TOO_FEW
-    assert Lack.PURE_ERROR in Adequacy(()).untested
-    assert Lack.PURE_ERROR not in Adequacy((), not_asked=frozenset([Lack.PURE_ERROR])).untested
+    assert Adequacy(()).why_untested(MisfitKind.PURE_ERROR) == WhyUntested.NO_REPEATS
+    assert Adequacy((), repeated=True).why_untested(MisfitKind.PURE_ERROR) == WhyUntested.TOO_FEW
+    assert Adequacy(()).why_untested(MisfitKind.INPUT_NOISE) == WhyUntested.TOO_FEW
+    assert MisfitKind.PURE_ERROR in Adequacy(()).untested
+    assert MisfitKind.PURE_ERROR not in Adequacy((), not_asked=frozenset([MisfitKind.PURE_ERROR])).untested
 
 
 def test_what_differs_from_region_to_region_is_seen_by_region() -> None:

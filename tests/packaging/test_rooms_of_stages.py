@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from tests.packaging.source_tree import PROJECT, imported_names, module_name, modules, within
-from truing.pipeline.ledger import RememberedDigests
+from truing.pipeline.ledger import DigestCache
 from truing.pipeline.source_digest import SourceTree
 
 SHARED = ("truing.stages.common", "truing.stages.declaration")
@@ -37,7 +37,7 @@ def _of_stages(names: set[str]) -> list[str]:
 @cache
 def closure(stage: str) -> tuple[str, ...]:
     """The files that decide whether a stage is stale."""
-    return tuple(SourceTree(PROJECT, RememberedDigests(None)).digests(f"truing.stages.{stage}"))
+    return tuple(SourceTree(PROJECT, DigestCache(None)).digests(f"truing.stages.{stage}"))
 
 
 @pytest.mark.parametrize("stage", ["images", "ingest", "bundle", "qa", "pose", "deformation"])

@@ -127,11 +127,11 @@ def test_a_listener_who_goes_does_not_end_the_run(fake: FakeProject) -> None:
 
 
 def test_a_long_stage_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    from truing.pipeline.voice import Voice
+    from truing.pipeline.voice import RunConsole
 
     clock = iter(range(0, 100, 3))
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))
-    with Voice(quiet=False).during("pose") as progress:
+    with RunConsole(quiet=False).during("pose") as progress:
         for done in range(5):
             progress(done, 5, "poses")
         progress(7, 0, "rows")

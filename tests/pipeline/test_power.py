@@ -18,7 +18,7 @@ from tests.blind.generator.schedule import at_rest, random_moves
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app
 from truing.pipeline.executor import LOCAL, Workforce, results
-from truing.pipeline.power_command import PowerWish, _plan, diagnosed_trial
+from truing.pipeline.power_command import PowerOptions, _plan, diagnosed_trial
 from truing.pipeline.problems import Interrupted
 from truing.schemas.campaign import Campaign
 from truing.simulation.cause import Effect
@@ -107,7 +107,7 @@ def hidden(measured: Path) -> tuple[partial[Answer], Trial, Answer]:
     """The work of one campaign with an effect hidden in it, and what comes of it in this process."""
     campaign = open_campaign(measured)
     settings = campaign.validated()
-    work = partial(diagnosed_trial, _plan(campaign, settings, PowerWish()), settings)
+    work = partial(diagnosed_trial, _plan(campaign, settings, PowerOptions()), settings)
     piece = Trial(0, 1.0, (Effect(ActuatorGain(), np.full(6, 0.02)),), (1,))
     return work, piece, work(piece)
 

@@ -16,7 +16,7 @@ from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app
-from truing.pipeline.power_command import PowerWish, _plan
+from truing.pipeline.power_command import PowerOptions, _plan
 
 SIGNALS = [f"v{leg}_mv" for leg in range(1, 7)]
 LAYOUT = Layout("planned", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)
@@ -45,7 +45,7 @@ def planned(measured: Path, tmp_path: Path) -> Path:
 
 def drawn(folder: Path) -> dict[str, pa.Table]:
     campaign = open_campaign(folder)
-    return dict(_plan(campaign, campaign.validated(), PowerWish()).drawn((), np.random.default_rng(7)))
+    return dict(_plan(campaign, campaign.validated(), PowerOptions()).drawn((), np.random.default_rng(7)))
 
 
 def emptied(readings: pd.DataFrame) -> pd.DataFrame:

@@ -30,9 +30,9 @@ from truing.pipeline.campaign_run import PROJECT, CampaignRun, open_run
 from truing.pipeline.command_line import app
 from truing.pipeline.freshness import Freshness
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.run_campaign import StageSelection, Wish, run_campaign
+from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaign
 from truing.pipeline.stage_order import ORDER, makers, stage_module
-from truing.pipeline.voice import Voice
+from truing.pipeline.voice import RunConsole
 from truing.schemas.artifacts import ARTIFACTS
 
 BODIES = """[campaign]
@@ -192,7 +192,9 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         parts += [("turntable", "diagnose"), ("slide", "diagnose")]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
-            code = run_campaign(open_campaign(folder / name), out, Wish(StageSelection(only=only)), Voice(quiet=True))
+            code = run_campaign(
+                open_campaign(folder / name), out, RunOptions(StageSelection(only=only)), RunConsole(quiet=True)
+            )
             assert code in (ExitCode.DONE, ExitCode.FAILED_CHECK), name
             runs[name] = open_run(open_campaign(folder / name), out)
     return runs, {name: set().union(*(view.sections_read for view in made)) for name, made in views.items()}

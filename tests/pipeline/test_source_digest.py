@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from truing.pipeline.ledger import RememberedDigests
+from truing.pipeline.ledger import DigestCache
 from truing.pipeline.source_digest import SourceTree
 
 FILES = {
@@ -25,7 +25,7 @@ def files_of(root: Path, module: str = "truing.stages.pose", **changed: str) -> 
     for name, text in FILES.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(changed.get(name.replace("/", "_").removesuffix(".py"), text))
-    return set(SourceTree(root, RememberedDigests(None)).digests(module))
+    return set(SourceTree(root, DigestCache(None)).digests(module))
 
 
 RIGID = {"stages/pose.py", "truing/estimation/rigid.py"}
@@ -69,11 +69,11 @@ def test_data_files_beside_a_module_count(tmp_path: Path) -> None:
 
 def test_remembered_imports_do_not_outlive_a_change(tmp_path: Path) -> None:
     files_of(tmp_path)
-    remembered = RememberedDigests(tmp_path / "digests.json")
+    remembered = DigestCache(tmp_path / "digests.json")
     SourceTree(tmp_path, remembered).digests("truing.stages.pose")
     remembered.save()
     (tmp_path / "stages/pose.py").write_text("import truing.unrelated")
-    again = SourceTree(tmp_path, RememberedDigests(tmp_path / "digests.json"))
+    again = SourceTree(tmp_path, DigestCache(tmp_path / "digests.json"))
     assert set(again.digests("truing.stages.pose")) == {"stages/pose.py", "truing/unrelated.py"}
 
 
@@ -86,15 +86,15 @@ def _aged(root: Path) -> None:
 def test_what_a_process_told_before_holds_as_long_as_the_files_stand(tmp_path: Path, monkeypatch) -> None:
     files_of(tmp_path)
     _aged(tmp_path)
-    first = SourceTree(tmp_path, RememberedDigests(None)).digests("truing.stages.pose")
+    first = SourceTree(tmp_path, DigestCache(None)).digests("truing.stages.pose")
     with monkeypatch.context() as patch:
-        patch.setattr(RememberedDigests, "digest", lambda self, path: pytest.fail(f"{path} was read again"))
-        assert SourceTree(tmp_path, RememberedDigests(None)).digests("truing.stages.pose") == first
+        patch.setattr(DigestCache, "digest", lambda self, path: pytest.fail(f"{path} was read again"))
+        assert SourceTree(tmp_path, DigestCache(None)).digests("truing.stages.pose") == first
         with pytest.raises(pytest.fail.Exception, match="was read again"):
-            SourceTree(tmp_path, RememberedDigests(None, distrust=True)).digests("truing.stages.pose")
+            SourceTree(tmp_path, DigestCache(None, distrust=True)).digests("truing.stages.pose")
     (tmp_path / "truing/estimation/rigid.py").write_text("# another\n")
     _aged(tmp_path)
-    assert SourceTree(tmp_path, RememberedDigests(None)).digests("truing.stages.pose") != first
+    assert SourceTree(tmp_path, DigestCache(None)).digests("truing.stages.pose") != first
     assert files_of(tmp_path, stages_pose="from truing.estimation import thing\n") != RIGID
 
 

@@ -8,7 +8,7 @@ import pytest
 from tests.simulation.mechanisms.telescope import sample_model
 from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.catalogue import catalogue
-from truing.simulation.detection_trials import Sort, concerned, sorts, told_size
+from truing.simulation.detection_trials import EffectKind, concerned, sorts, told_size
 from truing.simulation.mechanisms.point_causes import PointScene
 
 LEGS = 6
@@ -20,17 +20,17 @@ def scene() -> PointScene:
 
 
 @pytest.fixture(scope="module")
-def found(scene: PointScene) -> list[Sort]:
+def found(scene: PointScene) -> list[EffectKind]:
     return sorts([kind for kind in catalogue().values() if kind.catalogued], scene, LEGS)
 
 
-def test_a_cause_per_leg_is_a_sort_on_the_whole_and_one_on_a_single_leg(found: list[Sort]) -> None:
+def test_a_cause_per_leg_is_a_sort_on_the_whole_and_one_on_a_single_leg(found: list[EffectKind]) -> None:
     own = {sort.concerns: len(sort.causes) for sort in found if sort.kind == "actuator-gain"}
     assert own == {"the whole": 1, "one leg": LEGS}
 
 
 @pytest.mark.parametrize("size", [0.1, 3.0])
-def test_an_effect_has_the_size_that_was_asked_for(found: list[Sort], size: float) -> None:
+def test_an_effect_has_the_size_that_was_asked_for(found: list[EffectKind], size: float) -> None:
     rng = np.random.default_rng(3)
     for sort in found:
         effect = sort.draw(size, LEGS, rng)
@@ -48,7 +48,7 @@ def test_an_effect_has_the_size_that_was_asked_for(found: list[Sort], size: floa
     ],
 )
 def test_a_size_is_told_as_the_tables_tell_it(
-    found: list[Sort], kind: str, parameter: str, unit: str, value: float
+    found: list[EffectKind], kind: str, parameter: str, unit: str, value: float
 ) -> None:
     cause = next(sort.causes[0] for sort in found if sort.kind == kind and sort.concerns == "the whole")
     once, thrice = told_size(cause, 1.0, LEGS), told_size(cause, 3.0, LEGS)
@@ -64,7 +64,7 @@ def test_an_angle_that_grows_with_the_root_of_what_it_loses_is_a_size_too() -> N
     assert twice.value == pytest.approx(np.sqrt(2.0) * once.value, rel=1e-3)
 
 
-def test_a_single_leg_is_told_with_its_number_and_a_phase_is_no_size(found: list[Sort]) -> None:
+def test_a_single_leg_is_told_with_its_number_and_a_phase_is_no_size(found: list[EffectKind]) -> None:
     waves = [sort for sort in found if sort.kind == "actuator-periodic-error" and sort.concerns == "one leg"]
     for sort in waves:
         assert told_size(sort.causes[0], 1.0, LEGS).parameter.startswith("amplitude_")

@@ -8,7 +8,7 @@ import pytest
 from tests.tolerance import assert_close
 from truing.inference.changes import compare
 from truing.simulation.prior_campaign import CampaignPrior
-from truing.simulation.reported_numbers import Number, Told, figures
+from truing.simulation.reported_numbers import Number, ReportedNumbers, figures
 
 
 @pytest.mark.parametrize("follows", [2e-3, -2e-3])
@@ -16,7 +16,7 @@ def test_a_change_has_the_sign_of_now_less_before_whichever_way_the_tables_count
     """The components of an actuator's direction follow its tilts with either sign: one that points down, for one."""
     one, sure = np.eye(1), np.eye(1) * 1e-4
     earlier = CampaignPrior((), (), np.zeros(1), sure, 0 * one, one, np.linalg.inv(sure) - one, np.zeros(1))
-    told = Told((Number("u_y", 1, "1", 2e-3),), np.array([[follows]]), np.zeros(1))
+    told = ReportedNumbers((Number("u_y", 1, "1", 2e-3),), np.array([[follows]]), np.zeros(1))
     now = np.array([0.8])
     found = figures(earlier, told, compare(np.zeros(1), sure, now, sure, one), now, sure)
     assert found["changed"] == [True]

@@ -24,8 +24,8 @@ from truing.simulation.detection_trials import (
     FACTORS,
     Answer,
     DetectionQuestion,
+    EffectKind,
     EffectSize,
-    Sort,
     Trial,
     answer,
     curve,
@@ -139,7 +139,7 @@ GAIN = ActuatorGain((3,))
 
 def _question(per_scale: float) -> DetectionQuestion:
     seen = EffectSensitivity(GAIN, GAIN.id, AcceptanceRule(1, 500.0, 1e-5), np.array([per_scale]))
-    sort = Sort(GAIN.id, "one leg", tuple(ActuatorGain((leg,)) for leg in range(1, 7)), np.full(6, 1 / 6))
+    sort = EffectKind(GAIN.id, "one leg", tuple(ActuatorGain((leg,)) for leg in range(1, 7)), np.full(6, 1 / 6))
     return DetectionQuestion(sort, (seen,), EffectSize("gain_3", 0.01, "1"))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Index
 from truing.belonging.chance_equality import ChanceEquality
 from truing.belonging.plausible_slips import RecordedColumn
-from truing.belonging.relation import RecordSlip, RelationState, SlipKind, Tested
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 
 FEWEST, SHARE = 8, 0.2  # rows, and part of the shorter run, from which a copy is told
 _CHANCE = 1e-9  # of so many equal rows
@@ -127,7 +127,7 @@ class Values:
     noise: Array
 
 
-def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[Values]) -> tuple[Tested, ...]:
+def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[Values]) -> tuple[RelationTest, ...]:
     """Return the test of all pairs of runs, load (N, 6) too.
 
     Whole runs are compared row by row from the first of both, parts of them wherever they stand.
@@ -155,8 +155,8 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
     if found:
         return tuple(_told(found, pairs))
     if not pairs or not telling:
-        return (Tested(RELATION, RelationState.NOT_TESTED, "coarse" if pairs else "one-run"),)
-    return (Tested(RELATION, RelationState.OK, "no-copies" if parts_tell else "no-whole-copies", tried=pairs),)
+        return (RelationTest(RELATION, RelationState.NOT_TESTED, "coarse" if pairs else "one-run"),)
+    return (RelationTest(RELATION, RelationState.OK, "no-copies" if parts_tell else "no-whole-copies", tried=pairs),)
 
 
 def _rounded(table: Values) -> Values:
@@ -174,12 +174,12 @@ class _Copy:
     rows: tuple[int, ...] = ()
 
 
-def _told(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[Tested]:
+def _told(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[RelationTest]:
     for (first, second), copies in found.items():
         rows = () if any(not one.rows for one in copies) else max((one.rows for one in copies), key=len)
         slip = RecordSlip(SlipKind.COPIED, " and ".join(one.quantity for one in copies), (first, second), rows=rows)
         share = 100.0 * max(one.share for one in copies)
-        yield Tested(
+        yield RelationTest(
             RELATION, RelationState.FAILS, "copied", f"{first}, {second}", share, None, None, "%", (slip,), tried=pairs
         )
 
@@ -205,7 +205,7 @@ def _equal(first: Array, second: Array, chance: Array) -> tuple[float, float]:
     return float(equal.sum() / both.sum()), float(np.exp(np.sum(equal * np.log(chance[moving]))))
 
 
-def equal_columns(value: Array, columns: Sequence[RecordedColumn], relation: str, what: str) -> list[Tested]:
+def equal_columns(value: Array, columns: Sequence[RecordedColumn], relation: str, what: str) -> list[RelationTest]:
     """Return the columns (N, K) of one quantity that agree in every digit wherever one of them was recorded."""
     found = []
     for first, one in enumerate(columns):
@@ -216,7 +216,7 @@ def equal_columns(value: Array, columns: Sequence[RecordedColumn], relation: str
                 names = (one.name, columns[second].name)
                 slip = RecordSlip(SlipKind.COPIED, what, names)
                 found.append(
-                    Tested(
+                    RelationTest(
                         relation,
                         RelationState.FAILS,
                         "copied",

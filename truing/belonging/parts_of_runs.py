@@ -9,7 +9,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.plausible_slips import RecordedColumn
-from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, RelationState, SlipKind, Tested
+from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.responses import directions
 from truing.belonging.slip_search import merged
 
@@ -188,7 +188,7 @@ def of_parts(
     columns: Sequence[RecordedColumn],
     first: int,
     relation: str,
-) -> Iterator[Tested]:
+) -> Iterator[RelationTest]:
     """Yield one failed test of a relation, where parts concern its columns (numbers from first) or their loads."""
     mine = [one for one in found if concerns(one, range(first, first + len(columns)))]
     if mine:
@@ -196,7 +196,7 @@ def of_parts(
         before, after = (100.0 * max(getattr(one, name) for one in mine) for name in ("before", "after"))
         subject = ", ".join(dict.fromkeys(runs[one.run] for one in mine)) if len(mine) <= 3 else ""
         sizes = (before, after, None, "% of the range")
-        yield Tested(relation, RelationState.FAILS, "slip", subject, *sizes, slips, tried=len(mine))
+        yield RelationTest(relation, RelationState.FAILS, "slip", subject, *sizes, slips, tried=len(mine))
 
 
 def concerns(part: RunPart, columns: Container[int]) -> bool:

@@ -9,7 +9,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
-from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, SlipKind, Tested, both_ways
+from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, RelationTest, SlipKind, both_ways
 from truing.belonging.slips_in_rows import places, rounding
 from truing.estimation.rigid_poses.umeyama import umeyama
 
@@ -33,7 +33,7 @@ _CHANCE = 1e-6  # probability that two measurements of one campaign agree in eve
 
 
 @dataclass(frozen=True)
-class AsAnother:
+class AsOtherBody:
     """Points (B, K, 3), m, that a body has in each pose, seen (B, K), and the survey (K, 3) of another body ``name``.
 
     They are paired by the names of targets, or by their places in the file.
@@ -44,7 +44,7 @@ class AsAnother:
     points: Array
     seen: Mask
 
-    def chosen(self, rows: Index) -> AsAnother:
+    def chosen(self, rows: Index) -> AsOtherBody:
         """Return them in some poses."""
         return replace(self, points=self.points[rows], seen=self.seen[rows])
 
@@ -64,7 +64,7 @@ class BodyPoints:
     sigma: float
     poses: tuple[str, ...] = ()
     groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    others: tuple[AsAnother, ...] = ()
+    others: tuple[AsOtherBody, ...] = ()
 
     def chosen(self, rows: Index) -> BodyPoints:
         """Return the body in some poses."""
@@ -222,19 +222,19 @@ def _apart(points: Array, middle: Array) -> Array:
     return np.asarray(np.sqrt(np.where(known, square, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)))
 
 
-def relate_survey(body: BodyPoints) -> Tested:
+def relate_survey(body: BodyPoints) -> RelationTest:
     """Return whether a body's points are its survey, moved: not mirrored, and in the same unit."""
     usable = body.seen.sum(axis=1) >= _LEAST_TARGETS
     if not usable.any():
-        return Tested(SURVEY, RelationState.NOT_TESTED, "few-targets", body.name)
+        return RelationTest(SURVEY, RelationState.NOT_TESTED, "few-targets", body.name)
     points, weight = body.points[usable], body.seen[usable].astype(float)
     plain = umeyama(body.survey, points, weight)
     scaled = umeyama(body.survey, points, weight, with_scale=True)
     mirrored = umeyama(body.survey * [-1.0, 1.0, 1.0], points, weight)
     before = _typical(plain.rms)
     if not np.isfinite(before):
-        return Tested(SURVEY, RelationState.NOT_TESTED, "no-frame", body.name)
-    tested = Tested(
+        return RelationTest(SURVEY, RelationState.NOT_TESTED, "no-frame", body.name)
+    tested = RelationTest(
         SURVEY, RelationState.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * _MISFIT * body.sigma
     )
     if slips := slips_in_poses(body, _MISFIT * body.sigma)[0]:
@@ -265,9 +265,9 @@ def poses_with_slips(body: BodyPoints) -> Mask:
     return slips_in_poses(body, _MISFIT * body.sigma)[1]
 
 
-def together(tested: tuple[Tested, ...]) -> Iterator[Tested]:
+def together(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:
     """Yield one result for all bodies of the same state, reason and slip: that of the body that fits worst."""
-    groups: dict[tuple[object, ...], list[Tested]] = {}
+    groups: dict[tuple[object, ...], list[RelationTest]] = {}
     for one in tested:
         alike = tuple((slip.kind, slip.quantity, slip.factor, slip.subjects[:-1]) for slip in one.slips)
         groups.setdefault((one.state, one.reason, alike), []).append(one)
@@ -300,7 +300,7 @@ def _typical(rms: Array) -> float:
     return float(np.median(known)) if len(known) else float("inf")
 
 
-def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...]) -> Tested:
+def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...]) -> RelationTest:
     """Return whether poses are measurements of their own: no two agree in every digit of points (B, T, 3), m.
 
     Not tested where a single pose was measured, or the file's resolution is so coarse, against the noise sigma, that
@@ -309,21 +309,21 @@ def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...
     groups: dict[bytes, list[int]] = {}
     measured = np.flatnonzero(seen.any(axis=1))
     if len(measured) < _POSES_TO_COMPARE:
-        return Tested(COPIES, RelationState.NOT_TESTED, "one-pose")
+        return RelationTest(COPIES, RelationState.NOT_TESTED, "one-pose")
     for pose in measured:
         key = points[pose][seen[pose]].round(12).tobytes() + seen[pose].tobytes()
         groups.setdefault(key, []).append(int(pose))
     alike = [group for group in groups.values() if len(group) > 1]
     if not alike:
-        return Tested(COPIES, RelationState.OK, "distinct", misfit=0.0, limit=0.0, unit="1")
+        return RelationTest(COPIES, RelationState.OK, "distinct", misfit=0.0, limit=0.0, unit="1")
     coordinates = 3 * int(min(seen[group[0]].sum() for group in alike))
     chance = min(_resolution(points[seen]) / (2.0 * np.sqrt(np.pi) * max(sigma, 1e-300)), 1.0) ** coordinates
     if chance * len(points) ** 2 > _CHANCE:
-        return Tested(COPIES, RelationState.NOT_TESTED, "coarse")
+        return RelationTest(COPIES, RelationState.NOT_TESTED, "coarse")
     slips = tuple(
         RecordSlip(SlipKind.COPIED, "points of poses", tuple(poses[pose] for pose in group)) for group in alike
     )
-    return Tested(
+    return RelationTest(
         COPIES, RelationState.FAILS, "slip", misfit=float(sum(map(len, alike))), limit=0.0, unit="1", slips=slips
     )
 

@@ -16,7 +16,7 @@ from truing.belonging.reading_hypotheses import (
     descriptions,
     reached,
 )
-from truing.belonging.relation import RecordSlip, RelationState, SlipKind, Tested
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.slips_in_rows import (
     RowOrder,
     agreement,
@@ -60,31 +60,31 @@ class ReadingNames:
     groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
-def relate_readings(motion: MeasuredMotion, names: ReadingNames) -> tuple[Tested, ...]:
+def relate_readings(motion: MeasuredMotion, names: ReadingNames) -> tuple[RelationTest, ...]:
     """Return whether the legs hold the platform, and whether readings and poses belong together.
 
     Poses without a reading or a pose are to be left out of ``motion``.
     """
     if len(motion.p) < _LEAST_POSES:
-        return (Tested(READINGS, RelationState.NOT_TESTED, "no-poses"),)
+        return (RelationTest(READINGS, RelationState.NOT_TESTED, "no-poses"),)
     regular = relate_legs(motion)
     if regular is not None and regular.state is RelationState.FAILS:
-        return regular, Tested(READINGS, RelationState.NOT_TESTED, "legs-singular")
+        return regular, RelationTest(READINGS, RelationState.NOT_TESTED, "legs-singular")
     try:
         found = _test(motion, names)
     except NotImplementedError:
-        found = Tested(READINGS, RelationState.NOT_TESTED, "no-inverse")
+        found = RelationTest(READINGS, RelationState.NOT_TESTED, "no-inverse")
     return (found,) if regular is None else (regular, found)
 
 
-def relate_legs(motion: MeasuredMotion) -> Tested | None:
+def relate_legs(motion: MeasuredMotion) -> RelationTest | None:
     """Return whether the legs of the description hold the platform at the measured poses; None for fewer than six."""
     legs = motion.legs
     if legs.count < 6:
         return None
     if (pair := _same_legs(motion)) is not None:
         subject = " ".join(f"leg{leg + 1}" for leg in pair)
-        return Tested(LEGS, RelationState.FAILS, "legs-alike", subject, misfit=0.0, limit=_SINGULAR, unit="1")
+        return RelationTest(LEGS, RelationState.FAILS, "legs-alike", subject, misfit=0.0, limit=_SINGULAR, unit="1")
     with np.errstate(invalid="ignore", divide="ignore"):
         towards = legs.closure.close(legs, upper_joints(legs, motion.p, motion.R), motion.readings)[1]
     known = np.isfinite(towards).all((-1, -2))
@@ -95,10 +95,10 @@ def relate_legs(motion: MeasuredMotion) -> Tested | None:
     size = np.linalg.svd(rows / np.repeat([1.0, max(arm, 1e-12)], 3), compute_uv=False)
     worst = float((size[:, 5] / size[:, 0]).max())
     if worst >= _SINGULAR:
-        return Tested(LEGS, RelationState.OK, "regular", misfit=worst, limit=_SINGULAR, unit="1")
+        return RelationTest(LEGS, RelationState.OK, "regular", misfit=worst, limit=_SINGULAR, unit="1")
     bend = np.linalg.norm(np.cross(towards[known], towards[known][:, :1]), axis=-1).max()
     reason = "legs-parallel" if bend < _STRAIGHT else "legs-singular"
-    return Tested(LEGS, RelationState.FAILS, reason, misfit=worst, limit=_SINGULAR, unit="1")
+    return RelationTest(LEGS, RelationState.FAILS, reason, misfit=worst, limit=_SINGULAR, unit="1")
 
 
 def _same_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
@@ -109,12 +109,14 @@ def _same_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
     return (pairs[0][0], pairs[0][1]) if pairs else None
 
 
-def _test(motion: MeasuredMotion, names: ReadingNames) -> Tested:
+def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
     asked = next(descriptions(motion)).asked()
     search = _search(motion)
     misfit, moved, legs = _plain_misfit(motion, asked)
     comparable = np.isfinite(misfit)
-    base = Tested(READINGS, RelationState.OK, "agrees", "", misfit, None, _APART * moved, "mm", tried=search.tried)
+    base = RelationTest(
+        READINGS, RelationState.OK, "agrees", "", misfit, None, _APART * moved, "mm", tried=search.tried
+    )
     if not comparable:
         base = replace(
             base, state=RelationState.FAILS, reason="unreached", misfit=float(len(asked)), limit=None, unit="1"
@@ -138,7 +140,7 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> Tested:
     return (_of_a_part(motion, asked, names, base) if departs else None) or _agreeing(motion, search, names, base)
 
 
-def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base: Tested) -> Tested | None:
+def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
     """The result where slips in all rows explain what was recorded."""
     slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
     if not 0 < len(slips) <= _MOST_SLIPS:
@@ -150,7 +152,7 @@ def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base
     return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
 
 
-def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: Tested) -> Tested | None:
+def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest) -> RelationTest | None:
     """The result where slips explain some rows of the table, and the rest agrees."""
     told = np.flatnonzero(np.isfinite(asked).all(axis=1))
     whole, wanted = motion.chosen(told), asked[told]
@@ -189,7 +191,9 @@ def _likely(search: _Found) -> list[Written]:
     return sorted(found, key=lambda one: -one.evidence)
 
 
-def _without_name(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: Tested, legs: Index) -> Tested:
+def _without_name(
+    motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest, legs: Index
+) -> RelationTest:
     """The result where no slip that was tried explains the misfit; told of the legs that miss, where some do not."""
     pairs = [pair for pair in copied_columns(motion.readings) if set(pair) & set(legs.tolist())]
     if pairs:
@@ -206,7 +210,7 @@ def _without_name(motion: MeasuredMotion, asked: Array, names: ReadingNames, bas
     return replace(failed, subject=" ".join(names.columns[leg] for leg in legs), misfit=misfit, limit=_APART * moved)
 
 
-def _agreeing(motion: MeasuredMotion, search: _Found, names: ReadingNames, base: Tested) -> Tested:
+def _agreeing(motion: MeasuredMotion, search: _Found, names: ReadingNames, base: RelationTest) -> RelationTest:
     """The result where readings and poses agree, but for what a calibration explains."""
     hidden = _hidden(motion, search.plain, names)
     misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / _APART
@@ -220,7 +224,7 @@ def _agreeing(motion: MeasuredMotion, search: _Found, names: ReadingNames, base:
     return replace(base, state=RelationState.FAILS, reason="slip", slips=(slip,))
 
 
-def _rounded(base: Tested, step: float, noise: float) -> Tested:
+def _rounded(base: RelationTest, step: float, noise: float) -> RelationTest:
     """A warning of numbers written down in coarse steps: the error that these make, and the declared noise, mm."""
     slip = RecordSlip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
     error = 1e3 * step / float(np.sqrt(12.0))

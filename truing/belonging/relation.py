@@ -60,7 +60,7 @@ class RecordSlip:
 
 
 @dataclass(frozen=True)
-class Tested:
+class RelationTest:
     """Result for one relation: which slips explain the data, and which a campaign of this kind cannot show.
 
     ``relation`` is the name of the quality check. ``misfit`` is rms of what the relation leaves as recorded (a count

@@ -18,8 +18,8 @@ from truing.belonging.relation import (
     SIGNAL_FACTORS,
     RecordSlip,
     RelationState,
+    RelationTest,
     SlipKind,
-    Tested,
     named_shortly,
 )
 from truing.belonging.responses import Responses, responses
@@ -38,11 +38,11 @@ MILLIVOLT = 1e-3
 _SAME_SIZE = 1e-9  # of the logarithm of a factor
 
 
-def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], seen: Array) -> Tested:
+def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], seen: Array) -> RelationTest:
     """Return how readings follow loads, of which each column shows seen (K, 6): its row of the simulated compliance."""
     found = clear(responses(steps.load, steps.run, steps.value), len(columns))
     if not len(found):
-        return Tested(READINGS, RelationState.NOT_TESTED, "no-response")
+        return RelationTest(READINGS, RelationState.NOT_TESTED, "no-response")
     expected = by_compliance(seen)
     overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
     each = list(slips_of_run_loads(found, steps.runs, expected))
@@ -62,7 +62,7 @@ def by_compliance(seen: Array) -> ExpectedResponse:
     return ExpectedResponse(seen, np.maximum(gives, np.abs(seen / gives).max(axis=1)), gives)
 
 
-def against_range(load: Array, largest: Array) -> Tested | None:
+def against_range(load: Array, largest: Array) -> RelationTest | None:
     """Return a campaign whose loads (N, 6) are no more than a trace of the declared range (6,), NaN where none is."""
     share = np.abs(load).max(axis=0, initial=0.0) / largest
     loaded = np.isfinite(share) & (share > 0.0)
@@ -71,15 +71,15 @@ def against_range(load: Array, largest: Array) -> Tested | None:
     most = float(np.max(share[loaded]))
     fitting = [factor for factor in FORCE_UNITS if 0.1 <= factor * most <= 1.0 + 1e-9]
     slips = tuple(RecordSlip(SlipKind.UNIT, "load", (), factor) for factor in fitting[:1])
-    return Tested(
+    return RelationTest(
         READINGS, RelationState.ATTENTION, "trace-of-range", "", 100.0 * most, None, 100.0 * _RANGE, "%", slips, tried=1
     )
 
 
-def untested(reason: str) -> Tested:
+def untested(reason: str) -> RelationTest:
     """Return the relation where nothing predicts the readings: no unit of all loads, and no sign of them, can show."""
     unseen = (RecordSlip(SlipKind.UNIT, "load"), RecordSlip(SlipKind.SIGN, "load"))
-    return Tested(READINGS, RelationState.NOT_TESTED, reason, hidden=unseen)
+    return RelationTest(READINGS, RelationState.NOT_TESTED, reason, hidden=unseen)
 
 
 def _hardly_answering(found: Responses, expected: ExpectedResponse, runs: Sequence[str]) -> tuple[RecordSlip, ...]:
@@ -148,8 +148,8 @@ class _ValueTable:
         return _Used(SignalSteps(steps.load, steps.run, value, runs), still)
 
     def tests(
-        self, response: Tested, used: _Used, answers: Array, steps: RecordedSteps, wrong: Sequence[RunPart]
-    ) -> list[Tested]:
+        self, response: RelationTest, used: _Used, answers: Array, steps: RecordedSteps, wrong: Sequence[RunPart]
+    ) -> list[RelationTest]:
         """The tests of responses, parts, columns and rows; where these fail, responses that follow are left out."""
         response = _also_reversed(response, used.steps, self.name)
         found = [
@@ -159,19 +159,19 @@ class _ValueTable:
         ]
         return [*([] if found and not response.slips else [response]), *found]
 
-    def _of_rows(self, used: _Used, answers: Array, time_s: Array) -> Iterator[Tested]:
+    def _of_rows(self, used: _Used, answers: Array, time_s: Array) -> Iterator[RelationTest]:
         """Columns that stand still, and runs whose rows stand in another order than their loads."""
         steps = used.steps
         still = [*used.still, *frozen(steps.load, steps.run, steps.value, answers, self.noise)]
         share = 100.0 * max((one.share for one in still), default=0.0)
         for slip in _frozen_slips(still, self.columns, steps.runs):
             told = (named_shortly(slip.subjects), share, None, None, "%")
-            yield Tested(self.relation, RelationState.FAILS, "frozen", *told, (slip,), tried=len(still))
+            yield RelationTest(self.relation, RelationState.FAILS, "frozen", *told, (slip,), tried=len(still))
         if not still:
             found, tried = row_slips(steps.load, steps.run, time_s, steps.value, steps.runs, self.name)
             for row in found:
                 sizes = (named_shortly(row.slip.subjects), row.before, row.after, None, "% of the range")
-                yield Tested(self.relation, RelationState.FAILS, "rows", *sizes, (row.slip,), tried=tried)
+                yield RelationTest(self.relation, RelationState.FAILS, "rows", *sizes, (row.slip,), tried=tried)
 
 
 @dataclass(frozen=True)
@@ -182,14 +182,14 @@ class _Used:
     still: list[Frozen]
 
 
-def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[Tested, ...]:
+def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[RelationTest, ...]:
     """The tested relations of the loads, readings and signals of a bench, and of runs with each other."""
     runs = [f"run {run}" for run in steps.runs]
     copies = copied_runs(steps.run, runs, steps.load, _values(steps, known))
     alone = ~np.isin(steps.run, [runs.index(name) for one in copies for slip in one.slips for name in slip.subjects])
     signals = [RecordedColumn(name, "signal", SIGNAL_FACTORS) for name in steps.signals]
     wrong = _parts(steps, [*known.channels, *signals], known.seen)
-    found: list[Tested] = []
+    found: list[RelationTest] = []
     if np.isfinite(steps.reading).any():
         noise = _typical(steps.sigma)
         of = _ValueTable(READINGS, "readings", known.channels, 0, steps.reading, noise)
@@ -212,7 +212,7 @@ def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[Tested, ...]:
     return (*found, *copies)
 
 
-def _reconciled(readings: Tested, signals: Tested) -> tuple[Tested, Tested]:
+def _reconciled(readings: RelationTest, signals: RelationTest) -> tuple[RelationTest, RelationTest]:
     """Both tests with the slip first that both know; where readings follow the loads as predicted, loads are right."""
     known = (*signals.slips, *signals.rivals)
     common = [slip for slip in (*readings.slips, *readings.rivals) if slip in known]
@@ -234,8 +234,12 @@ def _reconciled(readings: Tested, signals: Tested) -> tuple[Tested, Tested]:
 
 
 def _by_the_same_slip(
-    readings: Tested, signals: Tested, recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench
-) -> Tested:
+    readings: RelationTest,
+    signals: RelationTest,
+    recorded: SignalSteps,
+    columns: Sequence[RecordedColumn],
+    known: KnownBench,
+) -> RelationTest:
     """The test of signals with the slip of loads that readings tell, where it leaves nothing else to explain."""
     if readings.state != RelationState.FAILS or not signals.slips or len(readings.slips) != 1:
         return signals
@@ -253,7 +257,7 @@ def _by_the_same_slip(
     return replace(signals, slips=(slip,), rivals=(), misfit_explained=right.misfit)
 
 
-def _put_first(tested: Tested, slip: RecordSlip) -> Tested:
+def _put_first(tested: RelationTest, slip: RecordSlip) -> RelationTest:
     """A test with one of the slips that it has found as likely before the others."""
     if slip in tested.slips or abs(abs(np.log(slip.factor)) - abs(np.log(tested.slips[0].factor))) > _SAME_SIZE:
         return tested
@@ -270,7 +274,7 @@ def _parts(steps: RecordedSteps, columns: Sequence[RecordedColumn], seen: Array 
     return parts(steps.load, steps.run, value, columns, answers)
 
 
-def _also_reversed(tested: Tested, steps: SignalSteps, table: str) -> Tested:
+def _also_reversed(tested: RelationTest, steps: SignalSteps, table: str) -> RelationTest:
     """Runs with the opposite sign whose loads go the same way backwards: their rows may be reversed as well; loads that
     are the same backwards never show it."""
     turned = [slip for slip in tested.slips if slip.kind == SlipKind.SIGN]
@@ -286,14 +290,14 @@ def _also_reversed(tested: Tested, steps: SignalSteps, table: str) -> Tested:
     return replace(tested, rivals=tuple(rivals))
 
 
-def _of_readings(loaded: SignalSteps, known: KnownBench) -> Tested:
+def _of_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
     alike = signals_of_loads.against_each_other(loaded, known.channels, READINGS)
     if known.seen is not None:
         return _either(against_simulation(loaded, known.channels, known.seen), alike, loaded.runs)
     return alike if alike.slips else against_range(loaded.load, known.largest) or alike
 
 
-def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench) -> Tested:
+def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench) -> RelationTest:
     alike = signals_of_loads.against_each_other(recorded, columns, signals_of_loads.RELATION)
     if known.leg_forces is None:
         return alike
@@ -304,7 +308,7 @@ def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known:
     return tested if known.gain is None else _or_sensitivity(tested)
 
 
-def _either(predicted: Tested, alike: Tested, runs: Sequence[str]) -> Tested:
+def _either(predicted: RelationTest, alike: RelationTest, runs: Sequence[str]) -> RelationTest:
     """What a prediction tells; where it tells no slip, or one of single runs, what runs tell of each other."""
     of_runs = all(set(slip.subjects).intersection(runs) for slip in predicted.slips)
     if alike.slips and of_runs:
@@ -314,7 +318,7 @@ def _either(predicted: Tested, alike: Tested, runs: Sequence[str]) -> Tested:
     return replace(predicted, tried=predicted.tried + alike.tried, hidden=(*predicted.hidden, *doubled))
 
 
-def _or_sensitivity(tested: Tested) -> Tested:
+def _or_sensitivity(tested: RelationTest) -> RelationTest:
     """All loads or all signals in another unit: the declared sensitivity may be, as well."""
     slip = tested.slips[0] if len(tested.slips) == 1 else None
     if slip is None or slip.subjects or slip.kind != SlipKind.UNIT or slip.quantity not in ("load", "signal"):

@@ -16,7 +16,7 @@ from truing.belonging.plausible_slips import (
     slips_of_columns,
     slips_of_run_loads,
 )
-from truing.belonging.relation import RecordSlip, RelationState, SlipKind, Tested
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.responses import Responses, responses
 from truing.belonging.slip_search import ExpectedResponse, Explained, SlipCandidate, clear, explain, hidden
 
@@ -101,7 +101,7 @@ class SignalSteps:
 
 def against_geometry(
     steps: SignalSteps, columns: Sequence[RecordedColumn], legs: Array, gain: Array | None
-) -> Tested | None:
+) -> RelationTest | None:
     """Return how signals follow the forces (6, 6) along the legs, N and N m to N; None where they are not those.
 
     gain (S,): declared, V/N; without one, only what legs and axes have in common can be told.
@@ -109,7 +109,7 @@ def against_geometry(
     found = _clear(steps, len(columns))
     if not len(found) or len(columns) != len(legs):
         return None
-    best: Tested | None = None
+    best: RelationTest | None = None
     for expected in _by_legs(found, legs, gain):
         told, unseen = _explained(found, expected, steps, columns, gain)
         if _off(told.misses, found, expected) <= _MATCHES:
@@ -121,12 +121,12 @@ def against_geometry(
     return best if best is None or gain is not None else replace(best, rivals=(*best.rivals, *_the_other_way(best)))
 
 
-def _named(tested: Tested) -> int:
+def _named(tested: RelationTest) -> int:
     """How many columns and runs slips name: of two stories, the one that needs fewer."""
     return sum(len(slip.subjects) for slip in tested.slips)
 
 
-def _turns_most(tested: Tested, steps: SignalSteps) -> bool:
+def _turns_most(tested: RelationTest, steps: SignalSteps) -> bool:
     """Whether most runs would have the opposite sign: then the others have, of signals that count the other way."""
     most = 0.5 * len(np.unique(steps.run))
     return any(slip.kind == SlipKind.SIGN and len(set(slip.subjects) & set(steps.runs)) > most for slip in tested.slips)
@@ -152,7 +152,7 @@ def _explained(
     return told, (*_blind(gain), *hidden(found, expected, unseen))
 
 
-def _the_other_way(tested: Tested) -> tuple[RecordSlip, ...]:
+def _the_other_way(tested: RelationTest) -> tuple[RecordSlip, ...]:
     """What as well explains torques in another unit than forces, where nobody says how large signals should be."""
     other = {"torque": "force", "force": "torque"}
     return tuple(
@@ -162,7 +162,7 @@ def _the_other_way(tested: Tested) -> tuple[RecordSlip, ...]:
     )
 
 
-def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], relation: str) -> Tested:
+def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], relation: str) -> RelationTest:
     """Return how columns follow the loads of each run, held against the other runs."""
     found = _clear(steps, len(columns))
     expected, vouched = typical(found, len(columns))
@@ -170,7 +170,7 @@ def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], re
     alone = tuple(steps.runs[run] for run in np.unique(steps.run).tolist() if not np.any(found.run == run))
     unseen = (*_of_all_runs(columns), *_of_single_runs(columns, alone))
     if not len(found):
-        return Tested(relation, RelationState.NOT_TESTED, "no-repeats", hidden=unseen)
+        return RelationTest(relation, RelationState.NOT_TESTED, "no-repeats", hidden=unseen)
     candidates = [
         *slips_of_run_loads(found, steps.runs, expected),
         *slips_of_columns(found, columns, steps.runs, expected, of_all=False),
@@ -191,7 +191,7 @@ def _clear(steps: SignalSteps, count: int) -> Responses:
     return clear(responses(steps.load, steps.run, steps.value, has_zero=not steps.tared), count)
 
 
-def _tested(told: Explained, relation: str, unseen: Sequence[RecordSlip]) -> Tested:
+def _tested(told: Explained, relation: str, unseen: Sequence[RecordSlip]) -> RelationTest:
     state, reason = (RelationState.OK, "agrees") if told.before <= _NO_BETTER else (RelationState.ATTENTION, "departs")
     return told.tested(relation, state, reason, unseen)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.evidence import log_evidence, physics
-from truing.belonging.relation import RecordSlip, RelationState, Tested, named_shortly
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, named_shortly
 from truing.belonging.responses import Responses
 
 _SHARED = 0.1  # prior width, relative, of what all responses have in common; and those of an axis, of a column
@@ -88,14 +88,14 @@ class Explained:
     tried: int
     misses: Array
 
-    def tested(self, relation: str, state: RelationState, reason: str, hidden: Sequence[RecordSlip]) -> Tested:
+    def tested(self, relation: str, state: RelationState, reason: str, hidden: Sequence[RecordSlip]) -> RelationTest:
         """The result for a relation: a failure where there are slips, else this state."""
         before, after = 100.0 * self.before, 100.0 * self.after
         if not self.slips:
-            return Tested(relation, state, reason, "", before, unit="%", tried=self.tried, hidden=tuple(hidden))
+            return RelationTest(relation, state, reason, "", before, unit="%", tried=self.tried, hidden=tuple(hidden))
         subject = named_shortly(list(dict.fromkeys(name for slip in self.slips for name in slip.subjects)))
         sizes = (before, after, None, "%")
-        return Tested(relation, RelationState.FAILS, "slip", subject, *sizes, self.slips, self.rivals, self.tried)
+        return RelationTest(relation, RelationState.FAILS, "slip", subject, *sizes, self.slips, self.rivals, self.tried)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class OffLeg:
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenedPoses:
     """Poses to be fitted, without the poses of single legs that are wrong; kept (B,): which of them agree."""
 
     measured: MeasuredPlatform
@@ -47,7 +47,7 @@ class Screened:
         return [pose for pose, agrees in zip(self.measured.poses, self.kept, strict=True) if not agrees]
 
 
-def screened(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case) -> Screened:
+def screened(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ScreenedPoses:
     """Return what agrees with the others under a model.
 
     A pose that was mismeasured is a rare one: where many seem to be, the model is wrong and all of them are kept.
@@ -58,7 +58,7 @@ def screened(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case) ->
     if (more := with_targets(asked, gathered, measured, case)) is not None:
         fit = answer(more, fit.values[: asked.count], robust=True)
     kept = fit.weight > 0
-    return Screened(measured, kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept), legs)
+    return ScreenedPoses(measured, kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept), legs)
 
 
 def _without_bad_legs(
@@ -106,7 +106,7 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Both:
+class CalibrationsByEstimator:
     """The calibrations of every case by both estimators, and why any could not be made."""
 
     likely: tuple[MachineCalibration, ...]
@@ -114,11 +114,11 @@ class Both:
     failed: tuple[Failure, ...]
 
 
-def screened_poses(gathered: CalibrationData, fitted: NDArray, every: Sequence[Case]) -> Screened:
+def screened_poses(gathered: CalibrationData, fitted: NDArray, every: Sequence[Case]) -> ScreenedPoses:
     """Return the poses to be fitted as the rigid legs find them, under all that is known of the deformation."""
     used = gathered.measured.chosen(fitted)
     richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
-    everything = Screened(used, np.ones(len(used.poses), bool))
+    everything = ScreenedPoses(used, np.ones(len(used.poses), bool))
     try:
         return everything if nothing_open(gathered, richest) else screened(gathered, used, richest)
     except np.linalg.LinAlgError:
@@ -126,8 +126,8 @@ def screened_poses(gathered: CalibrationData, fitted: NDArray, every: Sequence[C
 
 
 def calibrations(
-    gathered: CalibrationData, clean: Screened, every: Sequence[Case], progress: Callable[[int, int, Case], None]
-) -> Both:
+    gathered: CalibrationData, clean: ScreenedPoses, every: Sequence[Case], progress: Callable[[int, int, Case], None]
+) -> CalibrationsByEstimator:
     """Return all calibrations of the poses that were not grossly mismeasured; progress: done, total, next."""
     likely: list[MachineCalibration] = []
     closed: list[MachineCalibration] = []
@@ -142,7 +142,7 @@ def calibrations(
                 made.append(how(gathered, clean.measured, case, clean.kept))
             except np.linalg.LinAlgError:
                 failed.append(Failure(case, ESTIMATORS[how]))
-    return Both(tuple(likely), tuple(closed), tuple(failed))
+    return CalibrationsByEstimator(tuple(likely), tuple(closed), tuple(failed))
 
 
 def judged(gathered: CalibrationData, calibration: MachineCalibration, fitted: NDArray) -> AssessedCalibration:

@@ -211,7 +211,7 @@ def absorbed(
 
 
 @dataclass(frozen=True)
-class Answered:
+class RefittedCalibration:
     """The chosen calibration, fitted once more from where it stood."""
 
     gathered: CalibrationData
@@ -221,7 +221,7 @@ class Answered:
 
 def answered_again(
     gathered: CalibrationData, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
-) -> Answered | None:
+) -> RefittedCalibration | None:
     """The maximum-likelihood calibration of a model (structure, deformation), from where it ended.
 
     stood: values by parameter and leg, in the units of the tables. None where there is no such model, or no minimum.
@@ -235,10 +235,10 @@ def answered_again(
     own = asked.problem.parameters
     start = np.array([stood[entry.name, entry.leg_number] for entry in own.entries], float) * own.units
     fit = answer(asked, start, robust=False)
-    return Answered(gathered, asked, fit) if fit.ok else None
+    return RefittedCalibration(gathered, asked, fit) if fit.ok else None
 
 
-def budget_of_answer(answered: Answered) -> dict[Source, Array]:
+def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
     """Return the covariance (P, P), SI, that each source gives to all values of the fit.
 
     Where more noise was found than declared, that of the poses, the readings and the survey is as much larger, and
@@ -263,7 +263,7 @@ def budget_of_answer(answered: Answered) -> dict[Source, Array]:
     return found | {beyond: total}
 
 
-def _prior(answered: Answered, ratio: float) -> tuple[dict[Source, Array], tuple[Source, ...]]:
+def _prior(answered: RefittedCalibration, ratio: float) -> tuple[dict[Source, Array], tuple[Source, ...]]:
     """The precision (P, P) of what was known before, by source; and which of them are measurements."""
     gathered, asked = answered.gathered, answered.asked
     left, found = asked.prior.information.copy(), {}

@@ -14,7 +14,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.image_files import ImageHeader, read_head
 from truing.formats.patterns import TooSlow, bounded
 from truing.formats.raw import Unusable
-from truing.formats.source import PICTURES, CampaignFiles, PassedOver, RawFile, passed_over, why_not_read
+from truing.formats.source import PICTURES, CampaignFiles, RawFile, SkippedFile, passed_over, why_not_read
 from truing.schemas.faults import Fault
 from truing.schemas.mapping import FileMapping
 
@@ -73,7 +73,7 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
     return found
 
 
-def _tell(one: PassedOver, found: PhotographFiles, log: FaultLog) -> None:
+def _tell(one: SkippedFile, found: PhotographFiles, log: FaultLog) -> None:
     """A fault for what was meant as a photograph and is not read; everything else is counted."""
     if one.is_fault:
         log.add(Fault(one.name, one.why))

@@ -43,7 +43,7 @@ class NameNumbers(Generic[T]):
         return found
 
 
-class PointLedger:
+class PointIndex:
     """Pose, body and target of every point, in the order in which the points came.
 
     ``poses`` are those that are known: a pose's number is its place among them, and their count where it is unknown.

@@ -221,7 +221,7 @@ def _expand(folder: Path, pattern: str) -> list[str]:
 
 
 @dataclass(frozen=True)
-class PassedOver:
+class SkippedFile:
     """A file that is not read: its name as campaign.toml reaches it, and why; is_fault: a photograph is missed."""
 
     name: str
@@ -234,7 +234,7 @@ class PassedOver:
         return PurePosixPath(self.name).parent.as_posix()
 
 
-def passed_over(root: Path, folders: Collection[str], read: Collection[str]) -> Iterator[PassedOver]:
+def passed_over(root: Path, folders: Collection[str], read: Collection[str]) -> Iterator[SkippedFile]:
     """Yield everything in folders (names below ``root``) of photographs that is not among those read.
 
     A picture in another format beside one that is read and has its name is that camera's raw data, and is no loss.
@@ -255,18 +255,18 @@ def _below(root: Path, folders: Collection[str]) -> Iterator[str]:
             yield from ((below / file).as_posix() for file in sorted(files))
 
 
-def why_not_read(path: Path, name: str, read_stems: Collection[str]) -> PassedOver:
+def why_not_read(path: Path, name: str, read_stems: Collection[str]) -> SkippedFile:
     """Return why a file is not read, or may not be; read_stems: names without ending of those that are."""
     ending = path.suffix.lower().removeprefix(".")
     is_picture = ending in PICTURES or ending in _OTHER_PICTURES
     kind = _kind(path)
     if kind:
-        return PassedOver(name, f"a photograph in a regular file; this is {kind}" if is_picture else kind, is_picture)
+        return SkippedFile(name, f"a photograph in a regular file; this is {kind}" if is_picture else kind, is_picture)
     if ending in _OTHER_PICTURES and os.path.splitext(name)[0] not in read_stems:
-        return PassedOver(name, f"a photograph as JPEG, PNG or TIFF ({_READ}): export it from .{ending}", True)
+        return SkippedFile(name, f"a photograph as JPEG, PNG or TIFF ({_READ}): export it from .{ending}", True)
     if ending in PICTURES:
-        return PassedOver(name, _misplaced(path, ending), True)
-    return PassedOver(name, f"no photograph (.{ending})" if ending else "no photograph (no ending)")
+        return SkippedFile(name, _misplaced(path, ending), True)
+    return SkippedFile(name, f"no photograph (.{ending})" if ending else "no photograph (no ending)")
 
 
 def _kind(path: Path) -> str:

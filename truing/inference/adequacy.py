@@ -31,7 +31,7 @@ _FEWEST_REPEATS = 4.0
 _RESOLVED = 10  # permutations beyond which a share of them is a p-value by itself
 
 
-class Lack(StrEnum):
+class MisfitKind(StrEnum):
     """What kind of misfit is looked for."""
 
     OBSERVATION_NOISE = "observation-noise"  # more noise of observations than declared
@@ -56,7 +56,7 @@ class AdequacyTest:
     scatter about them (F); ``along`` is empty for noise and repeats.
     """
 
-    lack: Lack
+    lack: MisfitKind
     along: str
     value: float
     p_value: float
@@ -68,7 +68,7 @@ class Adequacy:
 
     tests: tuple[AdequacyTest, ...]
     repeated: bool = False  # whether anything was measured twice at the same command
-    not_asked: frozenset[Lack] = frozenset()  # of what nothing is known: which commands were given, which inputs
+    not_asked: frozenset[MisfitKind] = frozenset()  # of what nothing is known: which commands were given, which inputs
 
     @property
     def worst(self) -> AdequacyTest | None:
@@ -81,14 +81,14 @@ class Adequacy:
         return 1.0 if self.worst is None else self.corrected(self.worst)
 
     @property
-    def untested(self) -> list[Lack]:
+    def untested(self) -> list[MisfitKind]:
         """Kinds of misfit that nothing was there to test."""
         known = self.not_asked | {test.lack for test in self.tests}
-        return [lack for lack in Lack if lack not in known]
+        return [lack for lack in MisfitKind if lack not in known]
 
-    def why_untested(self, lack: Lack) -> WhyUntested:
+    def why_untested(self, lack: MisfitKind) -> WhyUntested:
         """Why a kind of misfit was not tested."""
-        is_known = lack == Lack.PURE_ERROR and not self.repeated
+        is_known = lack == MisfitKind.PURE_ERROR and not self.repeated
         return WhyUntested.NO_REPEATS if is_known else WhyUntested.TOO_FEW
 
     def corrected(self, test: AdequacyTest) -> float:
@@ -104,16 +104,18 @@ def adequacy_of(
 
     ``repeats`` (B,): numbers of commands that were given more than once, -1 for the others.
     """
-    tests = [AdequacyTest(Lack.OBSERVATION_NOISE, "", noise.ratio, noise.p_value)]
+    tests = [AdequacyTest(MisfitKind.OBSERVATION_NOISE, "", noise.ratio, noise.p_value)]
     ratio, freedom = final.input_noise
     if freedom >= _FEWEST_EPOCHS:
-        tests.append(noise_excess(Lack.INPUT_NOISE, ratio, freedom))
+        tests.append(noise_excess(MisfitKind.INPUT_NOISE, ratio, freedom))
     tests += like_neighbours(final.standardised, _orderings(final), rng, final.model.error_groups)
     inputs = dict(final.scene.inputs)
     residuals = epoch_residuals(final.fit.whitened, final.measured, final.fit.frames, final.input_rows)
     tests += by_region(residuals, inputs)
     not_asked = {
-        lack for lack, known in ((Lack.BY_REGION, inputs), (Lack.PURE_ERROR, repeats is not None)) if not known
+        lack
+        for lack, known in ((MisfitKind.BY_REGION, inputs), (MisfitKind.PURE_ERROR, repeats is not None))
+        if not known
     }
     if repeats is None:
         return Adequacy(tuple(tests), not_asked=frozenset(not_asked))
@@ -144,7 +146,7 @@ def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[Adequac
     none."""
     found = means_against_scatter(residuals, repeats, _FEWEST_REPEATS)
     if found is not None:
-        yield AdequacyTest(Lack.PURE_ERROR, "", found.ratio, found.p_value)
+        yield AdequacyTest(MisfitKind.PURE_ERROR, "", found.ratio, found.p_value)
 
 
 def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterator[AdequacyTest]:
@@ -157,10 +159,10 @@ def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterato
     if own.max() + 1 < FEWEST_BLOCKS or np.bincount(own).min() < _FEWEST_EPOCHS:
         return
     if (found := means_against_scatter(residuals, own, _FEWEST_REPEATS)) is not None:
-        yield AdequacyTest(Lack.BY_REGION, " ".join(inputs), found.ratio, found.p_value)
+        yield AdequacyTest(MisfitKind.BY_REGION, " ".join(inputs), found.ratio, found.p_value)
 
 
-def noise_excess(lack: Lack, ratio: float, freedom: float) -> AdequacyTest:
+def noise_excess(lack: MisfitKind, ratio: float, freedom: float) -> AdequacyTest:
     """Test noise found over declared noise, from so many degrees of freedom; declared noise is known to about 10 %."""
     spread = math.sqrt(0.5 / NOISE_PRIOR_FREEDOM + 0.5 / freedom)
     return AdequacyTest(lack, "", ratio, 0.5 * math.erfc(math.log(ratio) / spread / math.sqrt(2.0)))
@@ -187,7 +189,7 @@ def like_neighbours(
     for name, values in columns.items():
         own = np.asarray(values, float).reshape(len(values), -1)[chosen]
         if np.isfinite(own).all() and np.ptp(own, axis=0).any():
-            yield AdequacyTest(Lack.LIKE_NEIGHBOURS, name, *_likeness(products, _neighbours(own), orders))
+            yield AdequacyTest(MisfitKind.LIKE_NEIGHBOURS, name, *_likeness(products, _neighbours(own), orders))
 
 
 def _products(rows: Array) -> Array:

@@ -136,7 +136,7 @@ def body_view(
 
 
 @dataclass(frozen=True)
-class SeenAgain:
+class RepeatedPositions:
     """What is seen again: its name, positions (B, 3) with covariances (B, 3, 3) in m, and where they are known (B,)."""
 
     name: str
@@ -145,7 +145,7 @@ class SeenAgain:
     known: Mask
 
 
-def seen_again(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterator[SeenAgain]:
+def seen_again(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterator[RepeatedPositions]:
     """Bodies seen from the first, and each target of bodies that have too few for a pose; legs move by themselves.
 
     Where no body has a pose, or the instrument stood still, they are seen from the instrument: single reflectors alone
@@ -159,19 +159,19 @@ def seen_again(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterato
             yield from _reflectors(reference, body)
         elif reference is not None:
             position, cov = _in_frame(reference, body.fit.t, _measured_cov(body)[:, :3, :3])
-            yield SeenAgain(body.name, position, cov, reference.fit.ok & body.fit.ok)
+            yield RepeatedPositions(body.name, position, cov, reference.fit.ok & body.fit.ok)
         elif instrument_stood:
             cov = np.nan_to_num(_measured_cov(body)[:, :3, :3])
-            yield SeenAgain(body.name, np.nan_to_num(body.fit.t), cov, body.fit.ok)
+            yield RepeatedPositions(body.name, np.nan_to_num(body.fit.t), cov, body.fit.ok)
 
 
-def _reflectors(reference: BodyView | None, body: BodyView) -> Iterator[SeenAgain]:
+def _reflectors(reference: BodyView | None, body: BodyView) -> Iterator[RepeatedPositions]:
     for k, target in enumerate(body.survey.targets):
         points, cov, known = body.points.points[:, k], body.points.cov[:, k], body.points.seen[:, k]
         if reference is not None:
             points, cov = _in_frame(reference, points, cov)
             known = known & reference.fit.ok
-        yield SeenAgain(f"{body.name} {target}", points, cov, known)
+        yield RepeatedPositions(f"{body.name} {target}", points, cov, known)
 
 
 def _measured_cov(body: BodyView) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from truing.belonging.relation import RecordSlip, RelationState, SlipKind, Tested
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.report.numbers import two_decimals
 
 _MOST = 6  # subjects that a sentence lists
@@ -118,7 +118,7 @@ _REASONS = {
 }
 
 
-def message(tested: Tested) -> str:
+def message(tested: RelationTest) -> str:
     """Return the sentences for one tested relation: result, size, the slip that explains it, what stays hidden."""
     names = tested.subject.split(", " if tested.relation in _OF_RUNS else None)
     subject = f" ({listed(names)})" if names and tested.subject else ""
@@ -144,14 +144,14 @@ def message(tested: Tested) -> str:
     return said
 
 
-def _size(tested: Tested) -> str:
+def _size(tested: RelationTest) -> str:
     if tested.misfit is None or tested.unit == "1":
         return ""
     limit = "" if tested.limit is None or tested.slips else f", limit {two_decimals(tested.limit)} {tested.unit}"
     return f" (rms misfit {two_decimals(tested.misfit)} {tested.unit}{limit})"
 
 
-def _meant(tested: Tested) -> str:
+def _meant(tested: RelationTest) -> str:
     after = (
         ""
         if tested.misfit_explained is None

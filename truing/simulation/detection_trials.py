@@ -39,7 +39,7 @@ class EffectSize:
 
 
 @dataclass(frozen=True)
-class Sort:
+class EffectKind:
     """Effects of one sort: a kind of cause on the whole, on one leg or on one target, with the same parameters.
 
     ``causes`` are all of them that the campaign could show, ``weights`` how probable each is beforehand.
@@ -109,7 +109,7 @@ def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, 
     return {(alone[key], key[1]): float(np.sqrt(np.mean(np.square(own)))) for key, own in found.items()}
 
 
-def sorts(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> list[Sort]:
+def sorts(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> list[EffectKind]:
     """Return the sorts of effect that kinds of cause could bring into a campaign, those on the whole first."""
     found: dict[tuple[str, ...], list[CauseT]] = {}
     for kind in kinds:
@@ -118,7 +118,7 @@ def sorts(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> list[Sor
             if concerns is not None and cause.parameters(parts):
                 found.setdefault((kind.id, concerns, *_kind_of_parameters(cause, parts)), []).append(cause)
     ordered = sorted(found.items(), key=lambda item: item[0][1] != _WHOLE)
-    return [Sort(key[0], key[1], tuple(causes), _weights(causes, scene)) for key, causes in ordered]
+    return [EffectKind(key[0], key[1], tuple(causes), _weights(causes, scene)) for key, causes in ordered]
 
 
 def _members(kind: CauseT, scene: Scene[CauseT]) -> Iterable[CauseT]:
@@ -168,7 +168,7 @@ class RepeatableCampaign(Protocol):
 class DetectionQuestion:
     """From which size on is this sort of effect found? ``seen``: how well theory expects its members to be."""
 
-    sort: Sort
+    sort: EffectKind
     seen: tuple[EffectSensitivity, ...]
     unit: EffectSize  # an effect of one plausible scale, as the tables tell it
 
@@ -243,7 +243,7 @@ def questions(
     return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.sort.kind))
 
 
-def _question(sort: Sort, seen: Sequence[EffectSensitivity], legs: int) -> DetectionQuestion:
+def _question(sort: EffectKind, seen: Sequence[EffectSensitivity], legs: int) -> DetectionQuestion:
     parameters = _names(sort.causes[0], legs)
     own = tuple(
         sight

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
 from truing.simulation.bench.causes.reading_causes import ReadingCause
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.simulation.cause import Effect
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.point_causes import PointCause
 
 # Gross errors are some tenths of a millimetre: far beyond noise, not always beyond what an effect may do.
@@ -32,7 +32,7 @@ class CampaignLayout:
     m^2, stands; absent: drawn. ``gross`` is the share of points with gross errors.
     """
 
-    model: PointModel
+    model: MechanismModel
     covariance: NDArray
     seen: NDArray  # (B, K)
     rotations: NDArray | None = None
@@ -40,14 +40,16 @@ class CampaignLayout:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnPoints:
     """What a drawn campaign measures: points (B, K, 3), m, each pose in its own frame, and the survey (K, 3), m."""
 
     points: NDArray
     survey: NDArray
 
 
-def draw_campaign(layout: CampaignLayout, effects: Sequence[Effect[PointCause]], rng: np.random.Generator) -> Drawn:
+def draw_campaign(
+    layout: CampaignLayout, effects: Sequence[Effect[PointCause]], rng: np.random.Generator
+) -> DrawnPoints:
     """Return a campaign of the layout, with effects hidden in it.
 
     Raises ValueError where the mechanism cannot reach what the readings ask for.
@@ -58,11 +60,11 @@ def draw_campaign(layout: CampaignLayout, effects: Sequence[Effect[PointCause]],
     if not state.converged.all():
         raise ValueError("readings that the mechanism, drawn within its tolerances, can reach")
     points = _measured(model.points(shared, local), layout, rng)
-    return Drawn(points, _survey(model, shared, rng))
+    return DrawnPoints(points, _survey(model, shared, rng))
 
 
 def _truth(
-    model: PointModel, effects: Sequence[Effect[PointCause]], rng: np.random.Generator
+    model: MechanismModel, effects: Sequence[Effect[PointCause]], rng: np.random.Generator
 ) -> tuple[NDArray, NDArray]:
     """Return the unknowns as they truly are: drawn where something is known of them, at the nominal value elsewhere.
 
@@ -90,7 +92,7 @@ def _measured(points: NDArray, layout: CampaignLayout, rng: np.random.Generator)
     return np.asarray(points @ np.swapaxes(rotations, 1, 2) + origin + noise[..., 0] + errors)
 
 
-def _survey(model: PointModel, shared: NDArray, rng: np.random.Generator) -> NDArray:
+def _survey(model: MechanismModel, shared: NDArray, rng: np.random.Generator) -> NDArray:
     """Return the survey of what was drawn: targets on attachments where these truly are, to within its noise."""
     survey, own = model.known.shape.copy(), model.targets.at_attachment
     if own.any():
@@ -100,7 +102,7 @@ def _survey(model: PointModel, shared: NDArray, rng: np.random.Generator) -> NDA
 
 
 def draw_readings(
-    model: ReadingModel, effects: Sequence[Effect[ReadingCause]], rng: np.random.Generator, gross: float = 0.0
+    model: BenchModel, effects: Sequence[Effect[ReadingCause]], rng: np.random.Generator, gross: float = 0.0
 ) -> NDArray:
     """Return readings (B, K), SI, of a campaign of the plain model's layout, with effects hidden in it.
 

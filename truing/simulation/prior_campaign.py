@@ -18,7 +18,7 @@ from truing.simulation.cause import CauseT
 _TOLD = 1e-9  # information below this share of the largest, or of what was known before, says nothing
 
 
-class LaidOut(Protocol):
+class PartitionedModel(Protocol):
     """A model whose shared unknowns (G,) stand in named parts of one vector."""
 
     @property
@@ -83,20 +83,20 @@ class CampaignPrior(Generic[CauseT]):
         """Return what a unit of each number (n,) is in SI."""
         return np.concatenate([part.scale for part in self.parts]) if self.parts else np.zeros(0)
 
-    def places(self, model: LaidOut) -> NDArray:
+    def places(self, model: PartitionedModel) -> NDArray:
         """Return where the numbers (n,) stand among a model's shared unknowns."""
         slices = [model.layout[part.name] for part in self.parts]
         return np.concatenate([np.arange(own.start, own.stop) for own in slices]) if slices else np.zeros(0, int)
 
-    def values(self, model: LaidOut, shared: NDArray) -> NDArray:
+    def values(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the numbers (n,) at a model's shared unknowns (G,)."""
         return shared[self.places(model)]
 
-    def slopes(self, model: LaidOut, shared: NDArray) -> NDArray:
+    def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return how the numbers follow their own unknowns (n, n): they are these."""
         return np.eye(len(self.mean))
 
-    def rows(self, model: LaidOut, shared: NDArray) -> tuple[NDArray, NDArray]:
+    def rows(self, model: PartitionedModel, shared: NDArray) -> tuple[NDArray, NDArray]:
         """Return the knowledge as whitened rows at shared unknowns (G,): residual (E,) and derivative (E, G)."""
         variances, directions = np.linalg.eigh(self.information)
         kept = variances > 0

@@ -12,7 +12,7 @@ from truing.inference.changes import LEVEL, NumberComparison
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.effects_model import EffectsModel
 from truing.simulation.mechanisms.extended_model import identified_geometry, name_and_leg
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.prior_campaign import CampaignPrior, SharedUnknowns
 
 # A number of which the data take away less than this share of what was not known has not been measured anew.
@@ -67,7 +67,7 @@ def _of_sensor(part: SharedUnknowns, sensor: UncertainSensor) -> list[Number]:
 
 
 @dataclass(frozen=True)
-class Told:
+class ReportedNumbers:
     """The rows of the table: what each is called, how it follows the numbers (R, n) in its unit, nominal (R,)."""
 
     rows: tuple[Number, ...]
@@ -82,11 +82,11 @@ class Told:
         }
 
 
-def told_numbers(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> Told:
+def told_numbers(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> ReportedNumbers:
     """The geometry as the tables tell it, or a sensor's lengths and stiffnesses, then the effects."""
-    if not isinstance(model, PointModel):
+    if not isinstance(model, MechanismModel):
         rows = numbers_of(prior, model)
-        return Told(tuple(rows), np.diag([row.scale for row in rows]), np.zeros(len(rows)))
+        return ReportedNumbers(tuple(rows), np.diag([row.scale for row in rows]), np.zeros(len(rows)))
     geometry, own = identified_geometry(model, shared, covariance), prior.places(model)
     parts = {part.name for part in prior.parts}
     kept = np.array([entry.name.partition("_")[0] in parts for entry in geometry.parameters], bool)
@@ -97,11 +97,16 @@ def told_numbers(prior: CampaignPrior, model: EffectsModel, shared: NDArray, cov
     lower[:, len(own) - len(effects) :] = np.diag([number.scale for number in effects])
     rows = [Number(entry.name, entry.leg + 1, entry.unit, entry.si) for entry in entries]
     by = np.concatenate([(geometry.by_shared[kept][:, own].T / si).T, lower])
-    return Told((*rows, *effects), by, np.concatenate([geometry.nominal[kept] / si, np.zeros(len(effects))]))
+    return ReportedNumbers((*rows, *effects), by, np.concatenate([geometry.nominal[kept] / si, np.zeros(len(effects))]))
 
 
 def figures(
-    prior: CampaignPrior, told: Told, found: NumberComparison, now: NDArray, covariance: NDArray, level: float = LEVEL
+    prior: CampaignPrior,
+    told: ReportedNumbers,
+    found: NumberComparison,
+    now: NDArray,
+    covariance: NDArray,
+    level: float = LEVEL,
 ) -> dict[str, Any]:
     """Each row then and now, the difference over its sigma, and which changed; now (n,) with covariance (n, n)."""
     by = told.by_numbers
@@ -119,7 +124,7 @@ def figures(
     }
 
 
-def _changed(told: Told, found: NumberComparison, level: float) -> dict[str, list[Any]]:
+def _changed(told: ReportedNumbers, found: NumberComparison, level: float) -> dict[str, list[Any]]:
     """Which rows are those that changed, by how much, and which others may have done so in their place."""
     # A direction is told by components, each of which follows one of its two tilts most.
     row_of = {int(np.abs(told.by_numbers[row]).argmax()): row for row in range(len(told.rows))}

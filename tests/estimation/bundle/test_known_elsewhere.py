@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from truing.estimation.bundle.named_adjustment import KnownElsewhere, KnownElsewhereError, known_elsewhere
+from truing.estimation.bundle.named_adjustment import KnownPointMismatch, KnownPointMismatchError, known_elsewhere
 from truing.estimation.bundle.network import KnownPoints
 from truing.stages.bundle_adjustment.tables import faults_of
 
 XYZ = np.random.default_rng(4).normal(0.0, 0.2, (12, 3))
 
 
-def elsewhere(given: np.ndarray, sigma_m: float = 2e-5) -> list[KnownElsewhere]:
+def elsewhere(given: np.ndarray, sigma_m: float = 2e-5) -> list[KnownPointMismatch]:
     known = KnownPoints(np.arange(12), given, np.broadcast_to(sigma_m**2 * np.eye(3), (12, 3, 3)))
     network = SimpleNamespace(known=known, point_pose=np.zeros(12, int))
     named: Any = SimpleNamespace(network=network, poses=("cold",), points=np.array([f"base/P{n}" for n in range(12)]))
@@ -26,7 +26,7 @@ def test_of_another_frame() -> None:
     off = np.linalg.norm(given - XYZ, axis=1)
     assert (found.pose, found.elsewhere, found.known) == ("cold", 12, 12)
     assert (found.furthest, found.off_m) == (f"base/P{off.argmax()}", off.max())
-    (fault,) = faults_of(KnownElsewhereError([found]))
+    (fault,) = faults_of(KnownPointMismatchError([found]))
     assert (fault.file, fault.column) == ("known_points", "x_mm, y_mm, z_mm")
     assert fault.value == f"12 of 12 elsewhere, {found.furthest} by {1e3 * off.max():.3g} mm"
     assert "pose cold" in fault.expected

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.simulation.bench.six_upur.sensors import TOLERANCES_UM, sensor_of
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions, SignalGains, zeros_of
 from truing.simulation.bench.load_steps import AIR, CHANNELS, HUMIDITY, MATERIAL, PRESSURE
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.cause import Cause
@@ -35,7 +35,7 @@ class Bench:
     load_sigma: NDArray
     stiffness_sigma: float = 0.02
 
-    def model(self, *causes: Cause, signals: bool = True) -> ReadingModel:
+    def model(self, *causes: Cause, signals: bool = True) -> BenchModel:
         """Return the model of the bench."""
         count = len(CHANNELS) + 6 * signals
         names = (*CHANNELS, *(f"v{n}" for n in range(1, 7)))[:count]
@@ -51,7 +51,7 @@ class Bench:
             SignalGains(GAINS, 10.0 * GAINS) if signals else SignalGains.none(),
             WAVELENGTH_M,
         )
-        return ReadingModel(known, self.conditions).with_causes(causes)
+        return BenchModel(known, self.conditions).with_causes(causes)
 
 
 @cache

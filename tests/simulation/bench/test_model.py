@@ -30,7 +30,7 @@ from truing.simulation.bench.causes.stiffness import (
 )
 from truing.simulation.bench.known_readings import Optics
 from truing.simulation.bench.load_steps import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.catalogue import catalogue_of_readings
@@ -55,12 +55,12 @@ MANY: tuple[Cause, ...] = (
 )
 
 
-def _unknowns(model: ReadingModel, size: float = 0.3) -> tuple[NDArray, NDArray]:
+def _unknowns(model: BenchModel, size: float = 0.3) -> tuple[NDArray, NDArray]:
     rng = np.random.default_rng(7)
     return rng.normal(0.0, size, model.shared_size), rng.normal(size=(len(model.conditions.run), model.local_size))
 
 
-def _askew(model: ReadingModel) -> ReadingModel:
+def _askew(model: BenchModel) -> BenchModel:
     """Every channel a little off its axis and its point, none of it known exactly, and a frame that grows."""
     rng = np.random.default_rng(5)
     off = rng.normal(0.0, 0.02, (3, 6, 6))

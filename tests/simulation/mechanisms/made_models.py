@@ -12,7 +12,7 @@ from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.extended_model import ExtendedModel, extended
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.mechanisms.weight import Weight
@@ -34,7 +34,7 @@ def some_conditions(rng: np.random.Generator, poses: int = POSES) -> Conditions:
     return Conditions(readings(rng, poses), covariates, tuple(range(1, poses + 1)), (0.0, 3600.0))
 
 
-def named_model(rng: np.random.Generator, causes: tuple[PointCause, ...]) -> PointModel:
+def named_model(rng: np.random.Generator, causes: tuple[PointCause, ...]) -> MechanismModel:
     model = sample_model(rng, POSES, causes)
     kinds = [("base", "platform")[body] if body < LEG else f"leg{leg + 1}" for body, leg in _places(model)]
     named = replace(model.targets, names=tuple(f"P{k:02d}" for k in range(len(kinds))), bodies=tuple(kinds))
@@ -42,7 +42,7 @@ def named_model(rng: np.random.Generator, causes: tuple[PointCause, ...]) -> Poi
     return replace(model, targets=named, known=weighed).at(some_conditions(rng))
 
 
-def _places(model: PointModel) -> list[tuple[int, int]]:
+def _places(model: MechanismModel) -> list[tuple[int, int]]:
     return list(zip(model.targets.body.tolist(), model.targets.leg.tolist(), strict=True))
 
 

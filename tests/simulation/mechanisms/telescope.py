@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.catalogue import catalogue
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
-from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import BASE, LEG, PLATFORM, Targets, shape_unknowns
 
@@ -47,7 +47,9 @@ def sample_targets(per_body: int = 5, per_leg: int = 3) -> Targets:
     return Targets(np.array(body), np.array(leg))
 
 
-def sample_model(rng: np.random.Generator, poses: int, causes: tuple[Any, ...] = (), kind: str = "6-pus") -> PointModel:
+def sample_model(
+    rng: np.random.Generator, poses: int, causes: tuple[Any, ...] = (), kind: str = "6-pus"
+) -> MechanismModel:
     """A model over all kinds of targets, surveyed with anisotropic noise, at random readings."""
     targets = sample_targets()
     count = len(targets.body)
@@ -59,7 +61,7 @@ def sample_model(rng: np.random.Generator, poses: int, causes: tuple[Any, ...] =
     seats = np.linalg.qr(rng.normal(size=(6, 3, 3)))[0]
     seats = seats * np.sign(np.linalg.det(seats))[:, None, None]
     geometry = {name: sigma for name, sigma in GEOMETRY.items() if kind == "6-pus" or name != "u"}
-    known = Known(geometry, shape, survey, 1e-6, np.arange(6), seats, rng.normal(0.0, 0.05, (6, 3)))
+    known = PriorKnowledge(geometry, shape, survey, 1e-6, np.arange(6), seats, rng.normal(0.0, 0.05, (6, 3)))
     time = np.linspace(0.0, 3600.0, poses)
     conditions = Conditions(readings(rng, poses), {"time_s": time})
-    return PointModel(targets, conditions, telescope(kind), known, causes=causes)
+    return MechanismModel(targets, conditions, telescope(kind), known, causes=causes)

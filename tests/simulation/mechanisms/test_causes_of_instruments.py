@@ -19,7 +19,7 @@ from truing.simulation.mechanisms.causes.nonparametric import ALL_DRIVES, Quanti
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
 from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.nonparametric import WAVES
 
@@ -49,7 +49,7 @@ CAUSES: tuple[Cause, ...] = (
 )
 
 
-def _model(causes: Sequence[Cause], kind: str = "6-pus") -> PointModel:
+def _model(causes: Sequence[Cause], kind: str = "6-pus") -> MechanismModel:
     rng = np.random.default_rng(3)
     model = sample_model(rng, POSES, tuple(causes), kind)
     bodies = tuple(("base", "platform", f"leg{leg + 1}")[body] for body, leg in _carriers(model))
@@ -65,11 +65,11 @@ def _model(causes: Sequence[Cause], kind: str = "6-pus") -> PointModel:
     return replace(model, targets=replace(model.targets, names=names, bodies=bodies), conditions=conditions)
 
 
-def _carriers(model: PointModel) -> list[tuple[int, int]]:
+def _carriers(model: MechanismModel) -> list[tuple[int, int]]:
     return [(int(body), int(leg)) for body, leg in zip(model.targets.body, model.targets.leg, strict=True)]
 
 
-def _place(model: PointModel) -> tuple[NDArray, NDArray]:
+def _place(model: MechanismModel) -> tuple[NDArray, NDArray]:
     rng = np.random.default_rng(9)
     shared = rng.normal(size=model.shared_size)
     for cause in model.causes:
@@ -77,7 +77,7 @@ def _place(model: PointModel) -> tuple[NDArray, NDArray]:
     return shared, rng.normal(size=(POSES, model.local_size))
 
 
-def _assert_exact(model: PointModel, places: Sequence[int]) -> None:
+def _assert_exact(model: MechanismModel, places: Sequence[int]) -> None:
     shared, local = _place(model)
     found = model.predict(shared, local)
     for j in places:

@@ -24,7 +24,7 @@ from truing.simulation.mechanisms.causes.leg_compliance import LegCompliance
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.warmth import APART, LegThermal, ThermalExpansion
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.mechanisms.state import State
 
@@ -81,14 +81,14 @@ class LowerJointsFollowHeight(PointCause):
         return Change({"a": (pull[..., None] * np.array([0.0, 1.0, 0.0]))[..., None]}, 1)
 
 
-def _model(causes: Sequence[PointCause], kind: str = "6-pus", poses: int = 3) -> PointModel:
+def _model(causes: Sequence[PointCause], kind: str = "6-pus", poses: int = 3) -> MechanismModel:
     model = sample_model(np.random.default_rng(3), poses, tuple(causes), kind)
     warm = {"temperature_c": np.linspace(20.0, 26.0, poses), "time_s": np.linspace(0.0, 3600.0, poses)}
     warm["payload_kg"] = np.linspace(50.0, 100.0, poses)
     return model.at(replace(model.conditions, covariates=warm))
 
 
-def _place(model: PointModel) -> tuple[np.ndarray, np.ndarray]:
+def _place(model: MechanismModel) -> tuple[np.ndarray, np.ndarray]:
     """Values of plausible size, not those that the wide prior of effects allows."""
     rng = np.random.default_rng(9)
     shared = rng.normal(size=model.shared_size)
@@ -97,7 +97,7 @@ def _place(model: PointModel) -> tuple[np.ndarray, np.ndarray]:
     return shared, rng.normal(size=(len(model.conditions.readings), model.local_size))
 
 
-def _worst(model: PointModel, names: Sequence[str]) -> float:
+def _worst(model: MechanismModel, names: Sequence[str]) -> float:
     """The largest relative difference of derivatives from complex steps, over parts of the unknowns, and local ones."""
     shared, local = _place(model)
     found = model.predict(shared, local)

@@ -22,7 +22,7 @@ from truing.simulation.mechanisms.extended_model import (
     with_targets,
     write_model,
 )
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import BASE, PLATFORM
 
@@ -111,7 +111,7 @@ def test_the_frame_of_targets_is_that_of_the_joints_where_nothing_bends() -> Non
     assert_close(by_targets.covariance, by_joints.covariance, atol=1e-8 * scale, what="covariance")
 
 
-def _thinned(model: PointModel) -> PointModel:
+def _thinned(model: MechanismModel) -> MechanismModel:
     return with_targets(model, np.cumsum(model.targets.body == BASE) <= 2)
 
 

@@ -13,7 +13,7 @@ from truing.simulation.inputs import APPROACH, OWN_DRIVE
 from truing.simulation.mechanisms.causes.deformation import FlexureShift
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect as Nonparametric
 from truing.simulation.mechanisms.forward_pass import simulate
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.targets import BASE, PLATFORM, shape_unknowns
 
 STEP = 1e-30
@@ -22,12 +22,12 @@ TIMED = Nonparametric(columns=("time_s",), centres=(1800.0,), half_ranges=(1800.
 
 
 @pytest.fixture(scope="module")
-def model() -> PointModel:
+def model() -> MechanismModel:
     return sample_model(np.random.default_rng(5), 3, (MATRIX, DRIVEN, TIMED))
 
 
 @pytest.fixture(scope="module")
-def place(model: PointModel) -> tuple[np.ndarray, np.ndarray]:
+def place(model: MechanismModel) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(6)
     shared = rng.normal(size=model.shared_size)
     for cause in model.causes:  # plausible sizes, not those that a wide prior allows
@@ -39,7 +39,7 @@ def _worst(found: np.ndarray, expected: np.ndarray) -> float:
     return float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
-def test_derivatives_by_shared_unknowns_agree_with_a_complex_step(model: PointModel, place: tuple) -> None:
+def test_derivatives_by_shared_unknowns_agree_with_a_complex_step(model: MechanismModel, place: tuple) -> None:
     shared, local = place
     found = model.predict(shared, local).by_shared
     for j in range(model.shared_size):
@@ -58,7 +58,7 @@ def test_derivatives_hold_for_legs_of_variable_length_too() -> None:
             assert _worst(found[..., j], hexapod.points(nudged, local).imag / STEP) < 1e-12, (name, j)
 
 
-def test_derivatives_by_local_unknowns_agree_with_a_complex_step(model: PointModel, place: tuple) -> None:
+def test_derivatives_by_local_unknowns_agree_with_a_complex_step(model: MechanismModel, place: tuple) -> None:
     shared, local = place
     found = model.predict(shared, local).by_local
     for j in range(model.local_size):
@@ -66,7 +66,7 @@ def test_derivatives_by_local_unknowns_agree_with_a_complex_step(model: PointMod
         assert _worst(found[..., j], model.points(shared, nudged).imag / STEP) < 1e-12, j
 
 
-def test_derivatives_of_the_pose_agree_with_those_of_points(model: PointModel, place: tuple) -> None:
+def test_derivatives_of_the_pose_agree_with_those_of_points(model: MechanismModel, place: tuple) -> None:
     """A platform target that no survey noise moves follows from the platform's twist alone."""
     shared, local = place
     by_shared, by_local = model.pose_derivatives(shared, local)
@@ -79,7 +79,7 @@ def test_derivatives_of_the_pose_agree_with_those_of_points(model: PointModel, p
     assert_close((reach @ by_local)[..., :6], found.by_local[:, away, :, :6], atol=1e-18, what="actuators, m")
 
 
-def test_targets_on_the_base_stand_still_and_attachments_move_by_their_shift(model: PointModel) -> None:
+def test_targets_on_the_base_stand_still_and_attachments_move_by_their_shift(model: MechanismModel) -> None:
     none, local = np.zeros(model.shared_size), np.zeros((3, model.local_size))
     deformed = none.copy()
     deformed[model.layout[MATRIX.key]] = K.ravel() / model.effect_sigma(MATRIX)
@@ -92,7 +92,7 @@ def test_targets_on_the_base_stand_still_and_attachments_move_by_their_shift(mod
 
 
 def test_what_a_cause_does_through_channels_is_its_derivative_per_plausible_scale(
-    model: PointModel, place: tuple
+    model: MechanismModel, place: tuple
 ) -> None:
     """Of K, which follows what the drive's effects make of the readings and which nothing follows."""
     shared, local = place
@@ -179,7 +179,7 @@ def test_what_is_surveyed_beside_the_frame_carries_the_frame_s_noise() -> None:
     assert_between(float(np.mean(whitened**2)), 1 - 4 * 0.0053, 1 + 4 * 0.0053, what="whitened variance")
 
 
-def test_unknowns_are_kept_by_name_when_causes_come_and_go(model: PointModel, place: tuple) -> None:
+def test_unknowns_are_kept_by_name_when_causes_come_and_go(model: MechanismModel, place: tuple) -> None:
     shared, _ = place
     plain = model.with_causes(())
     there = plain.embedded(model.embedded(shared, plain), model)
@@ -188,7 +188,7 @@ def test_unknowns_are_kept_by_name_when_causes_come_and_go(model: PointModel, pl
         assert_close(there[part], kept, atol=0.0, what=name)
 
 
-def test_unknowns_and_geometry_are_two_ways_to_say_the_same(model: PointModel, place: tuple) -> None:
+def test_unknowns_and_geometry_are_two_ways_to_say_the_same(model: MechanismModel, place: tuple) -> None:
     shared, _ = place
     values = {effect.cause.key: effect.values for effect in model.effects(shared)}
     back = model.unknowns(model.legs(shared), values)

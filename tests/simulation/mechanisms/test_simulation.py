@@ -11,7 +11,7 @@ from tests.simulation.mechanisms.telescope import MATRIX, sample_model
 from tests.tolerance import assert_between
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.simulation.cause import Effect
-from truing.simulation.drawn_campaigns import CampaignLayout, Drawn, draw_campaign
+from truing.simulation.drawn_campaigns import CampaignLayout, DrawnPoints, draw_campaign
 from truing.simulation.targets import BASE
 
 POSES, SIGMA = 30, 5e-6
@@ -24,7 +24,7 @@ def _layout(**changes: object) -> CampaignLayout:
     return replace(CampaignLayout(model, covariance, np.ones((POSES, count), bool)), **changes)
 
 
-def _drawn(layout: CampaignLayout, seed: int = 1, effects: tuple[Effect, ...] = ()) -> Drawn:
+def _drawn(layout: CampaignLayout, seed: int = 1, effects: tuple[Effect, ...] = ()) -> DrawnPoints:
     return draw_campaign(layout, effects, np.random.default_rng(seed))
 
 

@@ -28,7 +28,7 @@ from truing.simulation.bench.causes.stiffness import Hysteresis
 from truing.simulation.bench.causes.stiffness import StiffnessNonlinear as Nonlinear
 from truing.simulation.bench.causes.stiffness import StiffnessScale as Scale
 from truing.simulation.bench.known_readings import ReadingConditions, zeros_of
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
 from truing.stages.diagnosis.next_measurement import MeasurementPlan, Rivals, next_loads_of, planned
@@ -133,7 +133,7 @@ def test_the_loads_tell_apart_as_much_as_they_promise(
     assert_between(float(gains[worse].mean()), promised - error, promised + error, what="log odds")
 
 
-def _conditions(options: PossibleRuns, chosen: Sequence[int], model: ReadingModel) -> ReadingConditions:
+def _conditions(options: PossibleRuns, chosen: Sequence[int], model: BenchModel) -> ReadingConditions:
     """The steps of the chosen runs, each of a name of its own."""
     whole = options.runs.conditions
     rows = [options.runs.run[k] * options.runs.steps + np.arange(options.runs.steps) for k in chosen]
@@ -172,7 +172,7 @@ def _joined(first: ReadingConditions, second: ReadingConditions) -> ReadingCondi
     return replace(first, covariates=covariates, **arrays)
 
 
-def _fit(model: ReadingModel, conditions: ReadingConditions, measured: Observations) -> Fit:
+def _fit(model: BenchModel, conditions: ReadingConditions, measured: Observations) -> Fit:
     zeros = zeros_of(conditions.run, measured.seen, model.known.sigma)
     whole = replace(model, known=replace(model.known, zeros=zeros), conditions=conditions)
     local = np.zeros((len(conditions.load), whole.local_size))

@@ -27,11 +27,11 @@ from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import Targets, shape_unknowns
-from truing.stages.diagnosis.next_candidates import Possible, _levels, possible
-from truing.stages.diagnosis.next_measurement import MeasuredPoints, Next, Rivals, next_measurements
+from truing.stages.diagnosis.next_candidates import PossibleMeasurements, _levels, possible
+from truing.stages.diagnosis.next_measurement import MeasuredPoints, NextMeasurement, Rivals, next_measurements
 from truing.stages.diagnosis.rows import claim_of
 
 SIGMA_M = 5e-6
@@ -94,7 +94,7 @@ def _joined(first: Conditions, second: Conditions) -> Conditions:
     return replace(first, readings=np.concatenate([first.readings, second.readings]), covariates=covariates)
 
 
-def _measure(model: PointModel, truth: np.ndarray, rng: np.random.Generator) -> MeasuredPoints:
+def _measure(model: MechanismModel, truth: np.ndarray, rng: np.random.Generator) -> MeasuredPoints:
     count = len(model.conditions.readings)
     points = model.points(truth, np.where(model.unpredicted, 0.01, 1.0) * rng.normal(size=(count, model.local_size)))
     R, t = exp_so3(rng.normal(0.0, 1.0, (count, 3))), rng.normal(0.0, 0.5, (count, 3))
@@ -103,7 +103,7 @@ def _measure(model: PointModel, truth: np.ndarray, rng: np.random.Generator) -> 
     return MeasuredPoints(Observations(seen, covariance, np.ones(points.shape[:2], bool)), Frames(R, t))
 
 
-def _fit(model: PointModel, measured: Observations, frames: Frames, shared: np.ndarray | None = None) -> Fit:
+def _fit(model: MechanismModel, measured: Observations, frames: Frames, shared: np.ndarray | None = None) -> Fit:
     start = np.zeros(model.shared_size) if shared is None else shared
     return fit_model(model.predict, measured, frames, start, np.zeros((len(frames.t), model.local_size)))
 
@@ -118,7 +118,7 @@ def _log_odds(first: Fit, second: Fit) -> float:
     return float(both[0] - both[1])
 
 
-def _plain(rng: np.random.Generator, covariates: Mapping[str, np.ndarray]) -> tuple[PointModel, np.ndarray]:
+def _plain(rng: np.random.Generator, covariates: Mapping[str, np.ndarray]) -> tuple[MechanismModel, np.ndarray]:
     """Return a model and a truth that its survey belongs to."""
     model = sample_model(rng, POSES)
     model = model.at(Conditions(readings(rng, POSES), dict(covariates), tuple(range(POSES)), (0.0, SPAN_S)))
@@ -129,7 +129,7 @@ def _plain(rng: np.random.Generator, covariates: Mapping[str, np.ndarray]) -> tu
     return replace(model, known=replace(model.known, shape=shape)), truth
 
 
-def _case(model: PointModel, truth: np.ndarray, first: object, second: object, value: float) -> Case:
+def _case(model: MechanismModel, truth: np.ndarray, first: object, second: object, value: float) -> Case:
     right, wrong = model.with_causes((first,)), model.with_causes((second,))
     wide = model.embedded(truth, right)
     wide[right.layout[first.key]] = value / right.effect_sigma(first)
@@ -154,18 +154,18 @@ def case() -> Case:
 
 
 @pytest.fixture(scope="module")
-def told(case: Case, settings: Campaign) -> Next:
+def told(case: Case, settings: Campaign) -> NextMeasurement:
     return next_measurements(
         settings, case.measured, [(WARM, case.fitted[0])], [Rivals(WARM, case.fitted[0], DRIFT, case.fitted[1])]
     )
 
 
 @pytest.fixture(scope="module")
-def possibilities(case: Case, settings: Campaign) -> Possible:
+def possibilities(case: Case, settings: Campaign) -> PossibleMeasurements:
     return possible(settings, case.fitted, case.measured.instrument())
 
 
-def _chosen(told: Next, case: Case) -> Conditions:
+def _chosen(told: NextMeasurement, case: Case) -> Conditions:
     """Return the proposed poses as the table has them, at the time that its words ask for."""
     rows = [row for row in told.table.to_pylist() for _ in range(row["times"])]
     rho = np.array([[row[f"rho{leg}_mm"] for leg in range(1, 7)] for row in rows]) * 1e-3
@@ -178,14 +178,14 @@ def _chosen(told: Next, case: Case) -> Conditions:
     )
 
 
-def test_the_table_is_whole_and_holds_what_matters_alone(told: Next) -> None:
+def test_the_table_is_whole_and_holds_what_matters_alone(told: NextMeasurement) -> None:
     assert not ARTIFACTS["next_poses"].faults(told.table)
     assert "load" not in told.table.schema.names
     assert "temperature_c" in told.table.schema.names
     assert {row["purpose"] for row in told.table.to_pylist()} == {"leg-thermal against leg-drift"}
 
 
-def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(told: Next) -> None:
+def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(told: NextMeasurement) -> None:
     words = [row["conditions"] for row in told.table.to_pylist()]
     assert all(words), words
     assert any("°C" in text or "pause" in text for text in words)
@@ -198,7 +198,7 @@ def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(to
 
 
 def test_what_is_proposed_separates_as_promised_and_more_of_the_same_does_not(
-    told: Next, case: Case, possibilities: Possible
+    told: NextMeasurement, case: Case, possibilities: PossibleMeasurements
 ) -> None:
     rng, chosen = np.random.default_rng(9), _chosen(told, case)
     count = len(chosen.readings)
@@ -214,7 +214,7 @@ def test_what_is_proposed_separates_as_promised_and_more_of_the_same_does_not(
     assert_between(float(random.mean()), -3.0, np.log(20.0), what="log odds of more of the same")
 
 
-def test_configurations_lie_within_the_workspace(possibilities: Possible, settings: Campaign) -> None:
+def test_configurations_lie_within_the_workspace(possibilities: PossibleMeasurements, settings: Campaign) -> None:
     away = np.abs(possibilities.conditions.readings - telescope().rho0) * 1e3
     assert away.max() <= settings.workspace.rho_mm + 1e-3
     assert possibilities.matters == ("time_s", "temperature_c")
@@ -243,7 +243,7 @@ def test_rivals_that_no_pose_tells_apart_are_said_to_be_so(settings: Campaign) -
     assert len(told.table) == 0
 
 
-def _without(model: PointModel, kept: np.ndarray) -> PointModel:
+def _without(model: MechanismModel, kept: np.ndarray) -> MechanismModel:
     targets = Targets(model.targets.body[kept], model.targets.leg[kept])
     shape = model.known.shape[kept]
     survey = shape_unknowns(targets, shape, np.broadcast_to(np.eye(3) * SIGMA_M**2, (len(kept), 3, 3)))
@@ -326,7 +326,7 @@ def test_readings_are_asked_for_no_finer_than_actuators_repeat(case: Case, setti
     assert_close(found, np.round(found, 1), atol=1e-9, what="readings")
 
 
-def test_the_time_that_a_plan_takes_holds_the_pause_before_it(possibilities: Possible) -> None:
+def test_the_time_that_a_plan_takes_holds_the_pause_before_it(possibilities: PossibleMeasurements) -> None:
     pace = SPAN_S / (POSES - 1)
     late = next(k for k, words in enumerate(possibilities.words) if "pause" in words)
     usual = next(k for k, words in enumerate(possibilities.words) if "pause" not in words)

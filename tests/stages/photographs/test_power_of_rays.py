@@ -13,7 +13,7 @@ from tests.stages.line import settings_of
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.executor import Workforce
-from truing.pipeline.power_command import PowerWish, plan_of_rays, power_campaign, wants_rays
+from truing.pipeline.power_command import PowerOptions, plan_of_rays, power_campaign, wants_rays
 from truing.pipeline.problems import ExitCode
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults
@@ -84,7 +84,7 @@ def run(adjusted: Any, tmp_path: Path) -> Path:
 def test_a_run_s_network_is_drawn_from(adjusted: Any, run: Path, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr("truing.pipeline.power_command.folder_beside_run", lambda *_, **__: run)
     monkeypatch.setattr("truing.stages.power._THRESHOLD_DRAWS", 100)
-    wish = PowerWish(("scale-bar-temperature", "camera-instability"), draws=0)
+    wish = PowerOptions(("scale-bar-temperature", "camera-instability"), draws=0)
     assert power_campaign(adjusted[1], wish, Workforce(1), tmp_path / "power.csv") is ExitCode.DONE
     sizes = (tmp_path / "power.csv").read_text(encoding="utf-8").splitlines()
     assert {line.split(",")[0].strip('"') for line in sizes[1:]} == {*wish.causes}

@@ -149,7 +149,7 @@ def _total(observed: Observed, state: NetworkState) -> float:
 
 
 @dataclass(frozen=True)
-class _Settled:
+class _ConvergedState:
     """Where the iterations ended: the state, how many there were, whether they settled, and, where those are as good
     as at its end, the state before the last step and its reduced equations."""
 
@@ -161,7 +161,7 @@ class _Settled:
 
 def _iterated(
     observed: Observed, start: NetworkState, near: tuple[Freedom, ...], held: tuple[Array, ...], most: int
-) -> _Settled:
+) -> _ConvergedState:
     """Return the state of the least sum of squares; near are the freedoms of the start, held the conditions B (3 p, d)
     of the datum per pose.
 
@@ -189,7 +189,7 @@ def _iterated(
         settled = left <= _SETTLED + _ROUNDING * before
         if settled and damping <= least:
             same = placed and not damping and length <= _SAME
-            return _Settled(tried if gain > 0 else state, iteration, True, (state, reduced) if same else None)
+            return _ConvergedState(tried if gain > 0 else state, iteration, True, (state, reduced) if same else None)
         if settled or gain > 1e-4 * foreseen:
             if gain > 0:
                 placed = left <= _NEAR
@@ -202,7 +202,7 @@ def _iterated(
         damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
         if damping > _MOST_DAMPING:
             break
-    return _Settled(state, iteration, False, None)
+    return _ConvergedState(state, iteration, False, None)
 
 
 def _merit(observed: Observed, state: NetworkState, weight: Array, multipliers: Array) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.network import Network, NetworkState
-from truing.estimation.bundle.snooping import Snooped
+from truing.estimation.bundle.snooping import ScreenedNetwork
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 LEVEL = 1e-3  # probability that a good pose has any point that is called wrong
@@ -199,7 +199,7 @@ def loosened(network: Network, state: NetworkState) -> Network:
     return replace(network, known=replace(known, cov_m2=cov))
 
 
-def tested_known(network: Network, loose: Snooped) -> KnownTested:
+def tested_known(network: Network, loose: ScreenedNetwork) -> KnownTested:
     """What rays say of the known points, from an adjustment in which these hardly hold."""
     adjusted = loose.adjustment
     covariance, factor = adjusted.covariance, loose.covariance_factor if np.isfinite(loose.covariance_factor) else 1.0

@@ -14,7 +14,7 @@ from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.eccentricity import facing, network_eccentricity
 from truing.estimation.bundle.known_points import KnownTested, loosened, tested_known
 from truing.estimation.bundle.network import ImagePoints, NamedNetwork, Names, Network, NetworkState, Pose
-from truing.estimation.bundle.snooping import Snooped, adjust_robustly
+from truing.estimation.bundle.snooping import ScreenedNetwork, adjust_robustly
 from truing.estimation.bundle.start_values import Start, find_start
 from truing.estimation.bundle.uncoded_matching import Circles, OrientedImages, match_uncoded
 
@@ -26,7 +26,7 @@ _BEYOND = 0.5  # of the extent of the coded points: so far around them circles w
 
 
 @dataclass(frozen=True)
-class KnownElsewhere:
+class KnownPointMismatch:
     """A pose of which many known points lie elsewhere than rays meet; furthest: a point, by so many metres."""
 
     pose: Pose
@@ -36,10 +36,10 @@ class KnownElsewhere:
     off_m: float
 
 
-class KnownElsewhereError(ValueError):
+class KnownPointMismatchError(ValueError):
     """Known points are of another object, frame or name than the rays."""
 
-    def __init__(self, poses: Sequence[KnownElsewhere]) -> None:
+    def __init__(self, poses: Sequence[KnownPointMismatch]) -> None:
         super().__init__(f"known points of {len(poses)} poses lie elsewhere than their rays meet")
         self.poses = tuple(poses)
 
@@ -68,7 +68,7 @@ class AdjustedNetwork:
     wide circles (P,) look over what is stated of them, NaN where either is not known; what rays say of known points."""
 
     named: NamedNetwork
-    snooped: Snooped
+    snooped: ScreenedNetwork
     eccentricity_px: Array
     unmatched: Index
     unmatched_reason: Names
@@ -97,7 +97,7 @@ def adjust_network(
     progress(0, 4, "start values")
     start = find_start(named.network, interior, named.markers)
     if choices.datum == "known" and (elsewhere := known_elsewhere(named, start.state)):
-        raise KnownElsewhereError(elsewhere)
+        raise KnownPointMismatchError(elsewhere)
     progress(1, 4, f"adjusting {named.network.rays.count:,} rays")
     known, agrees, state = KnownTested(), start.ray_agrees, start.state
     if choices.datum == "known":
@@ -121,7 +121,7 @@ def adjust_network(
     return AdjustedNetwork(whole, snooped, off, unmatched, reason, start, seen_radii / radii, known)
 
 
-def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownElsewhere]:
+def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPointMismatch]:
     """Return the poses of which many known points lie elsewhere than their rays meet.
 
     These are good to far less than a hundredth of the object: the coordinates are of another object, frame or name.
@@ -140,7 +140,7 @@ def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownElsew
         if elsewhere.mean() > _MANY_ELSEWHERE:
             worst = int(np.argmax(off))
             furthest = str(named.points[known.point[own[worst]]])
-            found.append(KnownElsewhere(name, int(elsewhere.sum()), len(own), furthest, float(off[worst])))
+            found.append(KnownPointMismatch(name, int(elsewhere.sum()), len(own), furthest, float(off[worst])))
     return found
 
 
@@ -156,7 +156,7 @@ def _against_known(network: Network, start: Start, choices: Choices) -> tuple[Kn
     return found, loose.used if found.rows else start.ray_agrees, state
 
 
-def _robustly(network: Network, state: NetworkState, choices: Choices, agrees: Mask) -> Snooped:
+def _robustly(network: Network, state: NetworkState, choices: Choices, agrees: Mask) -> ScreenedNetwork:
     return adjust_robustly(
         network,
         state,
@@ -168,7 +168,7 @@ def _robustly(network: Network, state: NetworkState, choices: Choices, agrees: M
 
 
 def _with_circles(
-    named: NamedNetwork, table: ImagePoints, snooped: Snooped
+    named: NamedNetwork, table: ImagePoints, snooped: ScreenedNetwork
 ) -> tuple[NamedNetwork, NetworkState, Index, Names]:
     """The network with the points that circles without code make, its state, and the rows that make none, with why."""
     adjusted, whole = snooped.adjustment, named
@@ -194,7 +194,7 @@ def _with_circles(
     return whole, state, nameless[missed], reason[missed]
 
 
-def _oriented(snooped: Snooped, pose: int) -> tuple[OrientedImages, Index]:
+def _oriented(snooped: ScreenedNetwork, pose: int) -> tuple[OrientedImages, Index]:
     """The images of a pose with their covariance, and the number of each image of the network among them."""
     adjusted = snooped.adjustment
     network, state, covariance = adjusted.network, adjusted.state, adjusted.covariance

@@ -38,7 +38,7 @@ _MOST_POINTS = 48
 
 
 @dataclass(frozen=True)
-class PlanWish:
+class PlanOptions:
     """What the caller asked for: at most so many stations; the standard deviation in mm to reach, none where as many
     are taken; distances, elevations, directions and rolls of the candidates; what a camera sees."""
 
@@ -73,7 +73,7 @@ class PhotographPlan:
     prediction: PredictedPrecision
     curve: tuple[tuple[int, float, float], ...]
     candidates: int
-    wish: PlanWish
+    wish: PlanOptions
     reference: str | None
 
     @property
@@ -95,7 +95,7 @@ class PhotographPlan:
 
 
 def plan_photographs(
-    planned: PlannedNetwork, targets: PlannedTargets, wish: PlanWish, reference: str | None, progress: Progress
+    planned: PlannedNetwork, targets: PlannedTargets, wish: PlanOptions, reference: str | None, progress: Progress
 ) -> PhotographPlan:
     """Choose stations; raises ValueError where none sees enough, or where what they see makes no network."""
     stations = _candidates(planned, wish)
@@ -129,7 +129,7 @@ def plan_photographs(
     )
 
 
-def _candidates(planned: PlannedNetwork, wish: PlanWish) -> Stations:
+def _candidates(planned: PlannedNetwork, wish: PlanOptions) -> Stations:
     layout = planned.layout
     filling = filling_distance(planned.camera, planned.interior, layout.radius)
     distances = filling * np.array(_SHELLS)
@@ -174,7 +174,7 @@ def _curve(
     )
 
 
-def _enough(curve: tuple[tuple[int, float, float], ...], wish: PlanWish, most: int) -> int:
+def _enough(curve: tuple[tuple[int, float, float], ...], wish: PlanOptions, most: int) -> int:
     """The least number of stations that reaches what is wanted; all where none does, or nothing is."""
     if wish.wanted_mm is None:
         return most

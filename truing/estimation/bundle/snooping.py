@@ -45,7 +45,7 @@ _MANY = 1 / 3  # of a point's rays are suspects: it is intersected anew
 
 
 @dataclass(frozen=True)
-class Snooped:
+class ScreenedNetwork:
     """An adjusted network without gross errors: which rays (N,) were used, the rejected, those used whose errors no
     test could show (untested, by number); the level alpha of one test, how many were made, the probability family_level
     that at least one of so many good rays is rejected, the critical value of T (two degrees of freedom), rounds, how
@@ -81,7 +81,7 @@ def adjust_robustly(
     agrees: Mask | None = None,
     alpha: float = 0.001,
     with_components: bool = True,
-) -> Snooped:
+) -> ScreenedNetwork:
     """Return the network adjusted with all rays that pass their test at level alpha.
 
     start: NaN for images and points without start values; agrees (N,): rays that the start is sure of, others begin
@@ -108,7 +108,7 @@ def _snooped(
     active: Mask,
     alpha: float,
     with_components: bool,
-) -> Snooped:
+) -> ScreenedNetwork:
     """Return the network adjusted with those of the possible rays (N,) that pass, beginning with the active ones
     (N,)."""
     known = datum == "known"
@@ -141,7 +141,7 @@ def _snooped(
         state, tests = adjusted.state, ray_tests(adjusted, components)
     tested = int((used & (tests.freedom > 0)).sum())
     stated = adjust(network, state, datum, used=used) if with_components else adjusted
-    return Snooped(
+    return ScreenedNetwork(
         adjustment=adjusted,
         used=used,
         rejected=rejected_rays(network, start, adjusted, components, active, tests),

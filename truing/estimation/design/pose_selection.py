@@ -296,7 +296,7 @@ def _determined(rows: NDArray, given: NDArray | None) -> NDArray:
 
 
 @dataclass(frozen=True)
-class Climb:
+class AscentResult:
     """Where a climb ended: points (N, n) within the region, the objective there, and how it ended."""
 
     x: NDArray
@@ -307,7 +307,7 @@ class Climb:
 
 def optimise_directly(
     region: FeasibleRegion, rows_at: RowsAt, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000
-) -> Climb:
+) -> AscentResult:
     """Return N configurations that no small move within the region improves, from a start (N, n) in it.
 
     Maximises sum_l log det A_l, given (L, q, q) being what is known already. Raises ValueError where the start does not
@@ -329,7 +329,7 @@ def optimise_directly(
 
 def largest_sensitivity(
     region: FeasibleRegion, rows_at: RowsAt, design: DesignBound, start: NDArray, max_iterations: int = 40
-) -> Climb:
+) -> AscentResult:
     """Return the most sensitive points that climbs from a start (N, n) reach; value: the sensitivity of the best.
 
     What a set of candidates leaves out between them shows here: `DesignBound.with_sensitivity` turns it into a bound.
@@ -346,7 +346,7 @@ def largest_sensitivity(
         return float(value.sum()), gradient
 
     found = climb(region, objective, start, max_iterations)
-    return Climb(found.x, float(each(found.x)[0].max()), found.status, found.iterations)
+    return AscentResult(found.x, float(each(found.x)[0].max()), found.status, found.iterations)
 
 
 def _solved(rows: NDArray, information: NDArray) -> NDArray:
@@ -354,7 +354,7 @@ def _solved(rows: NDArray, information: NDArray) -> NDArray:
     return np.einsum("lqr,nlr->nlq", np.linalg.inv(information), rows)
 
 
-def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iterations: int) -> Climb:
+def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iterations: int) -> AscentResult:
     """Return where the objective no longer grows from a start (N, n) within the region."""
     x, status = start, SelectionStatus.ITERATION_LIMIT
     value, gradient = objective(x)
@@ -371,7 +371,7 @@ def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iter
         past.append(value)
         best = (x, value) if value > best[1] else best
     inside = region.pulled_in(best[0])
-    return Climb(inside, objective(inside)[0], status, len(past) - 1)
+    return AscentResult(inside, objective(inside)[0], status, len(past) - 1)
 
 
 def _settled(past: list[float]) -> bool:

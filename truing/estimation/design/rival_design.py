@@ -42,7 +42,7 @@ _LARGEST = 100.0  # logarithm of odds, beyond which nobody counts
 Sums = list[NDArray]  # each (C, ...), one entry per candidate or set of candidates
 
 
-class Aim(Protocol):
+class DesignCriterion(Protocol):
     """What sets of poses are judged by, from sums over them."""
 
     def reached(self, sums: Sums) -> NDArray:
@@ -273,7 +273,7 @@ class _Sharpness:
         return np.asarray((more[0] @ left) @ left)
 
 
-def search(sums: Sums, aim: Aim, enough: float, most: int) -> ChosenPoses:
+def search(sums: Sums, aim: DesignCriterion, enough: float, most: int) -> ChosenPoses:
     """Return the candidates, at most ``most``, whose summed ``sums`` reach a value, or do when repeated.
 
     Added one by one, each the best to add, then exchanged one by one for better ones.
@@ -291,7 +291,7 @@ def _sum(sums: Sums, chosen: Sequence[int]) -> Sums:
     return [part[list(chosen)].sum(0)[None] for part in sums]
 
 
-def _chosen(sums: Sums, aim: Aim, enough: float, most: int) -> tuple[list[int], float]:
+def _chosen(sums: Sums, aim: DesignCriterion, enough: float, most: int) -> tuple[list[int], float]:
     chosen: list[int] = []
     reached = -np.inf
     while reached < enough and len(chosen) < most:
@@ -304,7 +304,7 @@ def _chosen(sums: Sums, aim: Aim, enough: float, most: int) -> tuple[list[int], 
     return chosen, reached
 
 
-def _best_added(sums: Sums, aim: Aim, chosen: Sequence[int]) -> tuple[int, float]:
+def _best_added(sums: Sums, aim: DesignCriterion, chosen: Sequence[int]) -> tuple[int, float]:
     there = _sum(sums, chosen)
     tried = np.argsort(-aim.promise(there, sums), kind="stable")[:_TRIED]
     found = aim.reached([whole + part[tried] for whole, part in zip(there, sums, strict=True)])
@@ -312,7 +312,7 @@ def _best_added(sums: Sums, aim: Aim, chosen: Sequence[int]) -> tuple[int, float
     return int(tried[best]), float(found[best])
 
 
-def _in_order(sums: Sums, aim: Aim, times: Mapping[int, int]) -> tuple[list[int], tuple[float, ...]]:
+def _in_order(sums: Sums, aim: DesignCriterion, times: Mapping[int, int]) -> tuple[list[int], tuple[float, ...]]:
     """Return candidates in the order in which each adds most to those before it, and the values on the way."""
     left, ordered, values = list(times), list[int](), list[float]()
     there = [np.zeros_like(part[:1]) for part in sums]
@@ -327,7 +327,7 @@ def _in_order(sums: Sums, aim: Aim, times: Mapping[int, int]) -> tuple[list[int]
     return ordered, tuple(values)
 
 
-def _rounds(sums: Sums, aim: Aim, enough: float) -> int | None:
+def _rounds(sums: Sums, aim: DesignCriterion, enough: float) -> int | None:
     """Return how often a set (its sums, one trial) has to be measured; None where no number is enough."""
 
     def at(times: int) -> float:

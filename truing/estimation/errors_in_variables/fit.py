@@ -107,7 +107,7 @@ class PoseFit:
         length = self.length
         return length / max(float(np.median(length)), np.finfo(float).tiny)
 
-    def judged(self) -> Judgement:
+    def judged(self) -> LeaveOneOutPrediction:
         """Return how each pose stands to the others, for weights that are 0 or 1."""
         jacobian = self.problem.jacobian
         follows = jacobian @ np.linalg.inv(self.normal) @ np.swapaxes(jacobian, 1, 2)
@@ -115,7 +115,7 @@ class PoseFit:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class LeaveOneOutPrediction:
     """What the poses of a set predict of each pose without it."""
 
     surprise: NDArray  # (B,) chi-square of the pose against the prediction, at the declared noise
@@ -131,7 +131,7 @@ class Judgement:
         return self.p_value >= FALSE_ALARM / len(self.p_value)
 
 
-def judge(residual: NDArray, follows: NDArray, kept: NDArray) -> Judgement:
+def judge(residual: NDArray, follows: NDArray, kept: NDArray) -> LeaveOneOutPrediction:
     """Return how poses stand to the set that was fitted, kept (B,).
 
     residual (B, m) whitened; follows (B, m, m): the covariance that the fit's values bring into each pose's equations.
@@ -144,7 +144,7 @@ def judge(residual: NDArray, follows: NDArray, kept: NDArray) -> Judgement:
     redundancy = residual.shape[1] - np.einsum("bmm->b", follows) * kept
     chi_square, freedom = float(np.sum(residual[kept] ** 2)), float(redundancy[kept].sum())
     tested = seen.sum(-1)
-    return Judgement(
+    return LeaveOneOutPrediction(
         surprise,
         tested,
         redundancy,
@@ -265,7 +265,7 @@ class ErrorsInVariablesFit:
         return _covariance(self.information / noise_ratio**2 + self.prior.information)
 
     @cached_property
-    def judgement(self) -> Judgement:
+    def judgement(self) -> LeaveOneOutPrediction:
         """Return how each pose stands to the others, with the redundancy that is the freedom of its chi-square."""
         inverse = _inverse_where_determined(self.information + self.prior.information)[0]
         return judge(self.residual, self.jacobian @ inverse @ np.swapaxes(self.jacobian, 1, 2), self.weight > 0)

@@ -264,7 +264,7 @@ def reference_fits(loaded: Loaded, simulated: Array | None) -> dict[str, Respons
 
 
 @dataclass(frozen=True)
-class KeptReadings:
+class AcceptedReadings:
     """Which readings (B, 6) were not rejected, their sigma; what geometry adds to them, and one sigma of that; SI."""
 
     kept: Mask

@@ -133,7 +133,7 @@ def _inverse_where_known(information: Array) -> tuple[Array, Mask, Index]:
 
 
 @dataclass(frozen=True)
-class SeenMotion:
+class EstimatedMotion:
     """Motions (K, 6), NaN where unknown, with covariance (K, 6, 6), infinite there; what the geometry of the beams adds
     to readings (K, 6), and one sigma of that, which goes with the load as it does itself: NaN where unknown."""
 
@@ -146,7 +146,7 @@ class SeenMotion:
 class DeclaredBeams(Protocol):
     """How beams see the platform as declared."""
 
-    def solved(self, load: Array, read: Array, covariance: Array) -> SeenMotion:
+    def solved(self, load: Array, read: Array, covariance: Array) -> EstimatedMotion:
         """Return the motions of cases under loads (K, 6) by what their channels read (K, 6), NaN where nothing was."""
 
 
@@ -167,7 +167,7 @@ class PlatformPoses:
     zero_sigma: Array
     drift: Array
     drift_sigma: Array
-    geometry: SeenMotion | None = None
+    geometry: EstimatedMotion | None = None
 
 
 def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, kept: Mask) -> PlatformPoses:

@@ -44,7 +44,7 @@ class ComparedRun:
 
 
 @dataclass(frozen=True)
-class Between:
+class RunTransition:
     """From a run to the next: why some or all numbers were not judged, and whether too much changed to be named."""
 
     why: tuple[str, ...]
@@ -57,7 +57,7 @@ class RunComparison:
 
     runs: tuple[ComparedRun, ...]
     numbers: pd.DataFrame
-    between: tuple[Between, ...]
+    between: tuple[RunTransition, ...]
 
     def judged(self, step: int) -> pd.DataFrame:
         """The numbers of the run after a step (0 is from the first run to the second) that were judged."""

@@ -16,9 +16,9 @@ from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import ExtendedModel, identified_geometry, name_and_leg
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.prior import mechanism_prior
-from truing.simulation.reported_numbers import TOLD, Told, figures, told_numbers
+from truing.simulation.reported_numbers import TOLD, ReportedNumbers, figures, told_numbers
 from truing.simulation.targets import shape_unknowns
 
 # In so many comparisons of campaigns between which nothing changed a change is told.
@@ -141,20 +141,20 @@ def _step(columns: dict[str, Any], known: NDArray) -> RunStep:
     return RunStep(rows.drop(columns=["before", "sigma_before", "now", "sigma_now", "unit"]), rebuilt=rebuilt)
 
 
-def _known(told: Told, covariance: NDArray, prior: NDArray) -> NDArray:
+def _known(told: ReportedNumbers, covariance: NDArray, prior: NDArray) -> NDArray:
     """Return which rows (R,) an estimate tells more of than what was known before."""
     by = told.by_numbers
     return np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * np.diag(by @ prior @ by.T)
 
 
-def _of_others(model: PointModel, common: tuple[Cause, ...]) -> list[NDArray]:
+def _of_others(model: MechanismModel, common: tuple[Cause, ...]) -> list[NDArray]:
     """Return where the parameters of lasting effects stand that the other model does not have."""
     keys = {cause.key for cause in common}
     own = [model.layout[cause.key] for cause in model.causes if cause.is_persistent and cause.key not in keys]
     return [np.arange(part.start, part.stop) for part in own]
 
 
-def _stated_otherwise(before: PointModel, now: PointModel) -> str:
+def _stated_otherwise(before: MechanismModel, now: MechanismModel) -> str:
     """Return what campaign.toml of the two says differently; empty where both start from the same drawing."""
     old, new = before.nominal, now.nominal
     for name in ("a", "b", "u", "l", "rho0"):
@@ -165,7 +165,7 @@ def _stated_otherwise(before: PointModel, now: PointModel) -> str:
     return ""
 
 
-def _surveyed(found: ExtendedModel) -> PointModel:
+def _surveyed(found: ExtendedModel) -> MechanismModel:
     """Return the model with the noise of its survey, which its text holds as one sigma per target."""
     model, sigma = found.model, found.survey_sigma
     if not len(sigma) or sigma.min() <= 0.0:

@@ -18,7 +18,7 @@ from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
 from truing.simulation.bench.known_readings import ChannelZeros, KnownReadings, Optics, ReadingConditions, SignalGains
 from truing.simulation.bench.load_steps import CHANNELS, LOADS
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.catalogue import catalogue_of_readings
 from truing.simulation.cause import Cause, Step
@@ -63,9 +63,7 @@ class PredictedReadings:
     sigma: NDArray
 
 
-def extended_sensor(
-    model: ReadingModel, shared: NDArray, covariance: NDArray, context: dict[str, str]
-) -> ExtendedSensor:
+def extended_sensor(model: BenchModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedSensor:
     """Return the extended model of a fit; shared (G,) with covariance (G, G), in prior sigmas."""
     known = model.known
     found = model.effects(shared)
@@ -153,7 +151,7 @@ def acting_wrenches(extended: ExtendedSensor, conditions: ReadingConditions) -> 
 
 def _at(
     extended: ExtendedSensor, causes: Sequence[ReadingCause], conditions: ReadingConditions
-) -> tuple[ReadingModel, NDArray]:
+) -> tuple[BenchModel, NDArray]:
     """Return the model with some of the effects at load steps, and its shared unknowns (G,)."""
     model = _model(extended, extended.compliance, conditions).with_causes(causes)
     shared = np.zeros(model.shared_size)
@@ -177,14 +175,14 @@ def _by_compliance(
     return np.stack(found, -1)
 
 
-def _by_effects(model: ReadingModel, shared: NDArray) -> NDArray:
+def _by_effects(model: BenchModel, shared: NDArray) -> NDArray:
     """Return how readings (B, 6, P) follow the effects' parameters, SI."""
     by_shared = model.predict(shared, np.zeros((len(model.conditions.load), 0))).by_shared[:, :, 0]
     parts = [by_shared[..., model.layout[cause.key]] / model.effect_sigma(cause) for cause in model.causes]
     return np.concatenate(parts, -1) if parts else np.zeros((*by_shared.shape[:2], 0))
 
 
-def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingConditions) -> ReadingModel:
+def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingConditions) -> BenchModel:
     """Return the model of an exact sensor with such a compliance (6, 6), which need not be symmetric."""
     none = np.zeros(0, int)
     known = KnownReadings(
@@ -199,7 +197,7 @@ def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingCon
         extended.reference_temperature_c,
         replace(Optics.plain(), rows=extended.rows),
     )
-    return ReadingModel(known, conditions)
+    return BenchModel(known, conditions)
 
 
 MECHANISM = "6-upur"

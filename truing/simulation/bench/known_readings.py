@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.load_run import zeros_of_runs
-from truing.estimation.interferometry.platform_poses import SeenMotion
+from truing.estimation.interferometry.platform_poses import EstimatedMotion
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, RecordedSteps
 from truing.simulation.bench.load_steps import MATERIAL, LoadSteps
 from truing.simulation.bench.six_upur.influence import influence_matrix
@@ -76,7 +76,7 @@ class BeamGeometry:
     optics: Optics
     simulated: SimulatedCompliance | None
 
-    def solved(self, load: Array, read: Array, covariance: Array) -> SeenMotion:
+    def solved(self, load: Array, read: Array, covariance: Array) -> EstimatedMotion:
         """The motions of cases under loads (K, 6) by what their channels read (K, 6), NaN where nothing was.
 
         A component that no channel read is simulated to tell what of it is in the others: it stays unknown itself, and
@@ -95,7 +95,7 @@ class BeamGeometry:
         both = known[:, :, None] & known[:, None, :]
         more = self.optics.rows - np.eye(6)
         common = np.where(seen, 0.0, np.nan_to_num(spread)) @ (more**2).T + np.sum(by_angle**2, -1)
-        return SeenMotion(
+        return EstimatedMotion(
             np.where(known, filled, np.nan),
             np.where(both, whole, np.where(np.eye(6, dtype=bool), np.inf, 0.0)),
             np.where(known, filled @ more.T, np.nan),

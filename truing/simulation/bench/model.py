@@ -27,7 +27,7 @@ from truing.simulation.trace import Trace
 
 
 @dataclass(frozen=True)
-class ReadingPassage(Trace[ReadingCause, ReadingState]):
+class BenchForwardPass(Trace[ReadingCause, ReadingState]):
     """How loads pass the chain: compliance (6, 6), rows (S, 6) of signals by wrench, and the view (6, 6) that channels
     have of the platform's motion."""
 
@@ -82,14 +82,14 @@ def passed(
     rows: NDArray,
     seen: tuple[NDArray, NDArray],
     effects: Sequence[Effect[ReadingCause]],
-) -> ReadingPassage:
+) -> BenchForwardPass:
     """Return how wrenches (B, 6) pass the chain with a compliance (6, 6), rows of signals by wrench (S, 6), effects.
 
     seen: how channels follow the motion (6, 6), and what they read beside it (B, 6).
     """
     count = len(wrench)
     start = ReadingState(steps, wrench, np.zeros((count, len(compliance), 0)), np.zeros((count, 0)))
-    driven = ReadingPassage(start, (), {}, compliance, rows, seen[0]).through(Step.DRIVE, effects, _applied)
+    driven = BenchForwardPass(start, (), {}, compliance, rows, seen[0]).through(Step.DRIVE, effects, _applied)
     bent = replace(driven.state, deflection=compliance * driven.state.wrench[:, None])
     built = driven.entering(bent).through(Step.STRUCTURE, effects, _applied)
     state = built.state
@@ -109,7 +109,7 @@ _BETWEEN = 0.5
 
 
 @dataclass(frozen=True)
-class ReadingModel(ChannelModel[ReadingCause]):
+class BenchModel(ChannelModel[ReadingCause]):
     """A sensor on its bench with K channels; a function of the unknowns for a set of effects."""
 
     known: KnownReadings
@@ -294,7 +294,7 @@ class ReadingModel(ChannelModel[ReadingCause]):
             return gains
         return gains[:, None] * self._mixed(response.forces, shared) if len(gains) else np.zeros((0, _AXES))
 
-    def _passage(self, shared: NDArray, local: NDArray) -> ReadingPassage:
+    def _passage(self, shared: NDArray, local: NDArray) -> BenchForwardPass:
         """Return how the loads pass the chain with the effects in force."""
         response = self._response(shared)
         rows = self._rows(shared, response)
@@ -303,7 +303,7 @@ class ReadingModel(ChannelModel[ReadingCause]):
         seen = optics.rows_at(unknowns), optics.grown(self.steps, unknowns)
         return passed(self.steps, wrench, response.compliance, rows, seen, self.effects(shared))
 
-    def _by_shared(self, shared: NDArray, passage: ReadingPassage) -> NDArray:
+    def _by_shared(self, shared: NDArray, passage: BenchForwardPass) -> NDArray:
         """Return the readings' derivatives (B, K, G) by the shared unknowns."""
         slopes = np.zeros((*passage.state.readings.shape, self.shared_size))
         index = self._zero_of
@@ -328,7 +328,7 @@ class ReadingModel(ChannelModel[ReadingCause]):
         self._fill_effects(slopes, shared, passage.of_cause)
         return slopes
 
-    def _by_response(self, response: Response, shared: NDArray, wrench: NDArray, passage: ReadingPassage) -> NDArray:
+    def _by_response(self, response: Response, shared: NDArray, wrench: NDArray, passage: BenchForwardPass) -> NDArray:
         """Return the readings' derivatives (B, K, n) by what changes the sensor's response."""
         signals = np.zeros((len(wrench), self.known.signals, len(response.compliance)))
         if self.known.signals and self.known.gains.are_of_legs:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.bench.known_readings import KnownReadings
-from truing.simulation.bench.model import ReadingModel
+from truing.simulation.bench.model import BenchModel
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 from truing.simulation.prior_campaign import (
     CampaignPrior,
-    LaidOut,
+    PartitionedModel,
     SharedUnknowns,
     block_diagonal,
     clipped,
@@ -48,7 +48,7 @@ class SensorPrior(CampaignPrior[ReadingCause]):
     compliance: NDArray
     start: NDArray
 
-    def values(self, model: LaidOut, shared: NDArray) -> NDArray:
+    def values(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the numbers (n,): unknowns, of which the told combinations are those that the compliance tells."""
         sensor, geometry, stiffness = _parted(model, shared)
         own = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
@@ -56,7 +56,7 @@ class SensorPrior(CampaignPrior[ReadingCause]):
         others = super().values(model, shared)[len(own) :]
         return np.concatenate([own + self.along.T @ (told - self.along @ own), others])
 
-    def slopes(self, model: LaidOut, shared: NDArray) -> NDArray:
+    def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return how the numbers follow their own unknowns (n, n)."""
         sensor, _, stiffness = _parted(model, shared)
         own = np.diag(self._ratio(sensor))
@@ -69,7 +69,7 @@ class SensorPrior(CampaignPrior[ReadingCause]):
         return np.asarray(sensor.scales / self.counted)
 
 
-def sensor_prior(found: ExtendedSensor, model: ReadingModel) -> SensorPrior:
+def sensor_prior(found: ExtendedSensor, model: BenchModel) -> SensorPrior:
     """Return what a prior model tells of the unknowns of a model of the next campaign.
 
     Tolerances are taken to be those of the next one. Effects that it cannot predict, for want
@@ -127,7 +127,7 @@ def _by_unknowns(sensor: UncertainSensor, stiffness: NDArray) -> NDArray:
     return np.asarray(slopes.reshape(-1, _ENTRIES).T)
 
 
-def _parted(model: LaidOut, shared: NDArray) -> tuple[UncertainSensor, NDArray, NDArray]:
+def _parted(model: PartitionedModel, shared: NDArray) -> tuple[UncertainSensor, NDArray, NDArray]:
     """Return the sensor of a model of readings, with its lengths and its stiffnesses at shared unknowns (G,)."""
     known: KnownReadings = model.known  # type: ignore[attr-defined]
     return known.sensor, shared[model.layout["geometry"]], shared[model.layout["stiffness"]]

@@ -19,7 +19,7 @@ from truing.arrays import Mask
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, rigid_motions
 from truing.simulation.cause import OBSERVED, Step
 from truing.simulation.effects_model import Prediction
-from truing.simulation.mechanisms.forward_pass import Passage, moved_by_shape
+from truing.simulation.mechanisms.forward_pass import ForwardPass, moved_by_shape
 from truing.simulation.mechanisms.legs.closures import Closure, Legs
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene, applied
 from truing.simulation.mechanisms.recording import (
@@ -271,7 +271,7 @@ class BodyModel(RecordedModel):
             turn[:, own] = R[:, None]
         return record(passage, self.targets, _NO_FRAMES, self.effects(shared), points, turn)
 
-    def _passage(self, shared: NDArray) -> Passage:
+    def _passage(self, shared: NDArray) -> ForwardPass:
         """Return where the targets sit on their bodies, and which effects brought them there."""
         none = self.conditions.readings
         shape = self.known.shape + self.known.survey.modes @ shared[self.layout["shape"]]
@@ -286,9 +286,9 @@ class BodyModel(RecordedModel):
             moved=np.zeros((1, *shape.shape)),
             reference_temperature_c=self.known.reference_temperature_c,
         )
-        return Passage(state, (), {}).through(Step.STRUCTURE, self.effects(shared), applied)
+        return ForwardPass(state, (), {}).through(Step.STRUCTURE, self.effects(shared), applied)
 
-    def _places(self, passage: Passage) -> NDArray:
+    def _places(self, passage: ForwardPass) -> NDArray:
         """Return where the targets sit (B, K, 3) in the frames of their bodies."""
         state = passage.state
         return np.broadcast_to(state.shape + state.moved, (len(self.conditions.t), *state.shape.shape))

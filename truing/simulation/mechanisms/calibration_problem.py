@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.change import Change
-from truing.simulation.mechanisms.legs.leg_bodies import Carried, LegBodies, joints_of
+from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegEndClosing, joints_of
 from truing.simulation.mechanisms.parameters import SHARED, LegParameter, ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import shift_change
 from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
@@ -171,7 +171,9 @@ def _leading(values: NDArray) -> NDArray:
     return values[..., None, :] if values.ndim > 1 else values
 
 
-def _constrained(closing: Closing, deviation: NDArray, change: Change, carried: Carried | None = None) -> PoseEquations:
+def _constrained(
+    closing: Closing, deviation: NDArray, change: Change, carried: LegEndClosing | None = None
+) -> PoseEquations:
     """Join the derivatives: by the platform's pose and the readings, by the parameters, and by what the legs add."""
     by_pose = [by_deviation(closing.by_twist, deviation[..., 3:6]), closing.by_rho]
     by_values = [closing.by_parameter + _by_rho0(closing, change)]

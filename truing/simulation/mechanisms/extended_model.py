@@ -17,7 +17,7 @@ from truing.estimation.rotation import rigid_motions, skew
 from truing.simulation.catalogue import catalogue, of_photographed_points
 from truing.simulation.cause import Effect, Step
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
-from truing.simulation.mechanisms.model import Known, PointModel
+from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
 from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.mechanisms.recording import COMMON, Conditions
@@ -45,7 +45,7 @@ class ExtendedModel:
     these. ``context`` says, for people, what the model was made from. The covariance is that at the noise found.
     """
 
-    model: PointModel
+    model: MechanismModel
     shared: NDArray
     covariance: NDArray
     survey_sigma: NDArray
@@ -77,7 +77,7 @@ class PredictedPoses:
     converged: NDArray  # (B,)
 
 
-def extended(model: PointModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
+def extended(model: MechanismModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
     """Return the extended model of a fit over targets: its geometry and effects with their joint covariance."""
     own = model.targets.body != LEG
     parts = [part for name, part in model.layout.items() if name not in ("shape", "seat", COMMON)]
@@ -87,7 +87,7 @@ def extended(model: PointModel, shared: NDArray, covariance: NDArray, context: d
     return ExtendedModel(smaller, shared[kept], covariance[np.ix_(kept, kept)], sigma, context)
 
 
-def with_targets(model: PointModel, own: NDArray) -> PointModel:
+def with_targets(model: MechanismModel, own: NDArray) -> MechanismModel:
     """Return the model with some of its targets (K,), none on a leg, at their surveyed places."""
     found, known = model.targets, model.known
     kept = np.flatnonzero(own)
@@ -105,7 +105,7 @@ def exact_survey(targets: Targets) -> ShapeUnknowns:
     return ShapeUnknowns(np.zeros((len(targets.body), 3, 0)), np.eye(3 * int(targets.at_attachment.sum())))
 
 
-def survey_noise(model: PointModel) -> NDArray:
+def survey_noise(model: MechanismModel) -> NDArray:
     """Return the noise (K,), m, of the survey of each body, as its unknown shape has it: all but a rigid motion."""
     squares = np.sum(model.known.survey.modes**2, (1, 2))
     sigma = np.zeros(len(squares))
@@ -153,7 +153,7 @@ def predict_poses(extended_model: ExtendedModel, conditions: Conditions, *, reco
     return PredictedPoses(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _parts(model: PointModel, smaller: PointModel) -> list[slice]:
+def _parts(model: MechanismModel, smaller: MechanismModel) -> list[slice]:
     """Return where the unknowns of a smaller model stand among those of the model."""
     return [model.layout[name] for name in smaller.layout]
 
@@ -168,7 +168,7 @@ def some_of(conditions: Conditions, rows: NDArray) -> Conditions:
 
 
 def _predicted(
-    model: PointModel, shared: NDArray, covariance: NDArray
+    model: MechanismModel, shared: NDArray, covariance: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
     """Return poses, their covariance, the unknowns' part of it, and where the legs closed."""
     local = np.zeros((len(model.conditions.readings), model.local_size))
@@ -184,7 +184,7 @@ def _predicted(
     return p, R, of_model + by_local @ np.swapaxes(by_local, 1, 2), of_model, state.converged
 
 
-def _framed(model: PointModel, points: NDArray) -> tuple[NDArray, NDArray]:
+def _framed(model: MechanismModel, points: NDArray) -> tuple[NDArray, NDArray]:
     """Return the pose (B, 3), (B, 3, 3) of the platform's frame in the base's, as targets (B, K, 3) have them."""
     base, platform = (
         umeyama(model.known.shape[model.targets.body == body], points[:, model.targets.body == body])
@@ -194,7 +194,7 @@ def _framed(model: PointModel, points: NDArray) -> tuple[NDArray, NDArray]:
     return np.einsum("bij,bj->bi", back, platform.t - base.t), back @ platform.R
 
 
-def _twists(model: PointModel, points: NDArray, p: NDArray, motions: NDArray) -> NDArray:
+def _twists(model: MechanismModel, points: NDArray, p: NDArray, motions: NDArray) -> NDArray:
     """Return the twist (B, 6, P) of the platform's frame against the base's, from motions (B, K, 3, P) of targets."""
     origins = {BASE: np.zeros_like(p), PLATFORM: p}
     base, platform = (
@@ -212,10 +212,12 @@ def _twist(arms: NDArray, motions: NDArray) -> NDArray:
     return np.linalg.solve(normal, np.einsum("bnij,bnip->bjp", rows, motions))
 
 
-def bare_known(geometry: dict[str, float], shape: NDArray, targets: Targets, legs: int, reading_sigma: float) -> Known:
+def bare_known(
+    geometry: dict[str, float], shape: NDArray, targets: Targets, legs: int, reading_sigma: float
+) -> PriorKnowledge:
     """Return what is known of a mechanism whose legs carry no targets, its survey exact."""
     seats = np.tile(np.eye(3), (legs, 1, 1)), np.zeros((legs, 3))
-    return Known(geometry, shape, exact_survey(targets), reading_sigma, np.arange(0), *seats)
+    return PriorKnowledge(geometry, shape, exact_survey(targets), reading_sigma, np.arange(0), *seats)
 
 
 _AXES = "xyz"
@@ -245,7 +247,7 @@ def read_model(text: str) -> ExtendedModel:
     return read_document(text, _from_document)
 
 
-def _prior(model: PointModel) -> list[str]:
+def _prior(model: MechanismModel) -> list[str]:
     """Return what was known of the geometry: lines of a table."""
     known = model.known
     sigmas = [f"{n} = {toml_value(known.geometry.get(n, 0.0))}  # {'rad' if n == 'u' else 'm'}" for n in "abul"]
@@ -259,7 +261,7 @@ def _leg(legs: Legs, leg: int) -> str:
     return toml_value({**joints, "u": np.round(legs.u[leg], 13), **lengths})
 
 
-def _leg_sigma(model: PointModel, sigma: NDArray, leg: int) -> str:
+def _leg_sigma(model: MechanismModel, sigma: NDArray, leg: int) -> str:
     parts: dict[str, Any] = {}
     for name, size, key in (("a", 3, "a_mm"), ("b", 3, "b_mm"), ("u", 2, "tilt_rad"), ("l", 1, "length_mm")):
         if name in model.layout:
@@ -281,7 +283,7 @@ def _targets(extended_model: ExtendedModel) -> list[str]:
     return ["", "[survey]", "targets = [", *lines, "]"]
 
 
-def _names(model: PointModel) -> list[str]:
+def _names(model: MechanismModel) -> list[str]:
     legs = range(1, model.nominal.count + 1)
     names: list[str] = []
     for name, parts in (("a", _AXES), ("b", _AXES), ("u", "12"), ("l", " ")):
@@ -308,7 +310,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     return ExtendedModel(model, shared, covariance, sigma, context_of(document, _OWN))
 
 
-def _model(document: dict[str, Any], nominal: Legs, causes: tuple[PointCause, ...]) -> PointModel:
+def _model(document: dict[str, Any], nominal: Legs, causes: tuple[PointCause, ...]) -> MechanismModel:
     about, listed = document["model"], document["survey"]["targets"]
     targets = Targets(
         np.array([_BODIES[one["body"]] for one in listed], int),
@@ -322,7 +324,7 @@ def _model(document: dict[str, Any], nominal: Legs, causes: tuple[PointCause, ..
     geometry = {name: float(sigma) for name, sigma in prior.items() if sigma > 0}
     known = bare_known(geometry, places, targets, nominal.count, about["reading_sigma_mm"] * 1e-3)
     known = replace(known, open_geometry=opened, reference_temperature_c=about["reference_temperature_c"])
-    return PointModel(targets, Conditions(nominal.rho0[None]), nominal, known, causes=causes)
+    return MechanismModel(targets, Conditions(nominal.rho0[None]), nominal, known, causes=causes)
 
 
 def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
@@ -364,7 +366,7 @@ class IdentifiedGeometry:
         return np.where(self.known, np.sqrt(np.diag(self.prior)), np.nan)
 
 
-def identified_geometry(model: PointModel, shared: NDArray, covariance: NDArray) -> IdentifiedGeometry:
+def identified_geometry(model: MechanismModel, shared: NDArray, covariance: NDArray) -> IdentifiedGeometry:
     """Return the geometry at shared unknowns (G,) with covariance (G, G); derivatives by complex step, exact."""
     every = full_set(_bare_machine(model.nominal), "none").entries
     entries = ParameterSet(tuple(entry for entry in every if _part(entry) in model.layout))

@@ -33,7 +33,7 @@ _TINY = 1e-30
 
 
 @dataclass(frozen=True)
-class Passage(Trace[PointCause, State]):
+class ForwardPass(Trace[PointCause, State]):
     """How the state of a mechanism, or of bodies, passes the chain."""
 
     def before_recording(self, cause: PointCause | None = None) -> tuple[Met, ...]:
@@ -74,12 +74,12 @@ def simulate(
     return passed(start, effects).state
 
 
-def passed(start: State, effects: Sequence[Effect[PointCause]]) -> Passage:
+def passed(start: State, effects: Sequence[Effect[PointCause]]) -> ForwardPass:
     """Return how a state passes drive and structure.
 
     Effects that depend on the pose are found by rounds: the pose that the others lead to, then again with theirs.
     """
-    driven = Passage(start, (), {}).through(Step.DRIVE, effects, applied)
+    driven = ForwardPass(start, (), {}).through(Step.DRIVE, effects, applied)
     reads = (effect.cause.reads for effect in effects if effect.cause.step is Step.STRUCTURE)
     rounds = _ROUNDS if any(POSE in fields for fields in reads) else 0
     entry = _posed(driven.state, driven.state) if rounds else driven.state
@@ -104,7 +104,7 @@ def carried(change: Change, met: Sequence[Met]) -> Change:
     return Change(fields, change.size)
 
 
-def settled(passage: Passage, change: Change) -> tuple[Change, NDArray]:
+def settled(passage: ForwardPass, change: Change) -> tuple[Change, NDArray]:
     """Return a change at the end of the structure, with what its effects make of the pose's motion, and the twist.
 
     The twist (B, 6, P) of the platform is exact.

@@ -17,7 +17,7 @@ from truing.simulation.effects_model import Prediction
 from truing.simulation.inputs import gravity_column, ranks
 from truing.simulation.mechanisms.forward_pass import (
     REFERENCE,
-    Passage,
+    ForwardPass,
     carried,
     moved_by_shape,
     passed,
@@ -47,7 +47,7 @@ from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M, LEG, ShapeU
 
 
 @dataclass(frozen=True)
-class Known:
+class PriorKnowledge:
     """What is known beforehand of a mechanism and its targets; one standard deviation each, m and rad.
 
     ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies'
@@ -71,7 +71,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class PointModel(RecordedModel):
+class MechanismModel(RecordedModel):
     """A mechanism with its targets and readings; a function of the unknowns for a set of effects.
 
     Unknowns are counted in their prior's standard deviations, so that a value is a pull: shared ones (geometry, shape
@@ -79,7 +79,7 @@ class PointModel(RecordedModel):
     """
 
     nominal: Legs
-    known: Known
+    known: PriorKnowledge
 
     @cached_property
     def nominal_direction(self) -> NDArray:
@@ -363,7 +363,7 @@ class PointModel(RecordedModel):
             by_local[..., : reading.size] = settled(passage, carried(reading, passage.before_recording()))[1]
         return by_shared, by_local
 
-    def _passage(self, shared: NDArray, local: NDArray) -> Passage:
+    def _passage(self, shared: NDArray, local: NDArray) -> ForwardPass:
         """Return how the readings pass drive and structure."""
         stands, read = (self.conditions.readings + self._actuators(local) * own for own in self._reading_sigma)
         shape, legs = self.shape(shared), self.legs(shared)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import rigid_motions, skew
 from truing.simulation.mechanisms.extended_model import LEAST_FRAME, ExtendedModel, survey_noise
-from truing.simulation.mechanisms.model import PointModel
+from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.prior_campaign import (
     CampaignPrior,
@@ -33,7 +33,7 @@ _GEOMETRY = ("a", "b", "u", "l")
 
 
 def mechanism_prior(
-    found: ExtendedModel, model: PointModel, common: tuple[PointCause, ...] | None = None
+    found: ExtendedModel, model: MechanismModel, common: tuple[PointCause, ...] | None = None
 ) -> CampaignPrior[PointCause]:
     """Return what a prior model tells of the unknowns of a model of the next campaign.
 
@@ -57,19 +57,19 @@ def mechanism_prior(
     return _by_survey(prior, found, wider)
 
 
-def _size(model: PointModel, name: str) -> int:
+def _size(model: MechanismModel, name: str) -> int:
     part = model.layout[name]
     return part.stop - part.start
 
 
-def _split(model: PointModel, names: Sequence[str]) -> tuple[NDArray, NDArray]:
+def _split(model: MechanismModel, names: Sequence[str]) -> tuple[NDArray, NDArray]:
     """Return the places of the named parts among a model's unknowns, in that order, and those of all others."""
     slices = [model.layout[name] for name in names]
     own = np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
     return own, np.setdiff1d(np.arange(model.shared_size), own)
 
 
-def _bridge(old: PointModel, new: PointModel, names: Sequence[str]) -> NDArray:
+def _bridge(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> NDArray:
     """Return the matrix (n, n) from the prior model's unknowns to the next one's: scales, and axes of the tilts."""
     blocks = []
     for name in names:
@@ -83,14 +83,16 @@ def _bridge(old: PointModel, new: PointModel, names: Sequence[str]) -> NDArray:
     return block_diagonal(*blocks)
 
 
-def _offset(old: PointModel, new: PointModel, names: Sequence[str]) -> NDArray:
+def _offset(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> NDArray:
     """Return by how much nominal values differ, in units of the next model's unknowns."""
     away = new.unknowns(old.nominal, {cause.key: np.zeros_like(new.effect_sigma(cause)) for cause in new.causes})
     own, _ = _split(new, names)
     return away[own]
 
 
-def _by_survey(prior: CampaignPrior[PointCause], found: ExtendedModel, model: PointModel) -> CampaignPrior[PointCause]:
+def _by_survey(
+    prior: CampaignPrior[PointCause], found: ExtendedModel, model: MechanismModel
+) -> CampaignPrior[PointCause]:
     """Return the knowledge without what a common survey tells twice, or widened by what two surveys differ in."""
     if _same_survey(found, model):
         away, slopes = model.survey_rows(np.zeros(model.shared_size))
@@ -110,7 +112,7 @@ def _by_survey(prior: CampaignPrior[PointCause], found: ExtendedModel, model: Po
     )
 
 
-def _same_survey(found: ExtendedModel, model: PointModel) -> bool:
+def _same_survey(found: ExtendedModel, model: MechanismModel) -> bool:
     """Return whether every target of base and platform stands in both surveys at the same place."""
     before, now = (_places(one) for one in (found.model, model))
     return before.keys() == now.keys() and all(
@@ -118,13 +120,13 @@ def _same_survey(found: ExtendedModel, model: PointModel) -> bool:
     )
 
 
-def _places(model: PointModel) -> dict[tuple[int, str], NDArray]:
+def _places(model: MechanismModel) -> dict[tuple[int, str], NDArray]:
     targets = model.targets
     own = np.flatnonzero(np.isin(targets.body, (BASE, PLATFORM)))
     return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in own}
 
 
-def _frames(prior: CampaignPrior[PointCause], found: ExtendedModel, model: PointModel) -> tuple[NDArray, NDArray]:
+def _frames(prior: CampaignPrior[PointCause], found: ExtendedModel, model: MechanismModel) -> tuple[NDArray, NDArray]:
     """Return how the numbers follow motions of the frames (n, 12), and the covariance (12, 12) of these, m and rad.
 
     Empty where a frame rests on the attachments themselves.
@@ -150,7 +152,7 @@ def _rigid_information(places: NDArray) -> NDArray:
     return np.asarray(np.einsum("nij,nik->jk", rows, rows))
 
 
-def _moved_by_frames(prior: CampaignPrior[PointCause], model: PointModel) -> NDArray:
+def _moved_by_frames(prior: CampaignPrior[PointCause], model: MechanismModel) -> NDArray:
     """Return how joints and directions follow a motion (t, theta) of the base's frame, then of the platform's."""
     legs, across = model.nominal, model.across
     turned = -skew(legs.u)

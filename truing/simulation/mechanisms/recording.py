@@ -20,7 +20,7 @@ from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_s
 from truing.simulation.cause import OBSERVED, Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.forward_pass import Met, Passage, carried, settled
+from truing.simulation.mechanisms.forward_pass import ForwardPass, Met, carried, settled
 from truing.simulation.mechanisms.legs.kinematics import (
     attachment_change,
     attachments,
@@ -121,7 +121,7 @@ class MotionDerivatives:
     moved: NDArray | None  # (B, K, 3, P)
 
 
-def motion(passage: Passage, nominal: NDArray, change: Change) -> MotionDerivatives:
+def motion(passage: ForwardPass, nominal: NDArray, change: Change) -> MotionDerivatives:
     """Return the motion of all bodies that a change at the end of the structure brings about; exact."""
     state = passage.state
     legs, R = state.legs, state.R
@@ -172,7 +172,7 @@ def _turned(rotation: NDArray, arms: NDArray) -> NDArray:
 class Recording:
     """What was recorded: how the state passed all of the chain, and where the legs stood."""
 
-    passage: Passage
+    passage: ForwardPass
     targets: Targets
     frames: LegFrames
 
@@ -199,7 +199,7 @@ class Recording:
 
 
 def record(
-    passage: Passage,
+    passage: ForwardPass,
     targets: Targets,
     frames: LegFrames,
     effects: Sequence[Effect[PointCause]],

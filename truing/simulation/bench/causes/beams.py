@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import skew
-from truing.simulation.bench.causes.channels import OfChannel, linear_or_all
+from truing.simulation.bench.causes.channels import ChannelCause, linear_or_all
 from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
     MM,
@@ -28,7 +28,7 @@ _STILL = 1e-30
 
 
 @dataclass(frozen=True)
-class CosineError(OfChannel):
+class CosineError(ChannelCause):
     """The beam makes an angle with the channel's axis: cos of the motion along it, sin of that across.
 
     Its tilts towards the two other axes of the same kind; where nothing moves across, only what is lost along is told
@@ -129,7 +129,7 @@ class CosineError(OfChannel):
 
 
 @dataclass(frozen=True)
-class AbbeOffset(OfChannel):
+class AbbeOffset(ChannelCause):
     """A linear channel's beam meets the platform at an arm from its origin: rotation leaks in, by rotation x arm."""
 
     channel: str = "dz"

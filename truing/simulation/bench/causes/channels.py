@@ -37,7 +37,7 @@ _RUN_SHARE, _TWO_SHARE = 0.5, 0.5
 _ALL_SHARE = 0.5
 
 
-class OfChannel(ReadingCause):
+class ChannelCause(ReadingCause):
     """A cause that concerns the readings of a ``channel``, or of all linear ones where that is empty."""
 
     channel: str
@@ -55,7 +55,7 @@ class OfChannel(ReadingCause):
 
     def excludes(self, other: ReadingCause) -> bool:
         """Return whether another is of the same kind and concerns a channel that this one does."""
-        if not isinstance(other, OfChannel) or self.id != other.id:
+        if not isinstance(other, ChannelCause) or self.id != other.id:
             return False
         mine, theirs = self.channel, other.channel
         return mine == theirs or (not mine and is_linear(theirs)) or (not theirs and is_linear(mine))
@@ -70,7 +70,7 @@ class OfChannel(ReadingCause):
         return np.asarray(values[:, None] * own[:, None])
 
 
-class OfRun(OfChannel):
+class RunChannelCause(ChannelCause):
     """A cause that acts on a channel in a run; ``lone``: whether no other channel of the platform was read in it."""
 
     run: int | str
@@ -92,7 +92,7 @@ class OfRun(OfChannel):
 
 
 @dataclass(frozen=True)
-class ZeroDrift(OfRun):
+class ZeroDrift(RunChannelCause):
     """The zero of a channel walks evenly from the start of each run, or of ``run`` alone.
 
     ``scale_per_s``: a plausible rate.
@@ -160,7 +160,7 @@ class ZeroDrift(OfRun):
 
 
 @dataclass(frozen=True)
-class ThermalDrift(OfChannel):
+class ThermalDrift(ChannelCause):
     """A channel's reading follows temperatures, from the first step of each run on: of the material, of the air."""
 
     channel: str = "dz"
@@ -199,7 +199,7 @@ class ThermalDrift(OfChannel):
 
 
 @dataclass(frozen=True)
-class DeadPath(OfChannel):
+class DeadPath(ChannelCause):
     """The changing refractive index of the air acts on a path that nothing compensates, from the start of each run."""
 
     channel: str = ""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.channels import OfRun
+from truing.simulation.bench.causes.channels import RunChannelCause
 from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
     UM,
@@ -30,7 +30,7 @@ _MOST_ONSETS = 800
 
 
 @dataclass(frozen=True)
-class FringeSlip(OfRun):
+class FringeSlip(RunChannelCause):
     """From a step on, to the end of its run, a channel reads whole half wavelengths too much.
 
     ``from_rank`` is the place of ``from_step`` in the run, from 0.

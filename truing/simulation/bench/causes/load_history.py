@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.load_path import OfLoad
+from truing.simulation.bench.causes.load_path import LoadCause
 from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
@@ -29,7 +29,7 @@ _WITHIN_95 = 1.959964
 
 
 @dataclass(frozen=True)
-class Creep(OfLoad):
+class Creep(LoadCause):
     """To the deflection a fraction of it is added as it is followed with a time constant, within each run.
 
     Loads along ``axis``, or all. Where ``free``, the logarithm of tau over ``tau_s`` is one parameter more.

@@ -24,7 +24,7 @@ _MEAN = ((RATIO,), ())
 _COMMON_SHARE = 0.5
 
 
-class OfLoad(ReadingCause):
+class LoadCause(ReadingCause):
     """A cause that concerns loads along ``axis``, or along all axes where that is empty."""
 
     axis: str
@@ -41,7 +41,7 @@ class OfLoad(ReadingCause):
 
     def excludes(self, other: ReadingCause) -> bool:
         """Return whether another is of the same kind and concerns an axis that this one does."""
-        if not isinstance(other, OfLoad) or self.id != other.id:
+        if not isinstance(other, LoadCause) or self.id != other.id:
             return False
         return not self.axis or not other.axis or self.axis == other.axis
 
@@ -51,7 +51,7 @@ class OfLoad(ReadingCause):
 
 
 @dataclass(frozen=True)
-class LoadEccentricity(OfLoad):
+class LoadEccentricity(LoadCause):
     """A force's line of action is offset from the origin, or that of all forces; a torque brings a force along."""
 
     axis: str = "fz"
@@ -93,7 +93,7 @@ class LoadEccentricity(OfLoad):
 
 
 @dataclass(frozen=True)
-class LoadImbalance(OfLoad):
+class LoadImbalance(LoadCause):
     """Two units drive an axis: a parasitic moment (beside a force) or force (beside a torque) per load.
 
     ``components`` of x, y, z; ``forms``: in proportion to the load F, to half its size (so that it differs between

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.load_path import OfLoad
+from truing.simulation.bench.causes.load_path import LoadCause
 from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
@@ -25,7 +25,7 @@ _TURNS = 2
 
 
 @dataclass(frozen=True)
-class PlayHysteresis(OfLoad):
+class PlayHysteresis(LoadCause):
     """The deflection under loads along ``axis``, or all, lags behind by up to half the width of its largest.
 
     The lag turns round over twice the ``threshold``, a share of the largest load, wherever the load turns back.

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.load_path import OfLoad
+from truing.simulation.bench.causes.load_path import LoadCause
 from truing.simulation.bench.causes.reading_causes import (
     BenchScene,
     is_linear,
@@ -29,7 +29,7 @@ _LEVELS = 2
 
 
 @dataclass(frozen=True)
-class Deflection(OfLoad):
+class Deflection(LoadCause):
     """The elastic deflection under loads along an axis is multiplied by one plus something; of all axes without one.
 
     Where ``own`` only the component along the load's own axis is, and all six of them else.
@@ -171,7 +171,7 @@ class Hysteresis(Deflection):
 
 
 @dataclass(frozen=True)
-class JointClearance(OfLoad):
+class JointClearance(LoadCause):
     """Play in the joints: half the clearance is added along the load's own axis, in its direction."""
 
     axis: str = "fz"

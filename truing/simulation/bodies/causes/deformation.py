@@ -39,7 +39,7 @@ _SHARE_OF_OTHERS = 0.25
 
 
 @dataclass(frozen=True)
-class OfBody(PointCause):
+class BodyCause(PointCause):
     """What happens to the targets of one body; ``places`` are where they sit on it, m, one after the other.
 
     They shift by a pattern, or, with ``whole``, together with the body, which should stand still.
@@ -119,7 +119,7 @@ class OfBody(PointCause):
 
 
 @dataclass(frozen=True)
-class BodyDeformation(OfBody):
+class BodyDeformation(BodyCause):
     """A body's targets shift by a pattern times columns of the campaign.
 
     ``terms`` are columns or products of two, as ``a*b``; ``columns`` are all that occur in them, counted from ``zeros``

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_large, wholes
+from truing.simulation.bodies.causes.deformation import BodyCause, bodies_of, is_large, wholes
 from truing.simulation.bodies.causes.terms import runs_with_time
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.change import Change
@@ -33,7 +33,7 @@ _LOG_RATIOS = (-4.0, 4.0)
 
 
 @dataclass(frozen=True)
-class BodyDrift(OfBody):
+class BodyDrift(BodyCause):
     """A body drifts with time: its targets shift by a pattern, or, where it stands still, it moves as a whole.
 
     ``column`` (time_s, or the order of the poses) runs from ``start`` over ``span``, before which nothing moves; the

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bodies.causes.deformation import OfBody, bodies_of, is_large
+from truing.simulation.bodies.causes.deformation import BodyCause, bodies_of, is_large
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.change import Change
 from truing.simulation.inputs import Missing, gravity_column
@@ -26,7 +26,7 @@ _SHARE_OF_ONE = 0.4
 
 
 @dataclass(frozen=True)
-class GravitySag(OfBody):
+class GravitySag(BodyCause):
     """A body's targets shift with the direction of gravity in its frame, counted from its mean over the campaign.
 
     Each along gravity by its own ``sag``, beyond what all do, or, ``free``, in any direction by each component of it;

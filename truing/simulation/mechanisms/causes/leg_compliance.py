@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.causes.per_leg import AlikeOrOwn
+from truing.simulation.mechanisms.causes.per_leg import SharedOrPerLeg
 from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.mechanisms.weight import tensions
@@ -25,7 +25,7 @@ _DETERMINATE = 6  # legs whose forces follow from the load alone
 
 
 @dataclass(frozen=True)
-class LegCompliance(AlikeOrOwn):
+class LegCompliance(SharedOrPerLeg):
     """Legs are longer by compliance times the force that pulls at them: that of a mass which they carry.
 
     All legs by one compliance, or each of ``legs`` by its own. ``up`` is a unit vector of the base frame, ``mass_kg``

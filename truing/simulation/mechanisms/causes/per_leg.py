@@ -92,7 +92,7 @@ _SHARE_OF_LEGS = (0.6, 0.25, 0.15)
 
 
 @dataclass(frozen=True)
-class AlikeOrOwn(PerLeg):
+class SharedOrPerLeg(PerLeg):
     """A cause with one ``parameter`` that all legs have in common, or with one of its own for each of ``legs``."""
 
     parameter: ClassVar[Parameter]

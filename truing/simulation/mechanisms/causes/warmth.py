@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.causes.per_leg import AlikeOrOwn
+from truing.simulation.mechanisms.causes.per_leg import SharedOrPerLeg
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
@@ -85,7 +85,7 @@ class ThermalExpansion(PointCause):
 
 
 @dataclass(frozen=True)
-class LegThermal(AlikeOrOwn):
+class LegThermal(SharedOrPerLeg):
     """Legs and what sits on them grow by alpha times the temperature above the reference; the bodies do not.
 
     All legs by one alpha, or each of ``legs`` by its own.

@@ -33,7 +33,7 @@ class LegPoses:
 
 
 @dataclass(frozen=True)
-class Carried:
+class LegEndClosing:
     """A closing with the ends of legs, and its derivatives by the deviations of their poses and by their numbers."""
 
     closing: Closing
@@ -78,7 +78,7 @@ class LegBodies:
         single = isinstance(structure, KinematicModel) or structure.name == "beam"
         return single and machine.legs.closure.one_body
 
-    def carry(self, values: NDArray, deviation: NDArray, closing: Closing, joints: Joints) -> Carried:
+    def carry(self, values: NDArray, deviation: NDArray, closing: Closing, joints: Joints) -> LegEndClosing:
         """Return the closing with the ends of these legs in place of their equations: six for each, behind the others.
 
         values (..., 5 K) in the order of `entries`; deviation (..., B, 6 K) of the legs' poses, (v; theta) leg by leg.
@@ -114,7 +114,7 @@ class LegBodies:
 
 def _in_place(
     leg: NDArray, closing: Closing, value: NDArray, ends: NDArray, by_pose: NDArray, by_seat: NDArray
-) -> Carried:
+) -> LegEndClosing:
     """Put six rows for each leg (..., K, 2, 3, own) behind the equations of the other legs."""
     others = np.setdiff1d(np.arange(closing.value.shape[-1]), leg)
     rows = ends.reshape(*ends.shape[:-4], -1, ends.shape[-1])
@@ -125,7 +125,7 @@ def _in_place(
         _each_its_own(array.reshape(*array.shape[:-4], -1, array.shape[-1]), len(others))
         for array in (by_pose, by_seat)
     )
-    return Carried(Closing(values, *parts), *own)
+    return LegEndClosing(Closing(values, *parts), *own)
 
 
 def _each_its_own(rows: NDArray, others: int) -> NDArray:

@@ -121,7 +121,7 @@ def _by_series(x: NDArray, series: tuple[float, ...], closed: Callable[[NDArray]
 
 
 @dataclass(frozen=True)
-class Bend:
+class LegBending:
     """Legs between flexures A, on the base, and B, on the platform, at B poses; base frame, m.
 
     value: closing (B, L) of the legs (eq. 32); z: their directions (B, L, 3); turned: those at the reference as the
@@ -168,7 +168,9 @@ class BeamModel:
         return Closing(bend.value, by_twist, by_rho, by_parameter)
 
 
-def bent(distance: BendLaw, machine: Machine, reference: ReferencePose, p: NDArray, R: NDArray, rho: NDArray) -> Bend:
+def bent(
+    distance: BendLaw, machine: Machine, reference: ReferencePose, p: NDArray, R: NDArray, rho: NDArray
+) -> LegBending:
     """Return how flexures, straight at the reference, bend at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m.
 
     The cosine of a bend is z z0 on the base (eq. 16) and z R R0' z0 on the platform (eq. 17, any reference rotation).
@@ -182,16 +184,16 @@ def bent(distance: BendLaw, machine: Machine, reference: ReferencePose, p: NDArr
     a, b = distance(l_b, cos_a), distance(l_b, cos_b)
     sideways = _times(a.by_cosine, reference.z - _times(cos_a, z)) + _times(b.by_cosine, turned - _times(cos_b, z))
     value = legs.closure.length(legs, rho) - l_b + a.value + b.value - apart
-    return Bend(value, z, turned, a, b, z - sideways / apart[..., None])
+    return LegBending(value, z, turned, a, b, z - sideways / apart[..., None])
 
 
-def _moved(legs: Legs, R: NDArray, rho: NDArray, bend: Bend, change: Change) -> NDArray:
+def _moved(legs: Legs, R: NDArray, rho: NDArray, bend: LegBending, change: Change) -> NDArray:
     """Return the derivative (B, L, P) of the closing by what moves joints and lengths, straight flexures held."""
     apart = attachment_change(legs, R, change) - legs.closure.lower_change(legs, rho, change)
     return legs.closure.length_change(legs, change) - np.einsum("...li,...lip->...lp", bend.pull, apart)
 
 
-def _straight_changed(legs: Legs, reference: ReferencePose, R: NDArray, bend: Bend, change: Change) -> NDArray:
+def _straight_changed(legs: Legs, reference: ReferencePose, R: NDArray, bend: LegBending, change: Change) -> NDArray:
     """Return the derivative (B, L, P) of the closing by directions and lengths of the straight flexures."""
     moved = reference_change(legs, reference, change)
     on_platform = moved.z - np.cross(moved.twist[..., None, 3:, :], reference.z[..., None], axis=-2)

@@ -46,7 +46,7 @@ PLATFORM_END = slice(6, 12)  # b' among the ends of a condensed chain
 
 
 @dataclass(frozen=True)
-class Rest:
+class ReferenceLegs:
     """The legs at the reference, unstrained, in the base frame; batches of machines lead, one axis at least.
 
     half: half a flexure along its leg (..., L, 3), m; drive: motion of a leg's root per reading (..., L, 3);
@@ -89,13 +89,13 @@ def chain_of(machine: Machine) -> Chain:
     return Chain(parts[0], parts[1], BeamSection(*parts[2:5]), BeamSection(*parts[5:]))
 
 
-def at_rest(machine: Machine) -> Rest:
+def at_rest(machine: Machine) -> ReferenceLegs:
     """Return the legs in the reference pose; raises ValueError where flexures or tubes are not known."""
     legs, chain = machine.legs, chain_of(machine)
     reference = reference_pose(legs)
     local = condensed(assembled(chain))[..., PLATFORM_END, PLATFORM_END]
     half = 0.5 * chain.flexure_length[..., None] * reference.z
-    return Rest(reference, half, drive(legs, reference.z), in_frame(local, beam_axes(reference.z)))
+    return ReferenceLegs(reference, half, drive(legs, reference.z), in_frame(local, beam_axes(reference.z)))
 
 
 def drive(legs: Legs, z: NDArray) -> NDArray:
@@ -118,7 +118,7 @@ def unbalanced(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArra
     return _total(arm, _loads(rest, shift, theta, rho - machine.legs.rho0)[1]) - machine.load
 
 
-def balance(machine: Machine, rest: Rest, p: NDArray, R: NDArray, rho: NDArray) -> Balance:
+def balance(machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray) -> Balance:
     """Return the equilibrium of a platform on six legs at poses p (B, 3), R (B, 3, 3), deformed as at rho (B, 6), m."""
     arm, theta, shift = _displaced(machine, rest, p, R, rho)
     moved = rho - machine.legs.rho0
@@ -130,7 +130,9 @@ def balance(machine: Machine, rest: Rest, p: NDArray, R: NDArray, rho: NDArray) 
     return Balance(arm, theta, inverse, excess, moved - excess, strain, load)
 
 
-def _displaced(machine: Machine, rest: Rest, p: NDArray, R: NDArray, rho: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def _displaced(
+    machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
     """Return R b' (B, L, 3), log(R R0') (B, 3) and the displacement of b' (B, L, 3), before eq. 30 as corrected.
 
     The platform is as it was made at the reference, so that its deformation counts as displacement.
@@ -143,7 +145,7 @@ def _displaced(machine: Machine, rest: Rest, p: NDArray, R: NDArray, rho: NDArra
     return arm, log_so3(R @ np.swapaxes(reference.R, -1, -2)), gone
 
 
-def _loads(rest: Rest, shift: NDArray, theta: NDArray, moved: NDArray) -> tuple[NDArray, NDArray]:
+def _loads(rest: ReferenceLegs, shift: NDArray, theta: NDArray, moved: NDArray) -> tuple[NDArray, NDArray]:
     """Return strain and load of the legs (B, L, 6) at displacements of their ends and of the readings."""
     apart = shift - moved[..., None] * rest.drive
     strain = np.concatenate([apart, np.broadcast_to(theta[..., None, :], apart.shape)], -1)
@@ -214,7 +216,7 @@ class _Response:
     turn: NDArray
 
 
-def _response(rest: Rest, found: Balance) -> _Response:
+def _response(rest: ReferenceLegs, found: Balance) -> _Response:
     force, moment = found.inverse[..., None, :, :3], found.inverse[..., None, :, 3:]
     by_force = force + moment @ skew(found.arm)
     wrench = np.concatenate([by_force, np.broadcast_to(moment, by_force.shape)], -1)
@@ -230,7 +232,7 @@ def _by_twist(found: Balance, response: _Response) -> NDArray:
 
 
 def _by_parameter(
-    machine: Machine, rest: Rest, found: Balance, response: _Response, R: NDArray, change: Change
+    machine: Machine, rest: ReferenceLegs, found: Balance, response: _Response, R: NDArray, change: Change
 ) -> NDArray:
     """Return the derivative (B, 6, P) by what the machine is at the reference: pose, nodes, drives and stiffness."""
     moved = reference_change(machine.legs, rest.reference, change)
@@ -259,7 +261,9 @@ def _summed(answers: NDArray, changes: NDArray) -> NDArray:
     return flat @ changes.reshape(*changes.shape[:-3], legs * features, changes.shape[-1])
 
 
-def _node_changes(machine: Machine, rest: Rest, moved: ReferenceChange, change: Change) -> tuple[NDArray, NDArray]:
+def _node_changes(
+    machine: Machine, rest: ReferenceLegs, moved: ReferenceChange, change: Change
+) -> tuple[NDArray, NDArray]:
     """Return the changes (..., L, 3, P) of the nodes b': on the platform, and at the reference in the base frame."""
     reference, legs, turn = rest.reference, machine.legs, moved.twist[..., None, 3:, :]
     longer, l_b = change.get("flexure_length", (legs.count,)), chain_of(machine).flexure_length
@@ -281,14 +285,14 @@ def _drive_change(machine: Machine, moved: ReferenceChange, change: Change) -> N
     return carried + along[..., None, None] * moved.z
 
 
-def _by_axis(found: Balance, response: _Response, rest: Rest) -> NDArray:
+def _by_axis(found: Balance, response: _Response, rest: ReferenceLegs) -> NDArray:
     """Return the answer (B, L, 6, 3) to a rotation of the legs' stiffness: W ([w]x K e - K [w]x e)."""
     strain = np.concatenate([skew(found.strain[..., :3]), skew(found.strain[..., 3:])], -2)
     load = np.concatenate([skew(found.load[..., :3]), skew(found.load[..., 3:])], -2)
     return response.strain @ strain - response.wrench @ load
 
 
-def _by_stiffness(machine: Machine, found: Balance, response: _Response, rest: Rest) -> NDArray:
+def _by_stiffness(machine: Machine, found: Balance, response: _Response, rest: ReferenceLegs) -> NDArray:
     """Return the answer (B, L, 6, 8) to the inputs of a chain's stiffness, in the order of `assembled_change`."""
     chain = chain_of(machine)
     local = condensed_change(assembled(chain), assembled_change(chain))[..., PLATFORM_END, PLATFORM_END]
