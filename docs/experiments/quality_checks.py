@@ -40,21 +40,10 @@ def entries(checks: Checks) -> str:
 
 
 def _entry(name: str, check: QualityCheck) -> str:
-    held = f" While it fails, {check.stages_withheld} are not evaluated." if check.withholds else ""
-    return (
-        f"### `{name}`\n\n**{check.asks}** {check.why}\n\n"
-        f"- *Limit*: {_limit(check)}\n- *When it trips*: {check.to_do}{held}"
-    )
-
-
-def _limit(check: QualityCheck) -> str:
+    """Return why a check is made, the quantity of its settable limit, and what to do; limits are in the overview."""
     judged = check.judged
-    verdicts = "; ".join(
-        f"{verb} {words}" for verb, words in (("warns", judged.warns), ("fails", judged.fails)) if words
-    )
-    if isinstance(judged, CheckLimits):
-        return f"{judged.of}: {verdicts}. Settable."
-    return f"{verdicts or 'none; it tells what cannot be evaluated'}."
+    quantity = f"- *Limit on*: {judged.of}.\n" if isinstance(judged, CheckLimits) else ""
+    return f"### `{name}`\n\n**{check.asks}** {check.why}\n\n{quantity}- *What to do*: {check.to_do}"
 
 
 TABLES: Mapping[str, Callable[[], str]] = {

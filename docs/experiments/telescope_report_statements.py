@@ -113,7 +113,7 @@ def _of_K() -> list[list[str]]:
         ["largest shift of an attachment at Table 3 (3.2)", "±60 µm", f"{1e6 * of_K.largest_shift:.0f} µm by eq 4"],
         ["largest row sum of K: a pure lift does not bend the ring", "-", f"{1e3 * of_K.row_sum:.0f}e-3"],
         [
-            "share of K that is heave, tip and tilt of the attachments",
+            "share of K's squares that is heave, tip and tilt of the attachments",
             "a buckled wheel",
             f"{100 * of_K.rigid_share:.0f} %",
         ],

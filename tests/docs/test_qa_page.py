@@ -10,6 +10,7 @@ import pytest
 from docs.experiments.quality_checks import PAGE, TABLES
 from tests.docs.shown import shown
 from truing.schemas.campaign import read_campaign
+from truing.schemas.quality_check import CheckLimits
 from truing.schemas.quality_checks import CHECKS
 
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -24,7 +25,12 @@ def test_the_page_shows_what_is_declared(name: str) -> None:
 def test_every_check_has_its_entry(kind: str, part: str) -> None:
     entries = shown(TEXT, f"every-check-of-{part}").split("### ")[1:]
     assert [entry.split("`")[1] for entry in entries] == list(CHECKS[kind])
-    assert all(entry.count("\n- *") == 2 and "?** " in entry for entry in entries)
+    assert all(entry.count("\n- *What to do*: ") == 1 and "?** " in entry for entry in entries)
+    settable = [isinstance(check.judged, CheckLimits) for check in CHECKS[kind].values()]
+    assert [entry.count("\n- *Limit on*: ") == 1 for entry in entries] == settable
+    rows = shown(TEXT, part).splitlines()[2:]
+    assert [row.split("`")[1] for row in rows] == list(CHECKS[kind])
+    assert [" settable |" in row for row in rows] == settable
 
 
 def test_the_examples_are_allowed() -> None:
