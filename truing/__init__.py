@@ -1,6 +1,7 @@
-"""truing: diagnose where a mechanism and its simulation part ways, from measured points and readings.
+"""truing: compare the measurements of a precision machine with its simulation and name the causes of the difference.
 
-The names below are the public face. Each is imported from its room on first use, so that `import truing` costs nothing.
+The names below are the public interface, in five groups. Each is imported from its module on first use, so that
+`import truing` takes a few milliseconds.
 """
 
 from __future__ import annotations
@@ -155,66 +156,84 @@ __all__ = [
     "wrenches",
 ]
 
-_ROOMS = {
-    "truing.estimation.design.absorption": ("Absorption", "absorb"),
-    "truing.estimation.design.observability": (
-        *("IdentifiableSet", "Inseparable", "Observability"),
-        *("choose_identifiable", "inseparable", "observe"),
-    ),
-    "truing.estimation.errors_in_variables.descent": ("Prior",),
-    "truing.estimation.errors_in_variables.fit": ("ErrorsInVariablesFit", "fit_errors_in_variables"),
-    "truing.estimation.interferometry.quadrature": (
-        *("EllipseFit", "corrected_phase", "count_fringes"),
-        *("fit_ellipse", "length_from_phase"),
-    ),
-    "truing.estimation.labels.labelling": ("Labelling", "LabellingStatus", "label_bodies", "label_points"),
-    "truing.estimation.least_squares.solver": ("Solution", "SolverStatus", "least_squares"),
-    "truing.estimation.response": ("ResponseFit", "fit_response"),
-    "truing.estimation.rigid_poses.haralick": ("haralick",),
-    "truing.estimation.rigid_poses.likelihood": ("maximum_likelihood",),
-    "truing.estimation.rigid_poses.line_fit": ("LineFit", "fit_line"),
-    "truing.estimation.rigid_poses.procrustes": ("ProcrustesFit", "generalised_procrustes"),
-    "truing.estimation.rigid_poses.rigid": ("FitStatus", "RigidFit"),
-    "truing.estimation.rigid_poses.robust": ("consensus",),
-    "truing.estimation.rigid_poses.robust_pose": ("robust_pose",),
-    "truing.estimation.rigid_poses.umeyama": ("umeyama",),
-    "truing.estimation.rotation": ("exp_so3", "log_so3", "skew"),
-    "truing.estimation.scans.registration": ("ScanFit", "ScanStatus", "refine_scan", "register_scan"),
-    "truing.estimation.sensor.calibrate": ("fit_calibration",),
-    "truing.estimation.sensor.calibration": ("Calibration", "CalibrationModel", "calibration_matrix", "wrenches"),
-    "truing.estimation.sensor.load_table": ("LoadTable", "load_table"),
-    "truing.runs.recorded_run": ("Run", "load"),
-    "truing.simulation.air": ("ciddor_index", "edlen_index"),
-    "truing.simulation.mechanisms.calibration_problem": ("CalibrationProblem",),
-    "truing.simulation.cause": ("Cause", "Parameter", "Step"),
-    "truing.simulation.mechanisms.point_causes": ("PointCause",),
-    "truing.simulation.mechanisms.forward_pass": ("simulate",),
-    "truing.simulation.mechanisms.state": ("State",),
-    "truing.simulation.mechanisms.extended_model": ("ExtendedModel", "predict_poses", "read_model"),
-    "truing.simulation.bench.extended_model": ("ExtendedSensor", "predict_readings", "read_sensor"),
-    "truing.simulation.mechanisms.legs.kinematics": ("forward", "inverse"),
-    "truing.simulation.mechanisms.legs.closures": ("Closure", "Legs", "mechanism"),
-    "truing.simulation.mechanisms.parameters": ("ParameterSet", "full_set", "report_set"),
-    "truing.simulation.mechanisms.recalibration": ("recalibrate",),
-    "truing.simulation.bench.six_upur.geometry": ("JointCentres", "joint_centres"),
-    "truing.simulation.bench.six_upur.influence": ("influence_matrix", "merit"),
-    "truing.simulation.bench.six_upur.stiffness": ("ElasticSensor", "elastic_sensor"),
-    "truing.simulation.mechanisms.structures.structure": ("Machine", "poses_at", "readings_at"),
-    "truing.simulation.mechanisms.structures.catalogue": ("structures",),
-    "truing.simulation.mechanisms.recording": ("Conditions",),
+# Public names by group and module; docs/reference/python/index.md describes each in one line.
+_GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
+    "Poses and points": {
+        "truing.estimation.rigid_poses.umeyama": ("umeyama",),
+        "truing.estimation.rigid_poses.haralick": ("haralick",),
+        "truing.estimation.rigid_poses.likelihood": ("maximum_likelihood",),
+        "truing.estimation.rigid_poses.robust": ("consensus",),
+        "truing.estimation.rigid_poses.robust_pose": ("robust_pose",),
+        "truing.estimation.rigid_poses.rigid": ("RigidFit", "FitStatus"),
+        "truing.estimation.rigid_poses.procrustes": ("generalised_procrustes", "ProcrustesFit"),
+        "truing.estimation.rigid_poses.line_fit": ("fit_line", "LineFit"),
+        "truing.estimation.labels.labelling": ("label_bodies", "label_points", "Labelling", "LabellingStatus"),
+        "truing.estimation.scans.registration": ("register_scan", "refine_scan", "ScanFit", "ScanStatus"),
+        "truing.estimation.rotation": ("exp_so3", "log_so3", "skew"),
+    },
+    "Mechanisms": {
+        "truing.simulation.mechanisms.legs.closures": ("mechanism", "Legs", "Closure"),
+        "truing.simulation.mechanisms.legs.kinematics": ("inverse", "forward"),
+        "truing.simulation.mechanisms.structures.structure": ("Machine", "readings_at", "poses_at"),
+        "truing.simulation.mechanisms.structures.catalogue": ("structures",),
+    },
+    "Sensors, loads and signals": {
+        "truing.simulation.bench.six_upur.geometry": ("joint_centres", "JointCentres"),
+        "truing.simulation.bench.six_upur.influence": ("influence_matrix", "merit"),
+        "truing.simulation.bench.six_upur.stiffness": ("elastic_sensor", "ElasticSensor"),
+        "truing.estimation.sensor.load_table": ("load_table", "LoadTable"),
+        "truing.estimation.sensor.calibrate": ("fit_calibration",),
+        "truing.estimation.sensor.calibration": ("Calibration", "CalibrationModel", "calibration_matrix", "wrenches"),
+        "truing.estimation.response": ("fit_response", "ResponseFit"),
+        "truing.estimation.interferometry.quadrature": (
+            "fit_ellipse",
+            "EllipseFit",
+            "corrected_phase",
+            "count_fringes",
+            "length_from_phase",
+        ),
+        "truing.simulation.air": ("ciddor_index", "edlen_index"),
+    },
+    "Diagnosis and runs": {
+        "truing.runs.recorded_run": ("load", "Run"),
+        "truing.simulation.mechanisms.extended_model": ("read_model", "ExtendedModel", "predict_poses"),
+        "truing.simulation.mechanisms.recording": ("Conditions",),
+        "truing.simulation.bench.extended_model": ("read_sensor", "ExtendedSensor", "predict_readings"),
+        "truing.simulation.mechanisms.forward_pass": ("simulate",),
+        "truing.simulation.mechanisms.state": ("State",),
+        "truing.simulation.cause": ("Step", "Cause", "Parameter"),
+        "truing.simulation.mechanisms.point_causes": ("PointCause",),
+    },
+    "Calibration and design": {
+        "truing.simulation.mechanisms.calibration_problem": ("CalibrationProblem",),
+        "truing.simulation.mechanisms.parameters": ("ParameterSet", "report_set", "full_set"),
+        "truing.estimation.errors_in_variables.fit": ("fit_errors_in_variables", "ErrorsInVariablesFit"),
+        "truing.estimation.errors_in_variables.descent": ("Prior",),
+        "truing.simulation.mechanisms.recalibration": ("recalibrate",),
+        "truing.estimation.least_squares.solver": ("least_squares", "Solution", "SolverStatus"),
+        "truing.estimation.design.observability": (
+            "observe",
+            "Observability",
+            "choose_identifiable",
+            "IdentifiableSet",
+            "inseparable",
+            "Inseparable",
+        ),
+        "truing.estimation.design.absorption": ("absorb", "Absorption"),
+    },
 }
-_HOME = {name: room for room, names in _ROOMS.items() for name in names}
+_MODULES = {name: module for modules in _GROUPS.values() for module, names in modules.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name from its room when it is first asked for."""
-    if name not in _HOME:
+    """Import a public name from its module on first use."""
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOME[name]), name)
+    value = getattr(import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
     """Public names, loaded or not."""
-    return sorted({*globals(), *_HOME})
+    return sorted({*globals(), *_MODULES})

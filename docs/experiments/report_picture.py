@@ -21,7 +21,7 @@ _ARRANGED = """
   const figures = %s.map((id) => document.getElementById(id).closest("figure"));
   const row = document.createElement("div");
   row.style.cssText = "display:grid;grid-template-columns:1fr 1fr;gap:24px;padding:18px 24px";
-  const unwanted = "script.figure-data, p.take, fieldset, figcaption";
+  const unwanted = "script.figure-data, p.take, p.steps, fieldset, figcaption";
   document.querySelector("main").style.display = "none";
   document.querySelector("nav").style.display = "none";
   document.querySelectorAll("header dl, .modebar-container").forEach((part) => part.remove());

@@ -13,7 +13,7 @@ from sphinx.util.docutils import SphinxDirective
 
 import truing
 
-_HOME = {f"{room}.{name}": f"truing.{name}" for name, room in truing._HOME.items()}
+_HOME = {f"{room}.{name}": f"truing.{name}" for name, room in truing._MODULES.items()}
 
 
 def plain(line: str) -> str:

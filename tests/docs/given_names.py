@@ -21,7 +21,7 @@ def _cloud(rng: np.random.Generator, points: int) -> NDArray:
     return rng.uniform(-0.1, 0.1, (points, 3))
 
 
-def _readme(told: Names) -> Names:
+def _in_python(told: Names) -> Names:
     rng = np.random.default_rng(1)
     survey, hexapod = _cloud(rng, 8), telescope("ups")
     p, R = rng.uniform(-5e-3, 5e-3, (24, 3)) + HEIGHT, exp_so3(rng.uniform(-0.03, 0.03, (24, 3)))
@@ -87,7 +87,7 @@ def _own_mechanism(told: Names) -> Names:
 
 
 GIVEN: dict[str, Callable[[Names], Names]] = {
-    "README.md": _readme,
+    "docs/in-python.md": _in_python,
     "docs/own-cause.md": _own_cause,
     "docs/own-mechanism.md": _own_mechanism,
     "docs/poses.md": _poses,

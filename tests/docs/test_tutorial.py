@@ -41,7 +41,12 @@ def place(workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 
 def test_the_commands_are_those_that_are_walked():
     told = [line for block in blocks("sh") for line in block.splitlines()]
-    assert told == [f"truing {word} my-lab" for word in ("init", "check", "run", "stages", "run")]
+    assert told == [
+        *(f"truing {word} my-lab" for word in ("init", "check", "run", "stages", "run")),
+        "truing design my-lab --poses 40 --out next.csv",
+        "truing power my-lab --draws 0",
+        "truing export runs/my-lab",
+    ]
 
 
 def test_every_step_says_what_the_page_shows(place: Path):
@@ -76,3 +81,7 @@ def test_every_step_says_what_the_page_shows(place: Path):
     again = called("run", "my-lab", "--only", "pose")
     assert again.exit_code == 0
     assert EXCLUDED in again.stdout
+
+    design = called("design", "my-lab", "--poses", "40", "--out", "next.csv")
+    assert design.exit_code == 0, design.output
+    assert len((place / "next.csv").read_text(encoding="utf-8").splitlines()) == 1 + 41  # header, reference, 40 poses

@@ -28,13 +28,16 @@ def test_importing_truing_loads_no_heavy_library() -> None:
 
 
 def test_every_public_name_is_there() -> None:
-    assert sorted(truing._HOME) == truing.__all__
+    assert len(truing.__all__) < 120
+    assert len(truing._GROUPS) == 5
+    assert sum(len(names) for modules in truing._GROUPS.values() for names in modules.values()) == len(truing.__all__)
+    assert sorted(truing._MODULES) == truing.__all__
     assert all(getattr(truing, name).__module__.startswith("truing.") for name in truing.__all__)
     assert set(truing.__all__) <= set(dir(truing))
 
 
 def _measured() -> dict[str, Any]:
-    """What the notebook takes as given: a survey seen again, and a hexapod's exact poses and readings."""
+    """Return the names that docs/in-python.md takes as given: points and their survey, exact poses and readings."""
     rng, angle, side = np.random.default_rng(1), np.arange(6) * np.pi / 3, 0.3 * (-1.0) ** np.arange(6)
     a, b = (
         radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1)
@@ -48,9 +51,12 @@ def _measured() -> dict[str, Any]:
     return given | {"survey_points": survey, "measured_points": survey[None]}
 
 
-def test_the_notebook_of_the_readme_runs() -> None:
-    given = _measured()
-    for block in re.findall(r"```python\n(.*?)```", (PROJECT / "README.md").read_text(encoding="utf-8"), re.DOTALL):
+def test_the_examples_on_arrays_give_the_exact_parameters_back() -> None:
+    given = _measured() | {"truing": truing}
+    page = (PROJECT / "docs" / "in-python.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"<!-- given: .*? -->\n```python\n(.*?)```", page, re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
         exec(block, given)
     assert given["fit"].status[0] == truing.FitStatus.OK
     assert given["found"].ok
