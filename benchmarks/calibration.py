@@ -25,7 +25,7 @@ from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaig
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages import calibrate as stage
-from truing.stages.common.calibration_data import gather
+from truing.stages.common.calibration_data import assemble
 
 CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
 
@@ -52,7 +52,7 @@ def calibrations(gathered: CalibrationData, how: Callable[..., MachineCalibratio
 def measure(repeats: int) -> None:
     """Print seconds per row: minimum, median, maximum."""
     given, campaign = tables()
-    gathered = gather(given, campaign)
+    gathered = assemble(given, campaign)
     rows: dict[str, Callable[[], object]] = {
         "12 by errors in variables": lambda: calibrations(gathered, maximum_likelihood),
         "12 by the closure alone": lambda: calibrations(gathered, implicit),

@@ -25,7 +25,7 @@ from tests.blind.hidden_twice import CAUSES, Ground
 from truing.pipeline.power_command import diagnosed
 from truing.simulation.catalogue import catalogue
 from truing.simulation.detection_trials import Answer, DetectionQuestion, Trial, questions
-from truing.stages.diagnosis.search import gathered_of
+from truing.stages.diagnosis.search import assembled_data
 from truing.stages.power import expected_sights
 
 RESULTS = Path("runs") / "power-agreement.jsonl"
@@ -66,7 +66,7 @@ def places(seed: int) -> list[Place]:
 
 def asked(ground: Ground) -> list[DetectionQuestion]:
     """The questions of a layout, with what theory expects."""
-    seen = expected_sights(ground.plan, gathered_of(ground.power_tables([], 0), ground.settings), ground.settings)
+    seen = expected_sights(ground.plan, assembled_data(ground.power_tables([], 0), ground.settings), ground.settings)
     found = questions(ground.plan, seen, CAUSES, catalogue().values())
     return [question for question in found if _sort_of(question) in SORTS and question.expected is not None]
 
@@ -84,7 +84,7 @@ def cases(listed: Sequence[Place], draws: int, done: set[str]) -> Iterator[Recor
 
 def hidden_twice(ground: Ground, question: DetectionQuestion, step: int, number: int) -> Record:
     """One effect, drawn and generated; what the diagnosis says of either, and how often theory finds it."""
-    sort, size = question.sort, FACTORS[step] * (question.expected or 0.0)
+    sort, size = question.kind, FACTORS[step] * (question.expected or 0.0)
     own = sorted(SORTS).index(_sort_of(question)), step, number
     effect = sort.draw(size, ground.plan.layout.model.part_count, np.random.default_rng([ground.seed, *own]))
     trial = Trial(0, FACTORS[step], (effect,), ())
@@ -104,7 +104,7 @@ def hidden_twice(ground: Ground, question: DetectionQuestion, step: int, number:
 
 
 def _sort_of(question: DetectionQuestion) -> tuple[str, str, str]:
-    return question.sort.kind, question.sort.concerns, question.unit.parameter
+    return question.kind.kind, question.kind.concerns, question.unit.parameter
 
 
 def _kept(given: Answer) -> Record:

@@ -14,8 +14,8 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from truing.pipeline.whole_file import discard_parts, reveal, settle, write_part
-from truing.schemas.artifact import Artifact, whole_table
+from truing.pipeline.whole_file import discard_parts, reveal, sync_folder, write_part
+from truing.schemas.artifact import Artifact, checked_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.settings_text import regular_size
 
@@ -90,7 +90,7 @@ def write_artifacts(
             (folder / file).unlink(missing_ok=True)
         for path in paths.values():
             reveal(path)
-        settle(folder)
+        sync_folder(folder)
         return digests
     finally:
         discard_parts(paths.values())
@@ -101,7 +101,7 @@ def write_table(path: Path, artifact: Artifact, table: pa.Table, stamp: Stamp) -
     try:
         _write(path, artifact, table, stamp)
         reveal(path)
-        settle(path.parent)
+        sync_folder(path.parent)
     finally:
         discard_parts([path])
 
@@ -151,7 +151,7 @@ def _uniform(artifact: Artifact, content: pa.Table | pa.RecordBatchReader) -> tu
     import pyarrow as pa
 
     schema = _schema(artifact, content.schema)
-    tables = iter([content]) if isinstance(content, pa.Table) else _gathered(content)
+    tables = iter([content]) if isinstance(content, pa.Table) else _rebatched(content)
     return schema, (_checked(artifact, table, schema) for table in tables)
 
 
@@ -182,7 +182,7 @@ def _checked(artifact: Artifact, table: pa.Table, schema: pa.Schema) -> pa.Table
     return table.select(schema.names).cast(schema).unify_dictionaries().combine_chunks()
 
 
-def _gathered(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
+def _rebatched(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
     """Batches of any size as tables of exactly one row group each, the last one shorter."""
     import pyarrow as pa
 
@@ -206,7 +206,7 @@ def read_artifact(folder: Path, artifact: Artifact) -> pa.Table | str:
         regular_size(path)
         if not artifact.is_table:
             return path.read_text(encoding="utf-8")
-        return whole_table(path, artifact)
+        return checked_table(path, artifact)
     except FileNotFoundError as error:
         raise Unreadable(error.strerror) from None
     except ValueError as error:

@@ -80,14 +80,14 @@ def _settings_faults(campaign: CampaignFolder) -> list[Fault]:
 class _Raw:
     """What the raw files hold: in words, the small tables, how many targets each body shows in each pose, and which."""
 
-    said: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
     tables: dict[str, Any] = field(default_factory=dict)
     targets: dict[str, Counter[object]] = field(default_factory=dict)
     names: dict[str, dict[str, None]] = field(default_factory=dict)
 
     @property
     def read(self) -> str:
-        return "; ".join(self.said)
+        return "; ".join(self.messages)
 
     def counted(self, observations: Any) -> Iterator[Any]:
         """The batches of observations, their targets counted as they pass."""
@@ -127,11 +127,11 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
                 continue
             if stage.name == "images" and source.entries("images"):
                 settings = SettingsView(run.settings, stage.settings)
-                raw.said.append(f"opened {stage_module(stage.name).look(settings, source)}")
+                raw.messages.append(f"opened {stage_module(stage.name).look(settings, source)}")
                 continue
             outcome = run.outcome(stage, lambda done, total, what: None)
             drain(raw.keep(outcome.artifacts))
-            raw.said.append(f"read {outcome.read}; left out {outcome.left_out}")
+            raw.messages.append(f"read {outcome.read}; left out {outcome.left_out}")
         except CampaignFaults as error:
             faults += error.faults
     if "image_points" in raw.tables and "survey" in raw.tables:
@@ -201,11 +201,11 @@ def report_check(place: Path) -> ExitCode:
     verdict = "no fault" if found.is_evaluated else "nothing but quality can be evaluated"
     if apart:
         verdict = "the files can be read, but the data do not belong together"
-    voice.say(f"{campaign.file}: {verdict}; {found.read}")
+    voice.line(f"{campaign.file}: {verdict}; {found.read}")
     for line in apart or found.prospects:
-        voice.say(line)
+        voice.line(line)
     for sentence in (*found.attention, *doubtful):
-        voice.say(f"attention: {sentence}")
+        voice.line(f"attention: {sentence}")
     return ExitCode.FAILED_CHECK if apart else ExitCode.DONE
 
 

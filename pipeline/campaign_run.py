@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import truing
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
 from truing.pipeline.freshness import Evidence, Freshness, StageStatus
-from truing.pipeline.ledger import DigestCache, Entry, MadeFrom, Manifest, digest_of, read_ledger
+from truing.pipeline.ledger import DigestCache, Entry, MadeFrom, Manifest, digest_of, read_manifest
 from truing.pipeline.problems import EnvironmentProblem
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.source_digest import SourceTree
@@ -49,8 +49,8 @@ class CampaignRun:
 
     campaign: CampaignFolder
     folder: Path
-    remembered: DigestCache
-    ledger: Manifest
+    digest_cache: DigestCache
+    manifest: Manifest
     scratch: Path | None = None  # for temporary files of whoever reads raw files; absent: the system's own place
     workers: int = 1  # processes for what one stage can do in independent pieces
     _found: dict[str, tuple[Path, ...]] = field(default_factory=dict)
@@ -58,8 +58,8 @@ class CampaignRun:
     @cached_property
     def evidence(self) -> Evidence:
         """What freshness is judged from."""
-        source = SourceTree(PROJECT, self.remembered)
-        return Evidence(self.campaign, self.folder, source, ARTIFACTS, self.remembered, self.ledger)
+        source = SourceTree(PROJECT, self.digest_cache)
+        return Evidence(self.campaign, self.folder, source, ARTIFACTS, self.digest_cache, self.manifest)
 
     @cached_property
     def order(self) -> tuple[Stage, ...]:
@@ -72,10 +72,10 @@ class CampaignRun:
     def _declaration(self, name: str) -> Stage:
         """A stage's declaration, without importing the stage where its source is known."""
         key = f"declaration of {name} {digest_of(self.evidence.source_of(name))}"
-        known = self.remembered.fact(key)
+        known = self.digest_cache.fact(key)
         if known is None:
             known = asdict(stage_module(name).DECLARATION)
-            self.remembered.note(key, known)
+            self.digest_cache.note(key, known)
         lists = {field: tuple(known[field]) for field in ("reads", "leaves", "settings")}
         return Stage(name=known["name"], summary=known["summary"], **lists)
 
@@ -101,19 +101,19 @@ class CampaignRun:
             self._found[stage] = raw_files(self.campaign.folder, self.campaign.document, RAW_READERS[stage])
         return self._found[stage]
 
-    def standing(self, stage: Stage, now: MadeFrom) -> StageStatus:
+    def status(self, stage: Stage, now: MadeFrom) -> StageStatus:
         """Where a stage stands; a fresh one is entered into the ledger (in memory) if it was not there."""
-        standing = self.evidence.standing(stage, now)
+        standing = self.evidence.status(stage, now)
         if standing.entry is not None:
-            self.ledger.entries[stage.name] = standing.entry
+            self.manifest.entries[stage.name] = standing.entry
         return standing
 
-    def standings(self) -> Iterator[tuple[Stage, StageStatus]]:
+    def statuses(self) -> Iterator[tuple[Stage, StageStatus]]:
         """Where every stage stands, those included that wait for a stale one."""
         maker = makers(self.order)
         behind: dict[str, str] = {}
         for stage in self.order:
-            standing = self.standing(stage, self.made_from(stage))
+            standing = self.status(stage, self.made_from(stage))
             waits = sorted({maker[name] for name in map(bare, stage.reads) if maker.get(name) in behind})
             if waits and standing.state is Freshness.FRESH:
                 standing = StageStatus(Freshness.STALE, (f"it depends on {', '.join(waits)}",))
@@ -130,9 +130,9 @@ class CampaignRun:
         """Validate campaign.toml unless this very content was found valid before; raises CampaignFaults."""
         validator = self.evidence.source.digests("truing.schemas.campaign")
         digest = digest_of([dict(self.campaign.document), validator])
-        if digest != self.ledger.valid_campaign:
+        if digest != self.manifest.valid_campaign:
             _ = self.settings  # raises where it is not valid
-            self.ledger.valid_campaign = digest
+            self.manifest.valid_campaign = digest
 
     def execute(self, stage: Stage, now: MadeFrom, progress: Progress) -> str:
         """Run a stage, write what it leaves, enter it into the ledger; returns its closing line."""
@@ -179,8 +179,8 @@ class CampaignRun:
         try:
             return read_artifact(self.folder, artifact)
         except Unreadable as error:
-            self.remembered.forget(path)  # lest its old digest be trusted again
-            self.remembered.save()
+            self.digest_cache.forget(path)  # lest its old digest be trusted again
+            self.digest_cache.save()
             raise EnvironmentProblem(f"{path} is no longer as it was written ({error})") from None
 
     def _store(self, stage: Stage, now: MadeFrom, outcome: Outcome) -> None:
@@ -195,7 +195,7 @@ class CampaignRun:
         digests = write_artifacts(
             self.folder, outcome.artifacts, stamp, obsolete, lambda: self._check_unchanged(stage.name, now)
         )
-        self.ledger.entries[stage.name] = Entry(now.digest, digests, failed, now)
+        self.manifest.entries[stage.name] = Entry(now.digest, digests, failed, now)
         self.save()
 
     def _check_unchanged(self, stage: str, then: MadeFrom) -> None:
@@ -207,14 +207,14 @@ class CampaignRun:
 
     def _digest_of_raw(self, path: Path) -> str | None:
         try:
-            return self.remembered.digest(path)
+            return self.digest_cache.digest(path)
         except FileNotFoundError:
             return None
 
     def save(self) -> None:
         """Write the ledger and the remembered digests where they changed."""
-        self.ledger.save(self.folder / PRIVATE / "ledger.json")
-        self.remembered.save()
+        self.manifest.save(self.folder / PRIVATE / "ledger.json")
+        self.digest_cache.save()
 
     def failed_checks(self, stages: tuple[Stage, ...]) -> tuple[str, ...]:
         """The checks that failed in these stages' last success."""
@@ -228,7 +228,7 @@ class CampaignRun:
         return any(entry.failed_checks for entry in verdicts or entries)
 
     def _entries(self, stages: tuple[Stage, ...]) -> list[Entry]:
-        entries = (self.ledger.entries.get(stage.name) for stage in stages)
+        entries = (self.manifest.entries.get(stage.name) for stage in stages)
         return [entry for entry in entries if entry is not None]
 
 
@@ -256,7 +256,7 @@ def detached_run(campaign: CampaignFolder) -> CampaignRun:
 def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, workers: int = 1) -> CampaignRun:
     """What a run folder holds of a campaign; ``distrust`` reads every file anew. Nothing is written."""
     private = folder / PRIVATE
-    ledger = read_ledger(private / "ledger.json")
+    ledger = read_manifest(private / "ledger.json")
     ledger.entries = {  # another version may have had other stages, and they may have left other artifacts
         name: entry
         for name, entry in ledger.entries.items()

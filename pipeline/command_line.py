@@ -100,7 +100,7 @@ def workforce(workers: int | None, scheduler: str | None) -> Workforce:
     return Workforce(workers, scheduler)
 
 
-def _tell_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
     if wanted:
         from truing import __version__
 
@@ -111,7 +111,7 @@ def _tell_version(wanted: bool) -> None:
 @app.callback()
 def truing(
     version: Annotated[
-        bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Tell the version and end.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Tell the version and end.")
     ] = False,
 ) -> None:
     """Diagnose where a mechanism and its simulation part ways, from measured points and readings."""
@@ -163,9 +163,9 @@ def stages(
 
     Example: truing stages sample_data/telescope
     """
-    from truing.pipeline.run_campaign import show_all_stages, show_standings
+    from truing.pipeline.run_campaign import show_all_stages, show_status
 
-    _end(show_all_stages if campaign is None else lambda: show_standings(campaign, out, distrust=check))
+    _end(show_all_stages if campaign is None else lambda: show_status(campaign, out, distrust=check))
 
 
 @app.command()

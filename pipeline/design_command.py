@@ -14,7 +14,7 @@ from truing.pipeline.given_files import check_file, read_given, table_bytes
 from truing.pipeline.in_memory import bench_tables
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.voice import RunConsole
-from truing.pipeline.whole_file import write_whole
+from truing.pipeline.whole_file import write_atomically
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.cause_loads import loads_for_causes
@@ -46,7 +46,7 @@ def design_campaign(place: Path, wish: DesignOptions, files: DesignFiles) -> Exi
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
     found = design(campaign.validated(), wish, _tables(campaign, files))
     for line in words_of(found):
-        voice.say(line)
+        voice.line(line)
     _hand_over(
         found.table, files.out, voice, f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them"
     )
@@ -58,7 +58,7 @@ def _plan_loads(campaign: CampaignFolder, wish: DesignOptions, files: DesignFile
     _check_of_loads(wish, files)
     found = plan_loads(campaign.validated(), wish, _loads_of(campaign))
     for line in words_of_loads(found):
-        voice.say(line)
+        voice.line(line)
     _hand_over(
         found.table,
         files.out,
@@ -81,7 +81,7 @@ def _loads_for_causes(campaign: CampaignFolder, wish: DesignOptions, files: Desi
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be simulated: {why}")]) from None
     for line in found.sentences or ("nothing in this campaign that these causes could concern",):
-        voice.say(line)
+        voice.line(line)
     if found.table.num_rows:
         _hand_over(
             found.table, files.out, voice, f"{counted(found.table.num_rows, 'load step')}, by purpose and run", ""
@@ -110,10 +110,10 @@ def _hand_over(
     table: pa.Table, out: Path | None, voice: RunConsole, what: str, then: str = "; fill in time_s when measuring"
 ) -> None:
     if out is None:
-        voice.say(table_bytes(table, ".csv").decode().rstrip("\n"))
+        voice.line(table_bytes(table, ".csv").decode().rstrip("\n"))
         return
-    write_whole(out, table_bytes(table, out.suffix))
-    voice.say(f"{what}: {out}{then}")
+    write_atomically(out, table_bytes(table, out.suffix))
+    voice.line(f"{what}: {out}{then}")
 
 
 def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from truing.pipeline.interruption import answered, exit_code_of, heard, interruptible
+from truing.pipeline.interruption import answered, exit_code_of, interruptible, raise_if_interrupted
 from truing.pipeline.problems import (
     Defect,
     EnvironmentProblem,
@@ -29,7 +29,7 @@ _LEAST_MB = 2000
 def end(action: Callable[[], ExitCode], voice: RunConsole) -> ExitCode:
     """The exit code of an action, its trouble told on stderr; interruptions pass, for they end the whole call."""
     try:
-        with heard():
+        with raise_if_interrupted():
             _check_memory_limit()
             return action()
     except CampaignFaults as error:
@@ -78,7 +78,7 @@ def end_interrupted(error: Interrupted, voice: RunConsole) -> ExitCode:
 def defects_logged(log: Path, doing: str) -> Iterator[None]:
     """Turn what nobody expected into a Defect, its traceback in ``log``; blame the environment where it is to blame."""
     try:
-        with heard():
+        with raise_if_interrupted():
             yield
     except (CampaignFaults, EnvironmentProblem, Defect):
         raise

@@ -24,7 +24,7 @@ from multiprocessing import connection
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from truing.child_processes import safe_children
-from truing.pipeline.interruption import children_without_interrupts, heard, interruptible
+from truing.pipeline.interruption import children_without_interrupts, interruptible, raise_if_interrupted
 from truing.pipeline.problems import EnvironmentProblem, Interrupted
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ def _in_good_order(work: Callable[[Any], Any], piece: Any) -> Any:
     """The result of a piece; asked to end, a worker leaves nothing half made, and vanishes as if it had been killed."""
     try:
         # A pool that misses one worker asks the others to end, which were asked already and are tidying.
-        with interruptible(once=True), heard():
+        with interruptible(once=True), raise_if_interrupted():
             return work(piece)
     except Interrupted:
         os._exit(1)

@@ -56,8 +56,8 @@ class Evidence:
     run_folder: Path
     source: SourceTree
     artifacts: Mapping[str, Artifact]
-    remembered: DigestCache
-    ledger: Manifest
+    digest_cache: DigestCache
+    manifest: Manifest
 
     def source_of(self, stage: str) -> dict[str, str]:
         """Digests of the source files that a stage consists of."""
@@ -72,16 +72,16 @@ class Evidence:
             source=self.source_of(stage.name),
             settings={section: self.campaign.section(section) for section in sorted(stage.settings)},
             inputs={name: self.input_digest(name) for name in sorted(map(bare, stage.reads))},
-            raw={relative_name(path, folder): self.remembered.digest(path) for path in raw},
+            raw={relative_name(path, folder): self.digest_cache.digest(path) for path in raw},
         )
 
     def input_digest(self, artifact: str) -> str | None:
         """The digest of an artifact that some stage left, or None where no stage left it."""
-        return next((e.artifacts[artifact] for e in self.ledger.entries.values() if artifact in e.artifacts), None)
+        return next((e.artifacts[artifact] for e in self.manifest.entries.values() if artifact in e.artifacts), None)
 
-    def standing(self, stage: Stage, now: MadeFrom) -> StageStatus:
+    def status(self, stage: Stage, now: MadeFrom) -> StageStatus:
         """Whether the stage's artifacts are whole, as written, and made from what is there ``now``."""
-        entry = self.ledger.entries.get(stage.name) or self._embedded(stage)
+        entry = self.manifest.entries.get(stage.name) or self._embedded(stage)
         if entry is None:
             return StageStatus(Freshness.NEVER_RUN, ("nothing of it is there",))
         reasons = [*self._artifact_reasons(entry), *_changes(entry, now)]
@@ -93,7 +93,7 @@ class Evidence:
         for name, digest in entry.artifacts.items():
             file = self.artifacts[name].file
             try:
-                if self.remembered.digest(self.run_folder / file) != digest:
+                if self.digest_cache.digest(self.run_folder / file) != digest:
                     yield f"{file} is not as it was written"
             except FileNotFoundError:
                 yield f"{file} is missing"  # or a folder, or a pipe
@@ -118,7 +118,7 @@ class Evidence:
         for name in json.loads(carried["left"]):
             sibling = read_provenance(self.run_folder, self.artifacts[name])
             whole = sibling is not None and sibling.get("digest") == carried["digest"]
-            digests[name] = self.remembered.digest(self.run_folder / self.artifacts[name].file) if whole else ""
+            digests[name] = self.digest_cache.digest(self.run_folder / self.artifacts[name].file) if whole else ""
         return Entry(carried["digest"], digests, tuple(json.loads(carried["failed_checks"])))
 
 

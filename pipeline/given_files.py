@@ -15,7 +15,7 @@ import pyarrow.parquet
 from truing.pipeline.campaign_folder import FILE, CampaignFolder, open_campaign
 from truing.pipeline.problems import environment
 from truing.pipeline.run_folder import PRIVATE
-from truing.pipeline.whole_file import write_whole
+from truing.pipeline.whole_file import write_atomically
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.memory import raise_shortage
@@ -70,8 +70,8 @@ def leave_tables(file: Path, tables: Mapping[str, pa.Table], page: str) -> list[
         file.parent.mkdir(parents=True, exist_ok=True)
     written = {file.with_name(f"{file.stem}{ending}{file.suffix}"): table for ending, table in tables.items()}
     for path, table in written.items():
-        write_whole(path, table_bytes(table, file.suffix, quoting="needed"))
-    write_whole(file.with_suffix(".html"), page.encode())
+        write_atomically(path, table_bytes(table, file.suffix, quoting="needed"))
+    write_atomically(file.with_suffix(".html"), page.encode())
     return [*written, file.with_suffix(".html")]
 
 

@@ -23,7 +23,7 @@ class StageLine:
     settings: Campaign
     source: CampaignFiles
     tables: dict[str, pa.Table | str] = field(default_factory=dict)
-    said: dict[str, Outcome] = field(default_factory=dict)
+    outcomes: dict[str, Outcome] = field(default_factory=dict)
 
     def call(self, *names: str) -> StageLine:
         """Call stages by name, in this order; absent: every stage of this kind of campaign. Returns the line itself.
@@ -33,8 +33,8 @@ class StageLine:
         kind = self.settings.campaign.kind
         for name in names or order_of(kind, photographs=self.source.has_photographs):  # without a second campaign
             more = (self.source,) if name in RAW_READERS else ()
-            self.said[name] = call_stage(name, self.tables, self.settings, *more)
-            self.tables |= self.said[name].artifacts  # type: ignore[arg-type]  # read whole by then
+            self.outcomes[name] = call_stage(name, self.tables, self.settings, *more)
+            self.tables |= self.outcomes[name].artifacts  # type: ignore[arg-type]  # read whole by then
         return self
 
 

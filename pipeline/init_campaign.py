@@ -18,11 +18,11 @@ from truing.pipeline.campaign_folder import FILE, is_safe_name
 from truing.pipeline.init_entries import (
     bodies_and_targets,
     common_glob,
+    distinguishing_pattern,
     is_picture,
     network_tables,
     photograph_entries,
     scanned_body,
-    told_apart,
     without_others,
 )
 from truing.pipeline.problems import ExitCode, environment
@@ -67,13 +67,13 @@ def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
     guesses = _together([(group, _guess(group)) for group in _raw_groups(folder)])
-    guesses = network_tables(_with_surfaces(_beside(_apart(guesses)))) + _photographs(folder)
+    guesses = network_tables(_with_surfaces(_separate_tables(_apart(guesses)))) + _photographs(folder)
     text = (campaign_text if every_key else _starter)(folder.resolve().name, guesses)
     _write_new(target, text)
     voice = RunConsole(quiet=False)
     for group, guess in guesses:
-        voice.say(f"{_shown(group.glob)}: {_summary(group, guess)}")
-    voice.say(f"wrote {target}; complete it, then: truing check {folder}")
+        voice.line(f"{_shown(group.glob)}: {_summary(group, guess)}")
+    voice.line(f"wrote {target}; complete it, then: truing check {folder}")
     return ExitCode.DONE
 
 
@@ -178,7 +178,7 @@ def _apart(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]
     return [(replace(group, path=path), guess) for (group, guess), path in zip(guesses, paths, strict=True)]
 
 
-def _beside(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+def _separate_tables(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
     """Every table of a file by itself, where it holds several with keys of their own."""
     return [(group, one) for group, guess in guesses for one in (replace(guess, beside=()), *guess.beside)]
 
@@ -335,11 +335,11 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
     for key, value in {"path": group.path or group.glob, **mapping}.items():
         yield f"{mark}{key} = {_shown(_toml(value)) if mark else _toml(value)}"
-    if guess.table in ("points", "targets") and not mark and not _says_body(guess, mapping):
+    if guess.table in ("points", "targets") and not mark and not _names_a_body(guess, mapping):
         yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
 
 
-def _says_body(guess: Guess, mapping: dict[str, Any]) -> bool:
+def _names_a_body(guess: Guess, mapping: dict[str, Any]) -> bool:
     """Whether anything tells which body a file's targets are on."""
     given = (*guess.columns, *mapping.get("columns", {}), *mapping.get("constants", {}), mapping.get("wide", ""))
     return "body" in given or "body" in mapping.get("from_name", "") or "constants" in mapping or "{body}" in given[-1]
@@ -352,22 +352,27 @@ def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[
     if guess.table in _LOADING_TABLES and group.count > 1 and "run" in mapping.get("constants", {}):
         others = {key: value for key, value in mapping["constants"].items() if key != "run"}
         rest = {key: value for key, value in mapping.items() if key != "constants"}
-        return {**rest, **({"constants": others} if others else {}), **told_apart(group.names, "run")}
+        return {**rest, **({"constants": others} if others else {}), **distinguishing_pattern(group.names, "run")}
     if guess.table == "image_points" and group.count > 1 and mapping.get("constants") == {"pose": 1}:
         rest = {key: value for key, value in mapping.items() if key != "constants"}
-        return {**rest, **told_apart(group.names, "pose")}
+        return {**rest, **distinguishing_pattern(group.names, "pose")}
     if guess.table in ("poses", "configurations") and group.count > 1 and "pose" in mapping.get("number_rows", {}):
-        return {**mapping, "number_rows": {"row": 1}, **told_apart(group.names, "set"), "join": {"pose": "{set}-{row}"}}
+        return {
+            **mapping,
+            "number_rows": {"row": 1},
+            **distinguishing_pattern(group.names, "set"),
+            "join": {"pose": "{set}-{row}"},
+        }
     if guess.table not in ("points", "scans") or group.count == 1:
         return mapping
     if group.example.suffix.lower() in (".c3d", ".trc"):
-        return {**mapping, **told_apart(group.names, "trial"), "join": {"pose": "{trial}-{frame}"}}
+        return {**mapping, **distinguishing_pattern(group.names, "trial"), "join": {"pose": "{trial}-{frame}"}}
     if style == "tracker" or (style is None and _rows_are_poses(group, guess)):
         found = bodies_and_targets(group.names)
         if "(?P<body>" in found.get("from_name", ""):
             mapping = {key: value for key, value in mapping.items() if key != "constants"}
         return {**mapping, **found, **({} if style else {"number_rows": {"pose": 1}})}
-    return mapping if "pose" in named else {**mapping, **told_apart(group.names, "pose")}
+    return mapping if "pose" in named else {**mapping, **distinguishing_pattern(group.names, "pose")}
 
 
 def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:

@@ -51,7 +51,7 @@ _INSTEAD = "not read: the rays beside it give these points with their whole cova
 def common_glob(names: Sequence[str]) -> str:
     """The glob of names: what is the same in all of them at both ends, or token by token where they are built alike."""
     first, *others = tokens = [_TOKEN.findall(name) for name in names]
-    if alike(tokens):
+    if similar_names(tokens):
         same = [all(own[i] == token for own in others) for i, token in enumerate(first)]
         parts = (glob.escape(token) if kept else "*" for token, kept in zip(first, same, strict=True))
         return re.sub(r"\*+", "*", "".join(parts))
@@ -71,7 +71,7 @@ def without_others(pattern: str, names: Sequence[str], others: Sequence[str]) ->
     return paths if len(paths) > 1 else paths[0]
 
 
-def alike(tokens: Sequence[Sequence[str]]) -> bool:
+def similar_names(tokens: Sequence[Sequence[str]]) -> bool:
     """Whether names are built alike: as many tokens, numbers, words and marks in the same order."""
     return len({tuple(_kind(token) for token in own) for own in tokens}) == 1
 
@@ -89,10 +89,10 @@ def _ends(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
     return before, after
 
 
-def told_apart(names: Sequence[str], column: str) -> dict[str, Any]:
+def distinguishing_pattern(names: Sequence[str], column: str) -> dict[str, Any]:
     """A ``from_name`` that gives every file its own value of a column: a number if one does, else all that varies."""
     tokens = [_TOKEN.findall(name) for name in names]
-    if alike(tokens):
+    if similar_names(tokens):
         varying = [i for i, column_of in enumerate(zip(*tokens, strict=True)) if len(set(column_of)) > 1]
         numbers = [i for i in varying if all(own[i].isdecimal() for own in tokens)]
         own_number = [i for i in numbers if len({int(own[i]) for own in tokens}) == len(names)]
@@ -124,7 +124,7 @@ def _one_body(names: Sequence[str]) -> str | None:
     before, _ = _ends(words)
     if not before or any(len(own) == before for own in words):
         return None
-    follows = _follows([own[before:] for own in words])
+    follows = _text_after_target([own[before:] for own in words])
     left = [own[before:] for own in words]
     if all(len(own) == 2 and own[1].isdecimal() and own[0].isalpha() for own in left):  # SMR_1 SMR_2 base_1 base_2
         return rf"{re.escape(words[0][before - 1])}_(?P<body>[^\W\d_]+)_(?P<target>\d+)"
@@ -137,10 +137,10 @@ def _several_bodies(names: Sequence[str]) -> str | None:
     if any(len(own) < 2 for own in words) or len({own[0] for own in words}) == len(names):
         return None
     bodies = "|".join(re.escape(body) for body in dict.fromkeys(own[0] for own in words))
-    return rf"(?P<body>{bodies})[\W_]+(?P<target>.+?){_follows([own[1:] for own in words])}"
+    return rf"(?P<body>{bodies})[\W_]+(?P<target>.+?){_text_after_target([own[1:] for own in words])}"
 
 
-def _follows(words: Sequence[Sequence[str]]) -> str:
+def _text_after_target(words: Sequence[Sequence[str]]) -> str:
     """What stands behind the target: the first word that is in all names, or their ending."""
     common = next((word for word in words[0][1:] if all(word in own[1:] for own in words)), None)
     return r"\." if common is None else rf"_{re.escape(common)}"
@@ -171,7 +171,9 @@ def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str
     found = []
     for (top, suffix), paths in sorted(groups.items()):
         pattern, mapping = _read_by(top, suffix, paths, alone=tops == 1)
-        guess = Guess(mapping={} if top == _BY_CONTRACT else mapping, table="images", notes=(*_NEEDED, *_told(mapping)))
+        guess = Guess(
+            mapping={} if top == _BY_CONTRACT else mapping, table="images", notes=(*_NEEDED, *_remarks(mapping))
+        )
         found.append((pattern, folder / paths[0], len(paths), guess))
     return found
 
@@ -198,7 +200,7 @@ def _in_names(before: Sequence[str]) -> str:
     return _IN_NAMES if not head else rf"^{re.escape(head)}(?P<pose>\d+)[-_ ]\d+\."
 
 
-def _told(mapping: dict[str, Any]) -> tuple[str, ...]:
+def _remarks(mapping: dict[str, Any]) -> tuple[str, ...]:
     if "constants" in mapping:
         return ("all photographs are of one pose, as far as their names tell",)
     return ()

@@ -91,10 +91,10 @@ def interruptible(*, once: bool = False) -> Iterator[None]:
     def ask(number: int, frame: FrameType | None) -> None:
         for each in _SIGNALS:
             signal.signal(each, _do_nothing if once else signal.SIG_DFL)
-        raise _ask(signal.Signals(number).name)
+        raise _request_end(signal.Signals(number).name)
 
     before = {number: signal.signal(number, ask) for number in _SIGNALS}
-    before[_AGAIN] = signal.signal(_AGAIN, _ask_again)
+    before[_AGAIN] = signal.signal(_AGAIN, _repeat_request)
     report, sys.unraisablehook = sys.unraisablehook, _report_unless_interrupted
     try:
         yield
@@ -110,7 +110,7 @@ def _do_nothing(number: int, frame: FrameType | None) -> None:
     """Take the place of SIG_IGN, which Python reports as a race where a signal has just arrived."""
 
 
-def _ask(name: str) -> Interrupted:
+def _request_end(name: str) -> Interrupted:
     global _request
     _request = _Request(name)
     error = _request.error()
@@ -118,7 +118,7 @@ def _ask(name: str) -> Interrupted:
     return error
 
 
-def _ask_again(number: int, frame: FrameType | None) -> None:
+def _repeat_request(number: int, frame: FrameType | None) -> None:
     if _request is not None and _request.is_lost:
         raise _request.error()
 
@@ -138,7 +138,7 @@ def answered() -> None:
 
 
 @contextmanager
-def heard() -> Iterator[None]:
+def raise_if_interrupted() -> Iterator[None]:
     """Raise Interrupted at the end where this process was asked to end meanwhile, whatever has come of it.
 
     An import that an interruption broke fails with an error of its own; work that lost it completes.
@@ -146,12 +146,12 @@ def heard() -> Iterator[None]:
     try:
         yield
     except Exception:
-        _raise_where_asked()
+        _raise_if_requested()
         raise
-    _raise_where_asked()
+    _raise_if_requested()
 
 
-def _raise_where_asked() -> None:
+def _raise_if_requested() -> None:
     """Raise Interrupted where a signal has asked this process to end."""
     if _request is not None:
         raise _request.error() from None

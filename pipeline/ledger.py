@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from truing.pipeline.whole_file import write_whole
+from truing.pipeline.whole_file import write_atomically
 from truing.schemas.settings_text import regular_size
 
 # A file changed again within one tick of its file system's clock keeps its time; FAT ticks every two seconds.
@@ -82,10 +82,10 @@ class Manifest:
         """Write the ledger whole, unless it stands there already."""
         content = json.dumps(asdict(self), indent=1, default=str).encode()
         if not store.is_file() or store.read_bytes() != content:
-            write_whole(store, content)
+            write_atomically(store, content)
 
 
-def read_ledger(store: Path) -> Manifest:
+def read_manifest(store: Path) -> Manifest:
     """The ledger of a run folder; an empty one where there is none, or none that can be read."""
     try:
         regular_size(store)
@@ -158,7 +158,7 @@ class DigestCache:
         """Write what is new to the run folder."""
         if self._changed and self._store is not None:
             content = {"files": self._files, "facts": self._facts}
-            write_whole(self._store, json.dumps({**content, "sum": digest_of(content)}, indent=0).encode())
+            write_atomically(self._store, json.dumps({**content, "sum": digest_of(content)}, indent=0).encode())
             self._changed = False
 
 

@@ -65,14 +65,14 @@ def plan_campaign(place: Path, wish: PlanOptions, files: PlanFiles) -> ExitCode:
             )
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"targets that can be photographed: {why}")]) from None
-    left_out = (*([_of_camera(cameras.said, found)] if cameras.said else []), *left_out)
+    left_out = (*([_of_camera(cameras.description, found)] if cameras.description else []), *left_out)
     for line in (*sentences(found), *left_out):
-        voice.say(line)
+        voice.line(line)
     if files.out is None:
         note_owner(campaign, folder)
     file = folder / _DEFAULT_FILE if files.out is None else files.out
     written = _leave(campaign.name, found, tables(found), left_out, file)
-    voice.say(f"tables and page: {', '.join(map(str, written))}")
+    voice.line(f"tables and page: {', '.join(map(str, written))}")
     return ExitCode.DONE
 
 
@@ -135,7 +135,7 @@ def _leave(
     half = (0.5 * camera.width_px / plan.planned.interior[0], 0.5 * camera.height_px / plan.planned.interior[0])
     page = render_page(
         plan_head(name, (*sentences(plan), *left_out), plan.reaches, frames),
-        plan_sections(frames, plan.stations.R, half, plan.wish.wanted_mm),
+        plan_sections(frames, plan.stations.R, half, plan.options.target_sigma_mm),
     )
     return leave_tables(file, tables, page)
 
@@ -147,7 +147,7 @@ class _KnownCameras:
 
     table: pa.Table | None
     noise_px: Mapping[str, float] = field(default_factory=dict)
-    said: str = ""
+    description: str = ""
 
 
 def known_cameras(campaign: CampaignFolder, given: pa.Table | None, run: Path | None) -> _KnownCameras:
@@ -188,5 +188,5 @@ def _of_pictures(campaign: CampaignFolder) -> _KnownCameras | None:
     if not rows:
         return None
     return _KnownCameras(
-        cameras_table(rows), said=f"With {', '.join(rows)} as the photographs' files tell, not calibrated."
+        cameras_table(rows), description=f"With {', '.join(rows)} as the photographs' files tell, not calibrated."
     )

@@ -53,19 +53,19 @@ from truing.simulation.detection_trials import (
 )
 from truing.stages import power
 from truing.stages.common.why_not import NO_DRAWING
-from truing.stages.diagnosis.ray_points import gather_rays
+from truing.stages.diagnosis.ray_points import assemble_rays
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
 from truing.stages.diagnosis.search import (
+    assembled_data,
     decided,
     decided_of_rays,
-    gathered_of,
     kinds_of,
     rule_of,
     rule_of_rays,
     searched_for,
 )
 from truing.stages.ingestion.tables import read_configurations, read_survey
-from truing.stages.power import compared, completed, expected_sights, judged_by, reading_plan_of
+from truing.stages.power import compared, completed, expected_sights, reading_plan_of, searched_causes
 from truing.stages.simulated_campaigns.plan import NEEDS, RayPlan, bare_plan
 from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
 
@@ -105,7 +105,7 @@ def power_campaign(place: Path, wish: PowerOptions, workforce: Workforce, out: P
         check_causes(wish.causes, settings)
     reads_run = out is None or campaign.has_photographs
     run = folder_beside_run(campaign) if reads_run else run_folder_of(campaign, None, several=False)
-    beside = said_of_rays(run) if of_rays else of_photographs(campaign, run)
+    beside = ray_power_sentence(run) if of_rays else of_photographs(campaign, run)
     file = run / _DEFAULT_FILE if out is None else out
     with voice.during("power") as progress:
         progress(0, 2, "steps: the campaign's layout")
@@ -118,9 +118,9 @@ def power_campaign(place: Path, wish: PowerOptions, workforce: Workforce, out: P
             answers.append(given)
     except Interrupted:
         if answers:
-            _tell(campaign, asked, answers, (file, beside), voice)  # hours may lie behind them
+            _report(campaign, asked, answers, (file, beside), voice)  # hours may lie behind them
         raise
-    _tell(campaign, asked, answers, (file, beside), voice)
+    _report(campaign, asked, answers, (file, beside), voice)
     return ExitCode.DONE
 
 
@@ -144,7 +144,7 @@ def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerOptions, run:
             return reading_plan_of(tables, settings).with_gross(wish.gross)
         bare = bare_plan(tables, settings)
         drawn = {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(wish.seed)), settings)
-        plan = completed(bare, gathered_of(drawn, settings), drawn["poses"])
+        plan = completed(bare, assembled_data(drawn, settings), drawn["poses"])
     return plan.with_gross(wish.gross)
 
 
@@ -205,7 +205,7 @@ def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: P
     with _to_be_drawn(campaign):
         gathered = compared(plan, drawn, settings)
     seen = expected_sights(plan, gathered, settings)
-    return questions(plan, seen, wish.causes, judged_by(plan, settings)[0].values())
+    return questions(plan, seen, wish.causes, searched_causes(plan, settings)[0].values())
 
 
 def _answers(
@@ -234,7 +234,7 @@ def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
 def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
     """What the diagnosis of a drawn campaign's tables, up to the poses, says of what was hidden in it."""
     try:
-        gathered = gathered_of(tables, settings)
+        gathered = assembled_data(tables, settings)
         diagnosis = decided(gathered, settings, lambda *_: None)
     except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated
         return answer(trial, ())
@@ -245,7 +245,7 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
 def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
     """What the diagnosis of a drawn campaign's rays says of what was hidden in them."""
     rule = rule_of(settings)
-    gathered, _ = gather_rays(tables, settings)
+    gathered, _ = assemble_rays(tables, settings)
     diagnosis = decided_of_rays(gathered, settings, lambda *_: None)
     table = diagnosis_table(diagnosis, DetectionAdvice(shown=gathered.shown), rule_of_rays(rule).noise_level)
     return answer(trial, table.to_pylist())
@@ -255,7 +255,7 @@ def _lost(trial: Trial) -> Answer:
     raise EnvironmentProblem(f"no worker survives the campaign drawn from seed {trial.seed}: not enough memory?")
 
 
-def _tell(
+def _report(
     campaign: CampaignFolder,
     asked: Sequence[DetectionQuestion],
     answers: Sequence[Answer],
@@ -271,22 +271,22 @@ def _tell(
     said, drawn = sizes.to_pandas(), rates.to_pandas()
     voice.show(SIZE_HEADS, size_rows(said))
     if alarm_words(drawn):
-        voice.say(alarm_words(drawn))
+        voice.line(alarm_words(drawn))
     if photographs is not None:
         if photographs.rows:
             voice.show(HEADS, photographs.rows)
-        voice.say(photographs.said)
-    further = [] if photographs is None else [section_of_photographs(photographs.said, HEADS, photographs.rows)]
+        voice.line(photographs.sentence)
+    further = [] if photographs is None else [section_of_photographs(photographs.sentence, HEADS, photographs.rows)]
     page = render_page(power_head(campaign.name, said, drawn), [*power_sections(said, drawn), *further])
     written = leave_tables(file, {"": sizes, "-rates": rates}, page)
-    voice.say(f"tables and page: {', '.join(map(str, written))}")
+    voice.line(f"tables and page: {', '.join(map(str, written))}")
 
 
 @dataclass(frozen=True)
 class PhotographNote:
     """The sentence that says what is not judged, and what the run tells of that: cause, subject, size in words."""
 
-    said: str
+    sentence: str
     rows: tuple[tuple[str, ...], ...] = ()
 
 
@@ -341,7 +341,7 @@ def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
         raise CampaignFaults([Fault(run.as_posix(), expected)]) from None
 
 
-def said_of_rays(run: Path) -> PhotographNote:
+def ray_power_sentence(run: Path) -> PhotographNote:
     """The sentence that says what is drawn."""
     return PhotographNote(
         f"Rays are drawn, not photographs: with the network, the noise and the cameras of the run in {run.as_posix()}, "

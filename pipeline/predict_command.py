@@ -17,7 +17,7 @@ from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import campaign_of
 from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS
 from truing.pipeline.voice import RunConsole
-from truing.pipeline.whole_file import write_whole
+from truing.pipeline.whole_file import write_atomically
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml, read_settings_text
@@ -44,8 +44,8 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
     _write(out, predicted, _campaign(model, text), [text, _csv(predicted).decode()])
     voice = RunConsole(quiet=False)
     if is_campaign:
-        _say_errors(predicted, voice)
-    voice.say(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
+        _print_errors(predicted, voice)
+    voice.line(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
     return ExitCode.DONE
 
 
@@ -69,10 +69,10 @@ def _is_there(model: Path, name: str) -> bool:
     return (model.parent / ARTIFACTS[name].file).is_file()
 
 
-def _say_errors(errors: pa.Table, voice: RunConsole) -> None:
+def _print_errors(errors: pa.Table, voice: RunConsole) -> None:
     for row in errors.to_pylist():
         size = f"{row['rms_error']:.4g} {row['unit']} rms, {row['largest_error']:.4g} {row['unit']} at most"
-        voice.say(f"{row['quantity']:<12} {row['prediction_by']:<11} {size} ({row['model']})")
+        voice.line(f"{row['quantity']:<12} {row['prediction_by']:<11} {size} ({row['model']})")
 
 
 def _model_text(model: Path) -> str:
@@ -101,7 +101,7 @@ def _campaign(model: Path, text: str) -> str:
 
 def _write(out: Path, predicted: pa.Table, campaign: str, made_from: list[str]) -> None:
     if out.suffix == ".csv":
-        write_whole(out, _csv(predicted))
+        write_atomically(out, _csv(predicted))
         return
     name = _artifact(predicted)
     stamp = Stamp("predict", digest_of(made_from), campaign, __version__, (name,))

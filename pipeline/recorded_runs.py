@@ -12,11 +12,11 @@ from truing import __version__
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.given_files import check_folder
-from truing.pipeline.ledger import DigestCache, Manifest, read_ledger
+from truing.pipeline.ledger import DigestCache, Manifest, read_manifest
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.voice import RunConsole
-from truing.pipeline.whole_file import write_whole
+from truing.pipeline.whole_file import write_atomically
 from truing.report.comparison.compared_runs import ComparedRun, RunComparison, RunTransition
 from truing.report.comparison.page import comparison_head, comparison_sections
 from truing.report.rendering.render import render_page
@@ -53,7 +53,7 @@ def opened_run(folder: Path) -> Run:
         raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")]) from None
     except ValueError as broken:
         raise CampaignFaults(_broken_run(folder, broken)) from None
-    ledger = read_ledger(folder / PRIVATE / "ledger.json")  # empty where somebody has copied the tables alone
+    ledger = read_manifest(folder / PRIVATE / "ledger.json")  # empty where somebody has copied the tables alone
     if faults := [*_changed(folder, ledger), *_mixed(folder, ledger)]:
         raise CampaignFaults(faults)
     try:
@@ -111,7 +111,7 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
         except _NoCertificate as why:
             voice.warn(str(why))
             return ExitCode.FAILED_CHECK
-        voice.say(f"{form}: {_said(place, written)}")
+        voice.line(f"{form}: {_exported_files_text(place, written)}")
         for left_out in qualified(run).left_out if form == _CERTIFICATE else ():
             voice.warn(f"not certified: {left_out}")
     return ExitCode.DONE
@@ -135,11 +135,11 @@ def _files(form: str, run: Run, campaign: Path | None) -> Iterable[tuple[str, by
 
 
 def _write(place: Path, name: str, content: bytes) -> str:
-    write_whole(place / name, content)
+    write_atomically(place / name, content)
     return name
 
 
-def _said(place: Path, written: list[str]) -> str:
+def _exported_files_text(place: Path, written: list[str]) -> str:
     if not written:
         return "nothing, for the run has left no extended model"
     return f"{place / written[0]}" if len(written) == 1 else f"{len(written)} files in {place}"
@@ -197,11 +197,11 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
         place.mkdir(parents=True, exist_ok=True)
     artifact = ARTIFACTS["compared"]
     _leave_table(place / artifact.file, found, runs)
-    write_whole(place / PAGE, render_page(head, comparison_sections(shown)).encode())
+    write_atomically(place / PAGE, render_page(head, comparison_sections(shown)).encode())
     voice = RunConsole(quiet=False)
     for _, sentence in head.verdicts:
-        voice.say(sentence)
-    voice.say(f"table and page: {place / artifact.file}, {place / PAGE}")
+        voice.line(sentence)
+    voice.line(f"table and page: {place / artifact.file}, {place / PAGE}")
     return ExitCode.DONE
 
 

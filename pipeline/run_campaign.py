@@ -93,8 +93,8 @@ def run_campaign(campaign: CampaignFolder, folder: Path, wish: RunOptions, voice
         ran = [stage.name for stage in stages if _bring_up_to_date(run, stage, wish, voice)]
         run.save()
         if not ran:
-            voice.say(f"{campaign.name}: everything is up to date")
-        _say_where(run, voice)
+            voice.line(f"{campaign.name}: everything is up to date")
+        _print_location(run, voice)
         return _exit_code(run, stages, wish, voice)
 
 
@@ -112,8 +112,7 @@ def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish:
     """Tell what is wrong with other files before photographs are measured, which takes long."""
     slow = [stage for stage in stages if stage.name in OF_PHOTOGRAPHS]
     if any(
-        wish.selection.forces(stage, run.order)
-        or run.standing(stage, run.made_from(stage)).state is not Freshness.FRESH
+        wish.selection.forces(stage, run.order) or run.status(stage, run.made_from(stage)).state is not Freshness.FRESH
         for stage in slow
     ):
         check_before_photographs(detached_run(run.campaign))
@@ -124,19 +123,19 @@ def _bring_up_to_date(run: CampaignRun, stage: Stage, wish: RunOptions, voice: R
     log = run.folder / _LOG
     with defects_logged(log, f"stage {stage.name}"):
         now = run.made_from(stage)
-        standing = run.standing(stage, now)
+        standing = run.status(stage, now)
         if standing.state is Freshness.FRESH and not wish.selection.forces(stage, run.order):
             return False
         log.unlink(missing_ok=True)
         with voice.during(stage.name) as progress:
             closing = run.execute(stage, now, progress)
-        voice.say(f"{stage.name:<12} {closing}")
+        voice.line(f"{stage.name:<12} {closing}")
         return True
 
 
-def _say_where(run: CampaignRun, voice: RunConsole) -> None:
-    made = any("report" in entry.artifacts for entry in run.ledger.entries.values())
-    voice.say(f"report: {run.folder / ARTIFACTS['report'].file}" if made else f"results: {run.folder}")
+def _print_location(run: CampaignRun, voice: RunConsole) -> None:
+    made = any("report" in entry.artifacts for entry in run.manifest.entries.values())
+    voice.line(f"report: {run.folder / ARTIFACTS['report'].file}" if made else f"results: {run.folder}")
 
 
 def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], wish: RunOptions, voice: RunConsole) -> ExitCode:
@@ -147,14 +146,14 @@ def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], wish: RunOptions, vo
     return ExitCode.DONE if wish.accept_failed_checks else ExitCode.FAILED_CHECK
 
 
-def show_standings(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
+def show_status(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
     """One line per stage: fresh, stale and why, or never run. Writes nothing."""
     campaign = usable_campaign(place)
     run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
     check_owner(run)
     voice = RunConsole(quiet=False)
-    for stage, standing in run.standings():
-        voice.say(f"{stage.name:<12} {standing.state:<10} {standing.why}".rstrip())
+    for stage, standing in run.statuses():
+        voice.line(f"{stage.name:<12} {standing.state:<10} {standing.why}".rstrip())
     return ExitCode.DONE
 
 
@@ -162,14 +161,14 @@ def show_all_stages() -> ExitCode:
     """The stages of every kind of campaign, with what they read and leave."""
     voice = RunConsole(quiet=False)
     for kind, names in ORDER.items():
-        voice.say(f"{kind}:")
+        voice.line(f"{kind}:")
         for name in names:
             stage = stage_module(name).DECLARATION
             only = " (where there are photographs)" if name in OF_PHOTOGRAPHS else ""
             only = " (where [diagnosis] judge_on names a second campaign)" if name in OF_SECOND_CAMPAIGNS else only
             read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
-            voice.say(f"  {name:<12} {stage.summary}{only}")
-            voice.say(f"  {'':<12} reads {', '.join(read)}; leaves {', '.join(stage.leaves)}")
+            voice.line(f"  {name:<12} {stage.summary}{only}")
+            voice.line(f"  {'':<12} reads {', '.join(read)}; leaves {', '.join(stage.leaves)}")
     return ExitCode.DONE
 
 
@@ -179,7 +178,7 @@ class _Job:
 
     campaign: CampaignFolder
     folder: Path
-    wish: RunOptions
+    options: RunOptions
     heading: str | None = None
 
 
@@ -193,7 +192,7 @@ class _RunOutcome:
     def repeat(self, voice: RunConsole) -> None:
         """Say it to whoever watches."""
         for warns, line in self.lines:
-            (voice.warn if warns else voice.say)(line)
+            (voice.warn if warns else voice.line)(line)
 
 
 @dataclass
@@ -201,7 +200,7 @@ class _JobPlan:
     """From the places of a call to jobs; no two campaigns of a call may share a run folder."""
 
     out: Path | None
-    wish: RunOptions
+    options: RunOptions
     several: bool
     taken: set[Path] = field(default_factory=set)
 
@@ -216,7 +215,7 @@ class _JobPlan:
             raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
         self.taken.add(taken)
         refuse_raw_files(campaign, folder)
-        return _Job(campaign, folder, self.wish, f"{campaign.name} ({place})" if self.several else None)
+        return _Job(campaign, folder, self.options, f"{campaign.name} ({place})" if self.several else None)
 
 
 def run_campaigns(
@@ -225,7 +224,7 @@ def run_campaigns(
     """Run campaigns; the gravest ending is the call's. Nothing but an interruption of one ends the others."""
     voice, plan = RunConsole(quiet=quiet), _JobPlan(out, wish, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
-        plan.wish = replace(wish, workers=(workforce and workforce.workers) or processors())
+        plan.options = replace(wish, workers=(workforce and workforce.workers) or processors())
         return end_all([partial(_run_here, place, plan, voice) for place in places], voice)
     return end_all([partial(_run_at_a_time, places, plan, workforce, voice)], voice)
 
@@ -236,8 +235,8 @@ def _run_here(place: Path, plan: _JobPlan, voice: RunConsole) -> ExitCode:
 
 def _run(job: _Job, voice: RunConsole) -> ExitCode:
     if job.heading is not None:
-        voice.say(job.heading)
-    return run_campaign(job.campaign, job.folder, job.wish, voice)
+        voice.line(job.heading)
+    return run_campaign(job.campaign, job.folder, job.options, voice)
 
 
 def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce, voice: RunConsole) -> ExitCode:
@@ -246,7 +245,7 @@ def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce,
     jobs = [job for job in planned if isinstance(job, _Job)]
     codes = []
     with voice.during("run") as watched:
-        told = results(_told, jobs, workforce, _lost, lambda done: watched(done, len(jobs), "campaigns"))
+        told = results(_run_in_worker, jobs, workforce, _lost, lambda done: watched(done, len(jobs), "campaigns"))
         with closing(told):
             for entry in planned:
                 ending = next(told) if isinstance(entry, _Job) else entry
@@ -275,7 +274,7 @@ def _for_other_machines(job: _Job) -> _Job:
     return replace(job, campaign=campaign, folder=job.folder.resolve())
 
 
-def _told(job: _Job) -> _RunOutcome:
+def _run_in_worker(job: _Job) -> _RunOutcome:
     """What a worker does: run the campaign, and keep what it says."""
     recorder = Recorder()
     code = end(lambda: _run(job, recorder), recorder)

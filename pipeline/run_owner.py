@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 def claim(run: CampaignRun) -> None:
     """Note that a run folder is this campaign's (in memory, until the ledger is saved); raises CampaignFaults."""
     check_owner(run)
-    if not run.ledger.entries:
+    if not run.manifest.entries:
         _refuse_strange_files(run.folder)
-    run.ledger.owner = _owner(run)
+    run.manifest.owner = _owner(run)
 
 
 def check_owner(run: CampaignRun) -> None:
     """Raise CampaignFaults where a run folder holds what another campaign has left there."""
-    known = run.ledger.owner
+    known = run.manifest.owner
     here = _owner(run)
     if known is not None and known.folder == here.folder:
         if known.file == here.file or (known.settings == here.settings and _holds_measurements(run)):
@@ -53,7 +53,7 @@ def _owner(run: CampaignRun) -> Owner:
 
 def _check_names(run: CampaignRun) -> None:
     """Judge by names where a folder's owner is not known: it was copied, or made before owners were noted."""
-    names = {entry.made_from.campaign for entry in run.ledger.entries.values() if entry.made_from is not None}
+    names = {entry.made_from.campaign for entry in run.manifest.entries.values() if entry.made_from is not None}
     if not names and not (names := set(_carried_names(run.folder))):
         return
     if run.campaign.name not in names and not _holds_measurements(run):
@@ -85,7 +85,7 @@ def _refuse_strange_files(folder: Path) -> None:
 
 def _holds_measurements(run: CampaignRun) -> bool:
     """Whether the folder's tables were made from the raw files that this campaign has now."""
-    made = {name: entry.made_from.raw for name, entry in run.ledger.entries.items() if entry.made_from is not None}
+    made = {name: entry.made_from.raw for name, entry in run.manifest.entries.items() if entry.made_from is not None}
     read = [stage for stage in run.order if made.get(stage.name)]
     return bool(read) and all(run.made_from(stage).raw == made[stage.name] for stage in read)
 
@@ -125,5 +125,5 @@ def note_owner(campaign: CampaignFolder, folder: Path) -> None:
     with suppress(EnvironmentProblem), occupied(folder):
         run = open_run(campaign, folder)
         check_owner(run)
-        run.ledger.owner = _owner(run)
+        run.manifest.owner = _owner(run)
         run.save()

@@ -38,7 +38,7 @@ class SourceTree:
     def __init__(self, root: Path, remembered: DigestCache) -> None:
         self._root = root
         self._remembered = remembered
-        self._told = _told_before(root) if remembered.trusts_times else {}
+        self._told = _earlier_digests(root) if remembered.trusts_times else {}
         self._files: dict[str, Path | None] = {}
         self._targets: dict[Path, tuple[Path, ...]] = {}
         self._data: dict[Path, tuple[Path, ...]] = {}
@@ -63,7 +63,7 @@ class SourceTree:
             if path not in found:
                 found.add(path)
                 pending.extend(self._imported(path))
-        found.update(data for folder in {path.parent for path in found} for data in self._beside(folder))
+        found.update(data for folder in {path.parent for path in found} for data in self._neighbours(folder))
         return {path.relative_to(self._root).as_posix(): self._digest(path) for path in sorted(found)}
 
     def _digest(self, path: Path) -> str:
@@ -109,15 +109,15 @@ class SourceTree:
             self._names[folder] = frozenset(os.listdir(folder)) if os.path.isdir(folder) else frozenset()
         return name in self._names[folder] and os.path.isfile(path)
 
-    def _beside(self, folder: Path) -> tuple[Path, ...]:
+    def _neighbours(self, folder: Path) -> tuple[Path, ...]:
         if folder not in self._data:
             self._data[folder] = tuple(_data_files(folder))
         return self._data[folder]
 
 
-def _told_before(root: Path) -> _Told:
+def _earlier_digests(root: Path) -> _Told:
     """What this process has told of the files as they stand, to be added to; nothing where their times may deceive."""
-    state = tuple(sorted(entry for room in ROOMS for entry in _standing(os.path.join(root, room))))
+    state = tuple(sorted(entry for room in ROOMS for entry in _file_stamps(os.path.join(root, room))))
     if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:
         return {}
     known, told = _OF_THIS_PROCESS.get(root, ((), {}))
@@ -127,14 +127,14 @@ def _told_before(root: Path) -> _Told:
     return told
 
 
-def _standing(folder: str) -> Iterator[tuple[str, int, int, int]]:
+def _file_stamps(folder: str) -> Iterator[tuple[str, int, int, int]]:
     """Path, size, time and inode of every file below a folder but what is compiled."""
     if os.path.isdir(folder):
         with os.scandir(folder) as entries:
             for entry in entries:
                 if entry.is_dir():
                     if entry.name != "__pycache__":
-                        yield from _standing(entry.path)
+                        yield from _file_stamps(entry.path)
                 else:
                     status = entry.stat(follow_symlinks=os.path.exists(entry.path))
                     yield entry.path, status.st_size, status.st_mtime_ns, status.st_ino
@@ -144,13 +144,13 @@ def _standing(folder: str) -> Iterator[tuple[str, int, int, int]]:
 def _imports_of(source: bytes, package: str) -> list[str]:
     """Project modules that a source executes; kept for all runs of this process, each of which remembers for itself."""
     try:
-        parts = [(part, ast.parse(part)) for part in _telling_statements(source)]
+        parts = [(part, ast.parse(part)) for part in _import_statements(source)]
     except SyntaxError:
         parts = [(source, ast.parse(source))]
-    return sorted({name for part, tree in parts for name in _executed_imports(tree, package, _telling_lines(part))})
+    return sorted({name for part, tree in parts for name in _executed_imports(tree, package, _import_lines(part))})
 
 
-def _telling_statements(source: bytes) -> Iterator[bytes]:
+def _import_statements(source: bytes) -> Iterator[bytes]:
     """The statements, not indented, in which a room is named or a relative import begins: few of a file's."""
     ends = [*(match.start() for match in _STATEMENT.finditer(source)), len(source)]
     for start, end in pairwise(ends):
@@ -158,7 +158,7 @@ def _telling_statements(source: bytes) -> Iterator[bytes]:
             yield source[start:end]
 
 
-def _telling_lines(source: bytes) -> list[int]:
+def _import_lines(source: bytes) -> list[int]:
     """Numbers of the lines in which a room is named or a relative import begins: nothing else is looked at."""
     starts = [match.start() for match in _TELLING.finditer(source)]
     return [1 + source.count(b"\n", 0, start) for start in starts]
@@ -169,7 +169,7 @@ def _executed_imports(tree: ast.AST, package: str, telling: list[int]) -> Iterat
     pending = [tree]
     while pending:
         node = pending.pop()
-        if isinstance(node, ast.stmt | ast.expr) and not _tells(node, telling):
+        if isinstance(node, ast.stmt | ast.expr) and not _holds_import(node, telling):
             continue
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if _is_ours(alias.name))
@@ -182,7 +182,7 @@ def _executed_imports(tree: ast.AST, package: str, telling: list[int]) -> Iterat
             pending.extend(child for child in ast.iter_child_nodes(node) if child not in skipped)
 
 
-def _tells(node: ast.stmt | ast.expr, telling: list[int]) -> bool:
+def _holds_import(node: ast.stmt | ast.expr, telling: list[int]) -> bool:
     return bisect_left(telling, node.lineno) < bisect_right(telling, node.end_lineno or node.lineno)
 
 

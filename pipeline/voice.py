@@ -27,7 +27,7 @@ class RunConsole:
         self._stage = ""
         self._last_line = 0.0
 
-    def say(self, line: str) -> None:
+    def line(self, line: str) -> None:
         """One line for whoever watches."""
         if self._quiet:
             return
@@ -51,7 +51,7 @@ class RunConsole:
         with console.capture() as captured:
             console.print(table)
         for line in captured.get().splitlines():
-            self.say(line.rstrip())
+            self.line(line.rstrip())
 
     def warn(self, line: str) -> None:
         """One line that is said even when quiet."""
@@ -85,7 +85,7 @@ class RunConsole:
             self._bar.update(task, completed=done, total=total or None, description=f"{self._stage}: {what}")
         elif time.monotonic() - self._last_line > _SECONDS_BETWEEN_LINES:
             self._last_line = time.monotonic()
-            self.say(f"{self._stage}: {done} of {total} {what}" if total else f"{self._stage}: {done} {what}")
+            self.line(f"{self._stage}: {done} of {total} {what}" if total else f"{self._stage}: {done} {what}")
 
 
 class Recorder(RunConsole):
@@ -95,7 +95,7 @@ class Recorder(RunConsole):
         super().__init__(quiet=True)
         self.lines: list[tuple[bool, str]] = []
 
-    def say(self, line: str) -> None:
+    def line(self, line: str) -> None:
         """Keep one line."""
         self.lines.append((False, line))
 

@@ -38,7 +38,7 @@ def reveal(path: Path) -> None:
         os.replace(part_of(path), path)
 
 
-def settle(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Make renames within ``folder`` survive a power cut, where the system can."""
     if sys.platform == "win32":
         return
@@ -57,7 +57,7 @@ def discard_parts(paths: Iterable[Path]) -> None:
             part_of(path).unlink(missing_ok=True)
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write one small file whole; raises EnvironmentProblem where that is prevented."""
 
     def write(file: BinaryIO) -> None:
@@ -67,6 +67,6 @@ def write_whole(path: Path, content: bytes) -> None:
         with environment(f"{path} cannot be written"):
             write_part(path, write)
         reveal(path)
-        settle(path.parent)
+        sync_folder(path.parent)
     finally:
         discard_parts([path])

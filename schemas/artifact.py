@@ -167,7 +167,7 @@ def parquet(
     return Artifact(name, file, meaning, tuple(own), tuple(further), tuple(families.split()), covariates, key, version)
 
 
-def whole_table(path: Path, artifact: Artifact) -> pa.Table:
+def checked_table(path: Path, artifact: Artifact) -> pa.Table:
     """Return the table in a Parquet file; raises ValueError with everything in which it is not this artifact."""
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -170,7 +170,7 @@ def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:
     if detail["type"] == "missing":
         return Fault(file, "this key to be present", column=path)
     is_type = detail["type"] in _KINDS
-    return Fault(file, _wanted(detail), column=path, value=_shown(detail["input"], quoted=is_type))
+    return Fault(file, _expectation(detail), column=path, value=_shown(detail["input"], quoted=is_type))
 
 
 def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
@@ -197,7 +197,7 @@ def _shown(value: Any, *, quoted: bool) -> str | None:
     return f'"{value}"'[:80] if quoted and isinstance(value, str) else str(value)[:80]
 
 
-def _wanted(detail: Any) -> str:
+def _expectation(detail: Any) -> str:
     word, key = _BOUNDS.get(detail["type"], ("", ""))
     if word:
         return f"{word} {detail['ctx'][key]:g}"

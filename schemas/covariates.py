@@ -1,7 +1,7 @@
 """Names of covariates: a laboratory's own, kept apart from every name that means something else in a run.
 
 A covariate may bear any name that is no column of its own table. Where tables meet, and where the program has a name of
-its own, such as the order of the poses, the covariate stands under `stand_in` of its name; what people read says
+its own, such as the order of the poses, the covariate stands under `column_alias` of its name; what people read says
 `own_name`.
 """
 
@@ -33,7 +33,7 @@ _OF_PROGRAM = re.compile(r"(approach|unloading|largest so far|direction of) .*|.
 _LISTED = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 
 
-def stand_in(column: str) -> str:
+def column_alias(column: str) -> str:
     """Return what a covariate stands under beside the program's own names; its own name where none is like it."""
     is_taken = column in OF_LOADS or column in _OF_DIAGNOSIS or _OF_PROGRAM.fullmatch(column)
     return marked(column) if is_taken and not is_marked(column) else column

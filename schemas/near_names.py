@@ -18,7 +18,7 @@ def spelling(name: str) -> str:
     return _LEADING.sub("", _BETWEEN.sub("", name.casefold()))
 
 
-def alike(names: Iterable[object]) -> Iterator[list[str]]:
+def similar_names(names: Iterable[object]) -> Iterator[list[str]]:
     """Yield groups of different names that differ in their spelling alone."""
     groups: dict[str, list[str]] = defaultdict(list)
     for name in dict.fromkeys(map(str, names)):

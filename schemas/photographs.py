@@ -49,7 +49,7 @@ class Board(Section):
     square_mm: Positive | None = Field(None, description="edge of a square: gives the scale where nothing else does")
 
     @model_validator(mode="after")
-    def _is_told_apart(self) -> Board:
+    def _is_distinguishable(self) -> Board:
         if self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0:
             raise ValueError("one even and one odd number of columns and rows: else it looks the same upside down")
         if self.kind == "charuco" and self.family not in MARKERS:
@@ -103,7 +103,7 @@ class Photographs(Section):
     eccentricity: bool = Field(True, description="whether the centres of circles' images are brought to their circles'")
 
     @model_validator(mode="after")
-    def _is_told_apart(self) -> Photographs:
+    def _is_distinguishable(self) -> Photographs:
         for family in set(self.targets or ()) & set(_PUBLISHED):
             if f"{family}_any" in (self.targets or ()):
                 raise ValueError(f"{family} or {family}_any, not both: one ring would have two numbers")

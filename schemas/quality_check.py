@@ -54,9 +54,9 @@ class QualityCheck:
     failure, beside which later results can still be true.
     """
 
-    asks: str
+    question: str
     why: str
-    judged: CheckLimits | VerdictRule
+    criterion: CheckLimits | VerdictRule
     to_do: str
     withholds: Literal["", "models", "poses"] = ""
 

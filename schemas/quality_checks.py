@@ -23,7 +23,7 @@ WITHHOLDING: Checks = {name: check for checks in CHECKS.values() for name, check
 
 def settable(kind: str) -> dict[str, CheckLimits]:
     """The checks of a kind of campaign whose limits it may set, with those that hold otherwise."""
-    return {name: check.judged for name, check in CHECKS[kind].items() if isinstance(check.judged, CheckLimits)}
+    return {name: check.criterion for name, check in CHECKS[kind].items() if isinstance(check.criterion, CheckLimits)}
 
 
 def in_force(declared: CheckLimits, own: SetLimits) -> tuple[float | None, float | None]:

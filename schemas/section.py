@@ -46,7 +46,7 @@ def _is_shown(text: str, allowed: str = "") -> str:
     return text
 
 
-def _is_said(text: str) -> str:
+def _is_given(text: str) -> str:
     if not text.strip():
         raise ValueError("text that says something")
     return text
@@ -66,7 +66,7 @@ def _is_short(text: str, longest: int) -> str:
 
 def is_path(text: str) -> str:
     """Return a path or glob; raises ValueError where it is empty, or holds what no file's name does."""
-    return _is_shown(_is_said(text))
+    return _is_shown(_is_given(text))
 
 
 def _one_or_several(value: Any) -> Any:
@@ -91,7 +91,7 @@ def _is_identifier(value: Any) -> Any:
 
 
 def _is_name(text: str) -> str:
-    return _is_shown(_is_said(_is_short(text, LONGEST_NAME)))
+    return _is_shown(_is_given(_is_short(text, LONGEST_NAME)))
 
 
 def _is_date(value: Any) -> Any:
@@ -110,7 +110,7 @@ Name = Annotated[str, AfterValidator(_is_name)]
 Shown = Annotated[str, AfterValidator(_is_shown)]
 Identifier = Annotated[int | str, BeforeValidator(_is_identifier)]
 # A sentence or several, as a person writes them.
-Words = Annotated[str, AfterValidator(_is_said), AfterValidator(is_raw_text)]
+Words = Annotated[str, AfterValidator(_is_given), AfterValidator(is_raw_text)]
 # What stands in a file of others: also a line's end in a column's name.
 RawText = Annotated[str, AfterValidator(is_raw_text)]
 Path = Annotated[str, AfterValidator(is_path)]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from truing.report.numbers import listed
-from truing.schemas.near_names import alike
+from truing.schemas.near_names import similar_names
 from truing.stages.ingestion.tables import FITTED
 from truing.stages.prospects import CampaignContents
 
@@ -124,7 +124,7 @@ def _of_names(found: CampaignContents) -> Iterator[str]:
     }
     kinds |= {f"targets of body {body}": [*_surveyed(found, body), *found.names.get(body, ())] for body in bodies}
     for kind, names in kinds.items():
-        for group in alike(names):
+        for group in similar_names(names):
             yield f"{kind} {' and '.join(group)} are different ones; did you mean one?"
 
 

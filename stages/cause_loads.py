@@ -15,7 +15,7 @@ import numpy as np
 from truing.inference.fitted_model import Fitter
 from truing.stages.diagnosis.next_loads import next_run, possible_runs
 from truing.stages.diagnosis.next_measurement import plan_table, planned
-from truing.stages.diagnosis.search import gathered_of, kinds_of
+from truing.stages.diagnosis.search import assembled_data, kinds_of
 from truing.stages.power import reading_plan_of
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def loads_for_causes(
     campaign cannot be simulated.
     """
     drawn = dict(tables) if measured else reading_plan_of(tables, settings).drawn((), np.random.default_rng(seed))
-    gathered = gathered_of(drawn, settings)
+    gathered = assembled_data(drawn, settings)
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
     plain = fitter.prepared(gathered.given)
     known = kinds_of(settings)

@@ -13,9 +13,9 @@ import numpy as np
 
 from truing.calibration.configuration_search import (
     AssessedConfigurations,
+    assessed,
     bounded,
     choose,
-    judged,
     ordered,
     verification,
 )
@@ -44,7 +44,7 @@ def design(settings: Campaign, wish: DesignOptions, tables: DesignTables) -> Des
     kept = None
     if kept_rho is not None:
         with _fault_of(tables.extend_file):
-            kept = judged(problem, kept_rho)
+            kept = assessed(problem, kept_rho)
     rng, given = np.random.default_rng(wish.seed), None if kept is None else kept.information
     with _fault_of(tables.avoid_file):
         candidates = bounded(problem, wish.poses, given, rng)

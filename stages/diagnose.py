@@ -53,13 +53,13 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.stages.diagnosis.artifacts import not_evaluated, outcome, outcome_of_rays
     from truing.stages.diagnosis.ray_findings import corrected, ray_findings, with_shared_errors
     from truing.stages.diagnosis.ray_points import has_rays
-    from truing.stages.diagnosis.search import decided, gathered_of
+    from truing.stages.diagnosis.search import assembled_data, decided
 
     if why := withheld(tables):
         return not_evaluated(why, settings)
     rays = ray_findings(tables, settings, progress) if has_rays(tables) else None
     try:
-        gathered = gathered_of(tables if rays is None else corrected(tables, rays), settings)
+        gathered = assembled_data(tables if rays is None else corrected(tables, rays), settings)
     except ValueError as said:
         return not_evaluated(str(said), settings) if rays is None else outcome_of_rays(rays, str(said), settings)
     try:

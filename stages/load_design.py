@@ -18,7 +18,7 @@ from truing.estimation.sensor.load_cases import (
     bench_loads,
     choose_loads,
     corner_loads,
-    judge_loads,
+    load_efficiency,
     load_rows,
     predicted_sigma,
     verification_loads,
@@ -72,4 +72,4 @@ def _existing(tables: Mapping[str, pa.Table], limits: LoadLimits) -> LoadDesign 
         return None
     steps = load_steps({"signals": held["signals"]} if "signals" in held else held)
     loads = steps.load[~steps.held_out]
-    return judge_loads(loads, corner_loads(limits), limits) if len(loads) else None
+    return load_efficiency(loads, corner_loads(limits), limits) if len(loads) else None

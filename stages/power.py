@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _THRESHOLD_DRAWS = 1600
 
 
-def judged_by(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Settings]:
+def searched_causes(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Settings]:
     """The causes that a diagnosis of such a campaign looks for, by id, and how sure it must be."""
     from truing.simulation.catalogue import catalogue_of_rays
     from truing.stages.diagnosis.search import kinds_of, rule_of, rule_of_rays, searched_for
@@ -37,11 +37,11 @@ def judged_by(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Sett
 
 def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
     """What a diagnosis compares of a drawn campaign; raises ValueError, saying why, where the tables do not hold it."""
-    from truing.stages.diagnosis.ray_points import gather_rays
-    from truing.stages.diagnosis.search import gathered_of
+    from truing.stages.diagnosis.ray_points import assemble_rays
+    from truing.stages.diagnosis.search import assembled_data
     from truing.stages.simulated_campaigns.plan import RayPlan
 
-    return gather_rays(tables, settings)[0] if isinstance(plan, RayPlan) else gathered_of(tables, settings)
+    return assemble_rays(tables, settings)[0] if isinstance(plan, RayPlan) else assembled_data(tables, settings)
 
 
 def expected_sights(plan: Plan, gathered: DiagnosisData, settings: Campaign) -> list[EffectSensitivity]:
@@ -49,7 +49,7 @@ def expected_sights(plan: Plan, gathered: DiagnosisData, settings: Campaign) -> 
     from truing.inference.fitted_model import Fitter
     from truing.inference.search import search_of
 
-    kinds, rule = judged_by(plan, settings)
+    kinds, rule = searched_causes(plan, settings)
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
     stand = fitter.prepared()
     rng = np.random.default_rng(settings.diagnosis.seed)
@@ -73,10 +73,10 @@ def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Readi
 
 def ray_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:
     """The plan of a run's rays; raises ValueError, saying why, where they cannot be held against each other."""
-    from truing.stages.diagnosis.ray_points import gather_rays, has_rays
+    from truing.stages.diagnosis.ray_points import assemble_rays, has_rays
     from truing.stages.simulated_campaigns.plan import ray_plan
 
     if not has_rays(tables):
         raise ValueError("needs rays of three poses or more")
-    gathered, whole = gather_rays(tables, settings)
+    gathered, whole = assemble_rays(tables, settings)
     return ray_plan(tables, whole, gathered.model.scene)

@@ -124,10 +124,10 @@ def _gathered() -> DiagnosisData:
     """Return what the diagnosis compares of the sample campaign."""
     from tests.stages.line import run_line
     from truing.schemas.campaign import read_campaign
-    from truing.stages.diagnosis.mechanism_points import gather
+    from truing.stages.diagnosis.mechanism_points import assemble
 
     settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
-    return gather(run_line(CAMPAIGN, "ingest", "pose")[0], settings)
+    return assemble(run_line(CAMPAIGN, "ingest", "pose")[0], settings)
 
 
 @dataclass(frozen=True)

@@ -96,10 +96,10 @@ def _campaign() -> Seen:
     """Return the sample campaign's plain model, fitted to what was read."""
     from tests.stages.line import run_line
     from truing.schemas.campaign import read_campaign
-    from truing.stages.diagnosis.reading_points import gather_readings
+    from truing.stages.diagnosis.reading_points import assemble_readings
 
     settings = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
-    gathered = gather_readings(run_line(CAMPAIGN, "ingest")[0], settings)
+    gathered = assemble_readings(run_line(CAMPAIGN, "ingest")[0], settings)
     return _fitted(gathered.model, gathered.calibration.measured)
 
 

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from docs.experiments.marked_tables import renew, table
-from truing.report.diagnosis.effect_units import told_size
+from truing.report.diagnosis.effect_units import size_text
 from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import judged
+from truing.report.diagnosis.judged import assessed_causes
 from truing.report.diagnosis.misses import reading_misses, root_mean_square
 from truing.report.diagnosis.unwritten_loads import unwritten_loads
 from truing.report.head import build_head
@@ -105,10 +105,10 @@ def found_table(tables: Frames) -> str:
     """Return what was found beside what was hidden, and the nearest of the rejected."""
     truth = json.loads(CAMPAIGN.with_suffix(".truth.json").read_text(encoding="utf-8"))["effects"][0]["parameters"]
     rows = []
-    for row in (row for row in judged(tables) if row.verdict == "found"):
+    for row in (row for row in assessed_causes(tables) if row.verdict == "found"):
         for size in row.sizes:
             hidden_size = truth[size.name]
-            told = told_size(size.name, size.value, size.sigma, size.unit)
+            told = size_text(size.name, size.value, size.sigma, size.unit)
             hid = f"{plain(hidden_size['value'])} {hidden_size['unit']}"
             rows.append([f"`{row.cause}`, `{row.subject}`", f"`{size.name}`", told, hid])
     return table(["found", "parameter", "value", "hidden in the sample"], rows)
@@ -130,7 +130,7 @@ def _over_noise(misses: pd.DataFrame, channel: str, axis: str) -> str:
 
 def hidden_table(tables: Frames) -> str:
     """Return the smallest sizes that would have been found."""
-    listing = hidden(judged(tables), tables).listings[0]
+    listing = hidden(assessed_causes(tables), tables).listings[0]
     rows = [[r[0], r[1], r[3], r[4]] for r in listing.rows if r[0] in _HIDDEN]
     return table(["cause", "parameter", "found from, at best", "wherever it is"], rows)
 
@@ -166,7 +166,7 @@ def matrix_table(tables: Frames) -> str:
 
 def acted_words(tables: Frames) -> str:
     """Return what acted beside the loads that were written down."""
-    section = unwritten_loads(judged(tables), tables)
+    section = unwritten_loads(assessed_causes(tables), tables)
     assert section is not None
     return f"> {section.lead}"
 

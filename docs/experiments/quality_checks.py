@@ -23,10 +23,10 @@ def overview(checks: Checks) -> str:
     rows = [
         [
             f"`{name}`",
-            one.asks,
-            one.judged.warns or "–",
-            one.judged.fails or "–",
-            _MARK * isinstance(one.judged, CheckLimits),
+            one.question,
+            one.criterion.warns or "–",
+            one.criterion.fails or "–",
+            _MARK * isinstance(one.criterion, CheckLimits),
             one.withholds,
         ]
         for name, one in checks.items()
@@ -41,9 +41,9 @@ def entries(checks: Checks) -> str:
 
 def _entry(name: str, check: QualityCheck) -> str:
     """Return why a check is made, the quantity of its settable limit, and what to do; limits are in the overview."""
-    judged = check.judged
-    quantity = f"- *Limit on*: {judged.of}.\n" if isinstance(judged, CheckLimits) else ""
-    return f"### `{name}`\n\n**{check.asks}** {check.why}\n\n{quantity}- *What to do*: {check.to_do}"
+    criterion = check.criterion
+    quantity = f"- *Limit on*: {criterion.of}.\n" if isinstance(criterion, CheckLimits) else ""
+    return f"### `{name}`\n\n**{check.question}** {check.why}\n\n{quantity}- *What to do*: {check.to_do}"
 
 
 TABLES: Mapping[str, Callable[[], str]] = {

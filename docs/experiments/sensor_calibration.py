@@ -35,7 +35,7 @@ from truing.estimation.sensor.load_cases import (
     bench_loads,
     choose_loads,
     corner_loads,
-    judge_loads,
+    load_efficiency,
     predicted_sigma,
 )
 from truing.estimation.sensor.load_table import LoadTable, load_table
@@ -283,7 +283,7 @@ def plans() -> dict[str, NDArray]:
 def judged(loads: NDArray) -> tuple[float, float]:
     """Return the D-efficiency of loads beside the best within the legs' limits, and the rms predicted sigma of a
     sensitivity times its range, µV."""
-    share = judge_loads(loads, corner_loads(WITH_LEGS), WITH_LEGS).efficiency
+    share = load_efficiency(loads, corner_loads(WITH_LEGS), WITH_LEGS).efficiency
     sigma = predicted_sigma(loads, np.full(6, SIGNAL_MV), WITH_LEGS) * RANGE
     return share, 1e3 * float(np.sqrt(np.mean(sigma**2)))
 

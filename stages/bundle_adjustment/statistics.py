@@ -29,7 +29,7 @@ _FEWEST = 4  # points of a body: fewer tell no scale of it
 
 def statistics_table(found: AdjustedNetwork, more: Sequence[Figure]) -> pa.Table:
     """The table bundle_statistics, with more figures behind those of the adjustment."""
-    adjusted, snooped, named = found.adjustment, found.snooped, found.named
+    adjusted, snooped, named = found.adjustment, found.screened, found.named
     used, rays = adjusted.used, named.network.rays
     unknowns = 2 * int(used.sum()) + int(adjusted.defect.sum()) - adjusted.redundancy
     figures = [
@@ -88,7 +88,7 @@ def _regions(found: AdjustedNetwork) -> list[Figure]:
     """What residuals keep in common in some part of the format: the least p-value of each camera."""
     adjusted = found.adjustment
     network = adjusted.network
-    C = network.rays.cov_px2 * found.snooped.components.of_rays()[:, None, None]
+    C = network.rays.cov_px2 * found.screened.components.of_rays()[:, None, None]
     residuals = np.where(adjusted.used[:, None], adjusted.residuals_px, np.nan)
     regions = residual_regions(network, residuals, np.where(adjusted.used[:, None, None], C, 1.0))
     rows: list[Figure] = []
@@ -124,7 +124,7 @@ def _sizes(found: AdjustedNetwork) -> list[Figure]:
 def scale_sources(found: AdjustedNetwork, bars: pa.Table | None, survey: SurveyedPoints | None) -> list[Figure]:
     """Figures: the lengths of each bar, of the survey and of known points over those of the rays, in the middle of all
     poses, with sigma; what is common to all of them is no more than the rays' own scale."""
-    state = found.snooped.by_rays.state
+    state = found.screened.by_rays.state
     ratios: dict[str, list[tuple[float, float]]] = {}
     for pose in range(len(found.named.poses)):
         numbers = np.flatnonzero(found.named.network.point_pose == pose)
@@ -183,7 +183,7 @@ def image_cameras(found: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, str
     """The table image_cameras, a row per image whose principal distance its rays tell; and figures: a p-value per
     camera, and by how much points of each pose move where images that differ are given a camera of their own."""
     named, network = found.named, found.adjustment.network
-    stable = image_stability(found.snooped.by_rays, found.snooped.components.of_rays())
+    stable = image_stability(found.screened.by_rays, found.screened.components.of_rays())
     rows = [
         {
             "pose": named.poses[network.image_pose[image]],
@@ -203,9 +203,9 @@ def image_cameras(found: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, str
 
 def left_out(found: AdjustedNetwork, unseen: Sequence[str]) -> str:
     """Rays that took no part and why, elements of cameras that were held, bars that no pose shows, in words."""
-    reasons = Counter([*found.snooped.rejected.reason, *found.unmatched_reason])
+    reasons = Counter([*found.screened.rejected.reason, *found.unmatched_reason])
     said = [f"{counted(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
-    held = ", ".join(f"{camera} {element}" for camera, element in found.snooped.held)
+    held = ", ".join(f"{camera} {element}" for camera, element in found.screened.held)
     said += [f"held, since these images do not determine them: {held}"] if held else []
     return "; ".join([*said, *unseen]) or "nothing"
 
@@ -213,7 +213,7 @@ def left_out(found: AdjustedNetwork, unseen: Sequence[str]) -> str:
 def main_figure(found: AdjustedNetwork) -> str:
     """How much was adjusted, and how well the rays fit, in words."""
     adjusted = found.adjustment
-    sigma0 = found.snooped.sigma0.variance_factor**0.5
+    sigma0 = found.screened.sigma0.variance_factor**0.5
     points = set(found.named.network.rays.point[adjusted.used].tolist())
     poses = counted(len({int(found.named.network.point_pose[point]) for point in points}), "pose")
     return f"{counted(len(points), 'object point')} of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import gather
+from truing.formats.gather import collect_rows
 from truing.formats.shapes import COORDINATE_SIGMAS, TARGETS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
@@ -159,7 +159,9 @@ def surveyed_points(source: CampaignFiles, seen: frozenset[str], settings: Any) 
     """The survey of targets that rays see; None where there is none."""
     if not settings.files.targets and not source.entries("targets"):
         return None
-    found = gather(source, TARGETS, FaultLog())  # what is wrong with the survey is told when it is read for the poses
+    found = collect_rows(
+        source, TARGETS, FaultLog()
+    )  # what is wrong with the survey is told when it is read for the poses
     if found is None or any(name not in found.table.column_names for name in TARGETS.required):
         return None
     body, target = (np.array(found.table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))

@@ -34,7 +34,7 @@ class NetworkTables:
     def __init__(self, found: AdjustedNetwork, table: ImagePoints) -> None:
         self.found, self.table = found, table
         self.adjusted, self.named, self.network = found.adjustment, found.named, found.named.network
-        factor = found.snooped.covariance_factor
+        factor = found.screened.covariance_factor
         self.factor = float(factor) if np.isfinite(factor) else 1.0
         self.covariance = self.adjusted.covariance
         self.camera_names = np.array([camera.name for camera in self.network.cameras], dtype=object)
@@ -191,7 +191,7 @@ class NetworkTables:
 
     def image_residuals(self) -> pa.Table:
         """A row per ray, those that took no part with the reason, and circles that belong to no point."""
-        rays, named, snooped = self.network.rays, self.named, self.found.snooped
+        rays, named, snooped = self.network.rays, self.named, self.found.screened
         rejected = snooped.rejected
         reason = np.full(rays.count, None, dtype=object)
         reason[rejected.ray] = rejected.reason

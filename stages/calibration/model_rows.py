@@ -188,7 +188,7 @@ def _open(decision: Decision | None) -> dict[str, float | int | None]:
     then = (None, None) if decision.then is None else (decision.then.low, decision.then.high)
     return {
         "poses_judged": decision.poses,
-        "measurements": decision.further,
+        "measurements": decision.more_poses,
         "lower_expected": then[0],
         "upper_expected": then[1],
     }

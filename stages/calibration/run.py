@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from truing.belonging.relation import RelationState
 from truing.calibration.accuracy import AssessedCalibration, Extended, choice, doubts, shortcoming
-from truing.calibration.every_case import LEAST_LEGS, OFF, ScreenedPoses, calibrations, judged, screened_poses
+from truing.calibration.every_case import (
+    LEAST_LEGS,
+    OFF,
+    ScreenedPoses,
+    assessed_calibration,
+    calibrations,
+    screened_poses,
+)
 from truing.calibration.measured import CalibrationData
 from truing.calibration.question import Case, cases
 from truing.estimation.rotation import log_so3
@@ -32,7 +39,7 @@ from truing.stages.calibration.model_rows import (
     requirement_rows,
 )
 from truing.stages.common.applied_findings import applied_findings
-from truing.stages.common.calibration_data import gather
+from truing.stages.common.calibration_data import assemble
 from truing.stages.common.rows import Rows
 from truing.stages.common.why_not import HELD_OUT, why_no_calibration, why_too_few_poses
 from truing.stages.declaration import Outcome, Progress
@@ -60,7 +67,7 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
     if why := why_no_calibration(settings.mechanism, tables):
         return nothing_calibrated(why)
     try:
-        gathered = gather(tables, settings)
+        gathered = assemble(tables, settings)
     except ValueError as error:
         return nothing_calibrated(str(error))
     fitted = gathered.measured.roles != HELD_OUT
@@ -129,8 +136,8 @@ def _calibrated(
     failures = [f"{_words(one.case)}{f', {one.by}' if one.by else ''}: {one.why}" for one in both.failed]
     if not both.likely:
         return nothing_calibrated("; ".join(failures))
-    likely = [judged(gathered, one, fitted) for one in both.likely]
-    closed = [judged(gathered, one, fitted) for one in both.implicit]
+    likely = [assessed_calibration(gathered, one, fitted) for one in both.likely]
+    closed = [assessed_calibration(gathered, one, fitted) for one in both.implicit]
     made = choice(likely)
     best, measured, used = likely[made.chosen], gathered.measured, clean.measured
     rows = {

@@ -22,7 +22,7 @@ from truing.estimation.sensor.calibration import (
     relative_errors,
     sensitivities,
 )
-from truing.estimation.sensor.contenders import HeldOut, SensorCalibrations, calibrations, predicted_loads
+from truing.estimation.sensor.contenders import HeldOutPredictions, SensorCalibrations, calibrations, predicted_loads
 from truing.estimation.sensor.error_classes import CREEP_S, ErrorClass, axis_errors
 from truing.estimation.sensor.load_table import RecordedLoads
 from truing.report.numbers import count as counted
@@ -34,7 +34,7 @@ from truing.stages.common.applied_findings import AS_RECORDED, WITH_FINDINGS
 from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.point_arrays import number_columns
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI
-from truing.stages.common.recorded_signals import ranges_of, recorded, recorded_beside
+from truing.stages.common.recorded_signals import ranges_of, recorded, recorded_with_other_loads
 from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome, Progress
 
@@ -248,7 +248,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
         return nothing_of_sensor(why)
     sensitivity, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
     legs = None if fitted is None else leg_matrix(fitted, sensitivity, tolerance)
-    beside = None if fitted is None else _beside(tables, settings)
+    beside = None if fitted is None else _with_other_loads(tables, settings)
     artifacts = {
         "sensor_matrix": matrix_rows(drawn, fitted, legs, beside).table(),
         "sensor_merit": merit_rows(drawn, fitted, legs).table(),
@@ -269,10 +269,10 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     return Outcome(artifacts, read=read, left_out=left_out, figure=_figure_of_sensor(found, fitted, ranges))
 
 
-def _beside(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:
+def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:
     """The calibrations with the other loads; None where no finding changes a load, or those determine none."""
     try:
-        other = recorded_beside(tables, settings)
+        other = recorded_with_other_loads(tables, settings)
         return None if other is None else OtherCalibrations(other, calibrations(other))
     except ValueError:
         return None
@@ -374,7 +374,7 @@ def choice_rows(found: RecordedLoads, fitted: SensorCalibrations) -> Rows:
     return rows
 
 
-def _figures(rows: Rows, fitted: SensorCalibrations, one: HeldOut) -> None:
+def _figures(rows: Rows, fitted: SensorCalibrations, one: HeldOutPredictions) -> None:
     _load_rows(rows, one, "heldout_rms", one.rms, fitted)
     if one.fit.model.direction == "direct":
         _load_rows(rows, one, "fitted_rms", np.sqrt(np.mean(one.fit.residuals**2, axis=0)), fitted)
@@ -384,13 +384,13 @@ def _figures(rows: Rows, fitted: SensorCalibrations, one: HeldOut) -> None:
     _add_figure(rows, one, "parameters", None, float(one.fit.matrix.size + one.fit.zeros.size), "1")
 
 
-def _load_rows(rows: Rows, one: HeldOut, figure: str, values: NDArray, fitted: SensorCalibrations) -> None:
+def _load_rows(rows: Rows, one: HeldOutPredictions, figure: str, values: NDArray, fitted: SensorCalibrations) -> None:
     for name, value in zip(fitted.table.load_names, values, strict=True):
         if np.isfinite(value):
             _add_figure(rows, one, figure, name, float(value), "N" if name.startswith("f") else "N m")
 
 
-def _add_figure(rows: Rows, one: HeldOut, figure: str, subject: str | None, value: float, unit: str) -> None:
+def _add_figure(rows: Rows, one: HeldOutPredictions, figure: str, subject: str | None, value: float, unit: str) -> None:
     finite = value if np.isfinite(value) else None
     rows.add(model=one.fit.model.name, figure=figure, subject=subject, value=finite, unit=unit)
 

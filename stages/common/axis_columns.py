@@ -58,7 +58,7 @@ class AxisColumns:
         return Axis(self.kind, tuple(self.encoders), self.loop, _MOVED * command_sigma)
 
     @property
-    def told(self) -> tuple[str, float]:
+    def reported_unit(self) -> tuple[str, float]:
         """Return the unit in which errors are told, and what it is in SI."""
         return TOLD[self.unit]
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.inference.arrays import Array, Integers
-from truing.inference.blocks import BlockKind, alike, days, regions
+from truing.inference.blocks import BlockKind, days, group_numbers, regions
 from truing.stages.common.point_arrays import positions
 from truing.stages.common.repeats import DECLARED, drive_readings, repeated_poses
 
@@ -24,7 +24,7 @@ def groupings_of(
     if time_s is not None:
         found[BlockKind.DAY] = days(time_s)
     if approach is not None and approach.shape[1]:
-        found[BlockKind.DIRECTION] = alike(approach)
+        found[BlockKind.DIRECTION] = group_numbers(approach)
     varies = np.isfinite(inputs).all(0) & (np.ptp(inputs, axis=0) > 0.0) if len(inputs) else np.zeros(0, bool)
     if varies.any():
         found[BlockKind.REGION] = regions(inputs[:, varies])

@@ -120,7 +120,7 @@ def _root(covariance: NDArray) -> NDArray:
     return np.asarray(scale[:, None] * vectors[:, told] * np.sqrt(values[told]))
 
 
-def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationData:
+def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationData:
     """Return what a calibration compares; raises ValueError, saying why, where the campaign does not hold it."""
     section_ = cast("LeggedMechanism", settings.mechanism)
     count = len(section_.legs)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from truing.schemas.sections import Noise
 
 
-def kept_readings(residuals: pa.Table, steps: RecordedSteps) -> AcceptedReadings:
+def accepted_readings(residuals: pa.Table, steps: RecordedSteps) -> AcceptedReadings:
     """What reading_residuals says of the readings of load steps; a reading whose geometry is unknown is not kept."""
     place = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
     keys = zip(residuals.column("run").to_pylist(), residuals.column("step").to_pylist(), strict=True)
@@ -43,7 +43,7 @@ def kept_readings(residuals: pa.Table, steps: RecordedSteps) -> AcceptedReadings
 def loaded_steps(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
     """Readings without gross errors and without the drifts that runs show beyond chance."""
     steps = load_steps({"readings": tables["readings"]})
-    own = kept_readings(tables["reading_residuals"], steps)
+    own = accepted_readings(tables["reading_residuals"], steps)
     drift = _drifts(tables["run_terms"], steps)
     begin = np.array([steps.time_s[steps.run == r].min(initial=np.inf) for r in range(len(steps.runs))])
     moved = drift[steps.run] * (steps.time_s - begin[steps.run])[:, None]

@@ -6,8 +6,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.schemas.covariates import stand_in
-from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, order_in_time, remembered
+from truing.schemas.covariates import column_alias
+from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, fading_sum, order_in_time
 from truing.simulation.mechanisms.recording import Conditions
 from truing.stages.common.point_arrays import number_column, number_columns, positions
 
@@ -31,15 +31,15 @@ def pose_conditions(
     names = [f"rho{leg}_mm" for leg in range(1, legs + 1)]
     readings = dense(number_columns(configurations, names) * 1e-3)
     covariates = {
-        stand_in(field.name): dense(number_column(configurations, field.name))
+        column_alias(field.name): dense(number_column(configurations, field.name))
         for field in configurations.schema
         if field.name not in ("pose", "role", *names) and _is_number(field.type)
     }
     covariates[ORDER] = order_in_time(covariates.get("time_s"), len(poses))
     if "time_s" in covariates:
         covariates[APPROACH] = approach(readings, covariates["time_s"], _MOVED * reading_sigma)
-        covariates[LAST_STEP] = remembered(readings, covariates["time_s"], 0.0)
-        covariates[MEMORY] = remembered(readings, covariates["time_s"], _KEPT)
+        covariates[LAST_STEP] = fading_sum(readings, covariates["time_s"], 0.0)
+        covariates[MEMORY] = fading_sum(readings, covariates["time_s"], _KEPT)
     return Conditions(readings, covariates, poses, _span(covariates.get("time_s")))
 
 

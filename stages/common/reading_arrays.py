@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
-from truing.schemas.covariates import stand_in
+from truing.schemas.covariates import column_alias
 from truing.stages.common.point_arrays import number_column, number_columns
 
 LOAD_COLUMNS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
@@ -79,7 +79,7 @@ def covariate_columns(kind: str, table: pa.Table) -> dict[str, str]:
     """Return the covariates of the readings or signals: what each stands under, by its column of the table."""
     own = _OF_TABLE[kind]
     return {
-        field.name: stand_in(field.name)
+        field.name: column_alias(field.name)
         for field in table.schema
         if field.name not in own and str(field.type) in ("double", "int64")
         if not (kind == "signals" and _SIGNAL.fullmatch(field.name))

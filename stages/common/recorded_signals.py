@@ -34,7 +34,7 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoad
     return _recorded(tables, settings, findings.text if findings.is_main else None)
 
 
-def recorded_beside(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoads | None:
+def recorded_with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoads | None:
     """The same signals with the loads that `recorded` does not take; None where no finding changes a load."""
     findings = applied_findings(tables)
     other = _recorded(tables, settings, findings.text)

@@ -65,9 +65,9 @@ class Design:
     """
 
     problem: DesignProblem
-    wish: DesignOptions
+    options: DesignOptions
     placed: Placed
-    whole: AssessedConfigurations
+    all_configurations: AssessedConfigurations
     kept: AssessedConfigurations | None
     existing: AssessedConfigurations | None
     candidates: Bounded
@@ -77,14 +77,14 @@ class Design:
     @property
     def efficiency(self) -> float:
         """Return the share of the best possible."""
-        return efficiency(self.whole.log_det, self.candidates.upper, self.problem.size)
+        return efficiency(self.all_configurations.log_det, self.candidates.upper, self.problem.size)
 
     @property
     def existing_efficiency(self) -> float | None:
         """Return what share of the best of as many poses the campaign's own are; None where there are none to judge."""
         if self.existing is None or self.kept is not None:
             return None
-        best = self.candidates.upper + self.problem.size * float(np.log(self.existing.count / self.wish.poses))
+        best = self.candidates.upper + self.problem.size * float(np.log(self.existing.count / self.options.poses))
         return efficiency(self.existing.log_det, best, self.problem.size)
 
 
@@ -96,7 +96,7 @@ class LoadPlan:
     the campaign's own loads by the same measure, and one_of: what one chosen load is worth in them.
     """
 
-    wish: DesignOptions
+    options: DesignOptions
     limits: LoadLimits
     chosen: LoadDesign
     candidates: int

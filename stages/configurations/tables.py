@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from truing.calibration.configuration_search import AssessedConfigurations, DesignProblem, judged
+from truing.calibration.configuration_search import AssessedConfigurations, DesignProblem, assessed
 from truing.estimation.design.pose_order import PoseOrder
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.common.point_arrays import number_columns
@@ -41,7 +41,7 @@ def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> A
         return None
     try:
         rho = readings_of(table, problem.legs, "configurations")
-        return judged(problem, rho) if len(rho) >= len(problem.names) else None
+        return assessed(problem, rho) if len(rho) >= len(problem.names) else None
     except (CampaignFaults, ValueError):
         return None
 

@@ -22,7 +22,7 @@ def words_of(design: Design) -> list[str]:
 
 
 def _chosen(design: Design) -> list[str]:
-    wish, names = design.wish, [entry.name for entry in design.problem.names]
+    wish, names = design.options, [entry.name for entry in design.problem.names]
     kept = "" if design.kept is None else f" beside {design.kept.count} that are kept"
     held = f" and {wish.verification} for verification" if wish.verification else ""
     first = f"{counted(wish.poses, 'configuration')}{held} by {wish.method}{kept}, {_WITHIN[wish.within]}"
@@ -41,8 +41,8 @@ def _chosen(design: Design) -> list[str]:
 def _quality(design: Design) -> list[str]:
     best = design.candidates.upper
     return [
-        f"O1 = log det J'J = {design.whole.log_det:.3f} (parameters in tolerances, residuals in their noise: "
-        f"{_noise(design)})",
+        f"O1 = log det J'J = {design.all_configurations.log_det:.3f} (parameters in tolerances, residuals in their "
+        f"noise: {_noise(design)})",
         f"D-efficiency {_percent(design.efficiency)} of the best possible, {best:.3f} ({_bound(design)})",
     ]
 
@@ -77,7 +77,7 @@ def _sigmas(design: Design) -> list[str]:
 
 def _sigma_line(design: Design, k: int, entry: LegParameter) -> str:
     tolerance = design.problem.tolerance[k]
-    sigma = design.whole.sigma[:, k] * tolerance / entry.si
+    sigma = design.all_configurations.sigma[:, k] * tolerance / entry.si
     best, worst = int(np.argmin(sigma)), int(np.argmax(sigma))
     unit = _UNITS[entry.unit]
     cells = [f"{sigma[leg]:.3g}{unit} (leg {leg + 1})" for leg in (best, worst)]
@@ -104,14 +104,16 @@ def _existing(design: Design) -> list[str]:
     )
     if found.outside:
         line += f"; {found.outside} of them lie outside of these limits, which the bound is not about"
-    alike = design.whole.log_det + design.problem.size * np.log(found.count / design.whole.count)
+    alike = design.all_configurations.log_det + design.problem.size * np.log(
+        found.count / design.all_configurations.count
+    )
     ratio = efficiency(alike, found.log_det, design.problem.size)
     return [line, f"one chosen pose tells as much as {ratio:.2f} of the campaign's own"]
 
 
 def words_of_loads(plan: LoadPlan) -> list[str]:
     """The lines that a plan of loads is told in."""
-    wish = plan.wish
+    wish = plan.options
     held = f" and {wish.verification} for verification" if wish.verification else ""
     at_once = "all components at once" if wish.may_all_act else f"at most {wish.at_once} at once"
     spread = [100.0 * one for one in plan.sigma]
@@ -140,7 +142,7 @@ def _existing_loads(plan: LoadPlan) -> list[str]:
     if own.efficiency == 0.0:
         return [f"the campaign's own {len(own.loads)} loads do not determine a calibration"]
     size = len(LOADS) + 1
-    worth = np.exp((plan.chosen.log_det - own.log_det) / size) * len(own.loads) / plan.wish.poses
+    worth = np.exp((plan.chosen.log_det - own.log_det) / size) * len(own.loads) / plan.options.poses
     return [
         f"the campaign's own {counted(len(own.loads), 'load')}: {_percent(own.efficiency)} of the best of as many, all "
         "components at once",

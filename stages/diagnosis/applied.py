@@ -52,4 +52,4 @@ def applied_model(
     if not applied or len(own) == len(found) or gathered.model_text is None:
         return None
     fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
-    return gathered.model_text(fitter.settled(own, diagnosis.plain), settings)
+    return gathered.model_text(fitter.converged(own, diagnosis.plain), settings)

@@ -17,7 +17,7 @@ from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_tabl
 from truing.stages.diagnosis.left_tables import left_out_table
 from truing.stages.diagnosis.ray_findings import with_rays
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
-from truing.stages.diagnosis.search import rule_beside_rays, rule_of
+from truing.stages.diagnosis.search import rule_of, rule_with_rays
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
@@ -35,8 +35,8 @@ def outcome(
 ) -> Outcome:
     """What the stage made of points or readings, with what rays tell before them."""
     rule = rule_of(settings)
-    artifacts = artifacts_of(diagnosis, gathered, rule if rays is None else rule_beside_rays(rule), settings)
-    shown = gathered.shown.whole(diagnosis.final.error)
+    artifacts = artifacts_of(diagnosis, gathered, rule if rays is None else rule_with_rays(rule), settings)
+    shown = gathered.shown.overall(diagnosis.final.error)
     gross = gross_errors(len(diagnosis.screened), shown.what) if diagnosis.screened else ""
     read, left_out = _read(gathered, shown), [gathered.left_out, gross]
     if rays is not None:
@@ -78,7 +78,7 @@ def artifacts_of(
     """Tables and text by artifact."""
     diagnosis = replace(diagnosis, verdicts=assessed(diagnosis.verdicts, diagnosis.search, rule.level))
     last, legs = diagnosis.search, diagnosis.plain.model.part_count
-    own = gathered.leaves(diagnosis, gathered, settings)
+    own = gathered.instrument_results(diagnosis, gathered, settings)
     detectable = detectable_words(last, rule.level, [verdict.cause for verdict in diagnosis.verdicts], legs)
     words = DetectionAdvice(
         detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown, gathered.relation

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.inference.blocks import alike
+from truing.inference.blocks import group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
@@ -36,7 +36,7 @@ _WIDE = 1e3
 _SCATTER = "Send the axis to one command ten times over from the same side: the scatter is the true noise."
 
 
-def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[AxisModel]:
+def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[AxisModel]:
     """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     if why := why_no_diagnosis(tables, settings):
         raise ValueError(why)
@@ -66,7 +66,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[
     groupings = groupings_of(own.readings, own.time_s, own.direction[:, None], known)
     return DiagnosisData(
         model,
-        replace(poses(fitted), repeats=alike(np.round(own.readings, 12)), groupings=groupings),
+        replace(poses(fitted), repeats=group_numbers(np.round(own.readings, 12)), groupings=groupings),
         poses(held) if held.any() else None,
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
         _left,
@@ -77,7 +77,7 @@ def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[
 
 
 def _shown(columns: AxisColumns) -> Channels:
-    unit, si = columns.told
+    unit, si = columns.reported_unit
     count = len(columns.encoders)
     return Channels(
         (unit,) * count,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.target_positions import median_places
 from truing.report.numbers import count as counted
-from truing.schemas.covariates import stand_in
+from truing.schemas.covariates import column_alias
 from truing.schemas.verdict import Relation
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
 from truing.simulation.bodies.measured_bodies import (
@@ -22,10 +22,10 @@ from truing.simulation.bodies.measured_bodies import (
     BodyPlaces,
     BodyTargets,
     MeasuredBodies,
+    fixed_body,
     frame_is_common,
+    free_body,
     measured_body,
-    not_standing,
-    standing_at,
 )
 from truing.simulation.bodies.model import BodyModel, KnownBodies
 from truing.simulation.inputs import approach, order_in_time
@@ -60,7 +60,7 @@ _MOVED = 1e-3
 _MOST_NUMBERS, _COURSES = 6_000_000, 16
 
 
-def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[BodyModel]:
+def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[BodyModel]:
     """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     if any(name not in tables or not tables[name].num_rows for name in ("observations", "poses", "residuals")):
         raise ValueError("needs measured points of bodies")
@@ -69,7 +69,7 @@ def gather_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagnos
     found, words = _targets(tables, poses, covariates["order"], settings.noise.point_mm)
     if not found:
         raise ValueError(_why_none(tables, settings.reference_body))
-    stands = [_standing(body, settings, covariates) for body in found]
+    stands = [_body_places(body, settings, covariates) for body in found]
     bodies = MeasuredBodies.led(found, stands, settings.reference_body)
     covariates |= bodies.places(covariates["order"]) if not settings.campaign.drives else {}
     if settings.measurement.up is not None:
@@ -154,7 +154,7 @@ def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoint
     return median_places(places, np.where(trusted.any(0), trusted, known))
 
 
-def _standing(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> BodyPlaces:
+def _body_places(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> BodyPlaces:
     """How a body stands: still where it is the reference and hardly moves, or where campaign.toml says so.
 
     A body that campaign.toml names stands still where the drives do: in one place for every combination of them.
@@ -162,13 +162,13 @@ def _standing(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Ar
     order = covariates["order"]
     named = body.name in settings.bodies.still
     if (named or body.name == settings.reference_body) and frame_is_common(body, order):
-        return standing_at(body, np.zeros(len(order), np.int64), order)
-    drives = [covariates[d] for d in map(stand_in, settings.campaign.drives) if d in covariates]
+        return fixed_body(body, np.zeros(len(order), np.int64), order)
+    drives = [covariates[d] for d in map(column_alias, settings.campaign.drives) if d in covariates]
     if named and drives:
         level = np.unique(np.column_stack(drives), axis=0, return_inverse=True)[1].ravel()
         if 2 * (level.max() + 1) <= len(level) + 1:  # most places are seen twice: else nothing can be compared
-            return standing_at(body, level, order)
-    return not_standing(body)
+            return fixed_body(body, level, order)
+    return free_body(body)
 
 
 def _why_none(tables: Mapping[str, pa.Table], reference: str | None) -> str:
@@ -192,12 +192,12 @@ def known_of_poses(
             if field.name not in ("pose", "role") and str(field.type) in ("double", "int64"):
                 values = np.full(len(poses), np.nan)
                 values[place[place >= 0]] = number_column(table, field.name)[place >= 0]
-                covariates[stand_in(field.name)] = values
+                covariates[column_alias(field.name)] = values
     time = covariates.get("time_s")
     if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):
         del covariates["time_s"]  # numbers of rows, and no seconds
     covariates["order"] = order_in_time(time, len(poses))
-    for drive in map(stand_in, drives):
+    for drive in map(column_alias, drives):
         if drive in covariates and np.ptp(covariates[drive]) > 0:
             least = _MOVED * float(np.ptp(covariates[drive]))
             covariates[CAME_FROM + drive] = approach(covariates[drive][:, None], covariates["order"], least)[:, 0]
@@ -213,10 +213,10 @@ def _model(
         shape,
         shape_unknowns(targets, shape, np.concatenate([body.shape_cov for body in found])),
         np.repeat([body.surveyed for body in found], [3 * len(body.names) - 6 for body in found]),
-        np.array([one.levels for one in bodies.stands]),
-        np.stack([one.jitter for one in bodies.stands]),
+        np.array([one.levels for one in bodies.body_places]),
+        np.stack([one.jitter for one in bodies.body_places]),
         bodies.lead,
-        tuple(map(stand_in, settings.campaign.drives)),
+        tuple(map(column_alias, settings.campaign.drives)),
         tuple(body.name for body in found if place_columns(body.name)[0] in covariates),
         settings.mechanism.reference_temperature_c,
     )

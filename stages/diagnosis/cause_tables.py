@@ -12,7 +12,7 @@ from truing.inference.detectable import POWER, EffectSensitivity, sight, sights
 from truing.inference.linear_problem import EARLIER, INPUTS, OBSERVATIONS, PLAUSIBLE, WIDE
 from truing.report.diagnosis.findings import detectable_words as in_words
 from truing.schemas.artifacts import ARTIFACTS
-from truing.simulation.detection_trials import told_size
+from truing.simulation.detection_trials import reported_size
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
@@ -74,14 +74,14 @@ def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: 
     for cause in causes:
         own = sight(search, cause, level)
         if own is not None and cause.catalogued and (smallest := own.smallest()) is not None:
-            size = told_size(cause, smallest, legs)
+            size = reported_size(cause, smallest, legs)
             words[cause.key] = in_words(size.parameter, size.value, size.unit)
     return words
 
 
 def _row(own: EffectSensitivity, legs: int) -> dict[str, Any]:
     smallest = own.smallest()
-    size = told_size(cast("Cause", own.cause), 1.0 if smallest is None else smallest, legs)
+    size = reported_size(cast("Cause", own.cause), 1.0 if smallest is None else smallest, legs)
     return {
         "cause": own.kind,
         "subject": own.cause.subject,

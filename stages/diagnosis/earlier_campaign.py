@@ -23,7 +23,7 @@ from truing.simulation.mechanisms.extended_model import read_model
 from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.prior_campaign import CampaignPrior
-from truing.simulation.reported_numbers import alternatives, figures, numbers_of, told_numbers
+from truing.simulation.reported_numbers import alternatives, figures, numbers_of, reported_numbers
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def started(gathered: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData
         campaign, causes, earlier = _known(text, gathered.model)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise CampaignFaults([Fault("start.toml", f"a model.toml that a run has written ({error})")]) from None
-    alone = with_earlier(gathered.model, earlier.nothing)
+    alone = with_prior_campaign(gathered.model, earlier.nothing)
     try:
         stand = Fitter(alone, gathered.calibration, gathered.held_out, seed).prepared(gathered.given)
         assert isinstance(stand.model, MechanismModel | BenchModel)
@@ -61,7 +61,7 @@ def started(gathered: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData
     lost = {cause.id for cause in causes if cause.is_persistent} - {cause.id for cause in earlier.causes}
     missing = f"{', '.join(sorted(lost))} of {campaign}, whose columns are missing here" if lost else ""
     words = "; ".join(part for part in (gathered.left_out, missing, said) if part)
-    return replace(gathered, model=with_earlier(gathered.model, kept), left_out=words)
+    return replace(gathered, model=with_prior_campaign(gathered.model, kept), left_out=words)
 
 
 def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior]:
@@ -73,7 +73,7 @@ def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior
     return found.context.get("campaign", _UNNAMED), found.model.causes, mechanism_prior(found, model)
 
 
-def with_earlier(model: ModelT, earlier: CampaignPrior) -> ModelT:
+def with_prior_campaign(model: ModelT, earlier: CampaignPrior) -> ModelT:
     """The model, of points or of readings, that starts from what an earlier campaign found."""
     return replace(model, prior_campaign=earlier).with_causes(())
 
@@ -112,11 +112,11 @@ def changes_table(final: FittedModel) -> pa.Table | None:
     earlier = final.model.prior_campaign
     if earlier is None:
         return None
-    model = with_earlier(final.model, earlier.nothing).with_causes(final.causes)
+    model = with_prior_campaign(final.model, earlier.nothing).with_causes(final.causes)
     fit = fit_model(model.predict, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
     covariance = fit.whitened.covariance() * final.noise_ratio**2
     found = _compared(earlier, model, fit.shared, covariance)
-    told = told_numbers(earlier, model, fit.shared, covariance)
+    told = reported_numbers(earlier, model, fit.shared, covariance)
     rows = Rows("changes")
     rows.add(**told.columns, **figures(earlier, told, found, *_now(earlier, model, fit.shared, covariance)))
     return rows.table()

@@ -74,7 +74,7 @@ class ReportedRms:
         """How to tell of one target: as of everything."""
         return self
 
-    def whole(self, error: PredictionError) -> ReportedRms:
+    def overall(self, error: PredictionError) -> ReportedRms:
         """How to tell of everything."""
         return self
 
@@ -120,7 +120,7 @@ class Channels:
         """How to tell of one channel."""
         return self._of((np.arange(len(self.units)) == target).astype(float))
 
-    def whole(self, error: PredictionError) -> ReportedRms:
+    def overall(self, error: PredictionError) -> ReportedRms:
         """How to tell of all readings: those of the unit of which there are most."""
         seen = error.seen.sum(0).astype(float)
         readings = np.where(self.signal, 0.0, seen)
@@ -156,7 +156,7 @@ class DiagnosisData(Generic[M]):
     calibration: Epochs
     held_out: Epochs | None
     left_out: str
-    leaves: Callable[[CauseDiagnosis, DiagnosisData[Any], Campaign], InstrumentResults]
+    instrument_results: Callable[[CauseDiagnosis, DiagnosisData[Any], Campaign], InstrumentResults]
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
     shown: ReportedRms | Channels = POINTS
     model_text: Callable[[FittedModel[Any], Campaign], str] | None = None  # what stands in model.toml of a fit

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.labels.judged_points import judged_points
+from truing.estimation.labels.judged_points import select_points
 from truing.estimation.rigid_poses.points import with_declared_noise
 from truing.inference.observations import Frames
 from truing.report.numbers import count as counted
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 _FEWEST_POSES = 3
 
 
-def gather(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[MechanismModel]:
+def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[MechanismModel]:
     """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     section = cast("LeggedMechanism", settings.mechanism)
     if why := why_no_diagnosis_of_mechanism(section, settings.noise.point_mm, tables):
@@ -141,7 +141,7 @@ def _targets(
         survey = survey_points(tables["survey"], body)
         found = pose_points(tables["observations"], body, poses, survey.targets)
         residuals = point_residuals(tables["residuals"], body, poses, survey.targets)
-        judged = judged_points(residuals, found, survey.points, order)
+        judged = select_points(residuals, found, survey.points, order)
         swapped += swapped_targets(body, survey.targets, poses, order, judged.exchanges)
         named += [(body, target) for target in survey.targets]
         parts["body"].append(np.full(len(survey.targets), kind))

@@ -70,7 +70,7 @@ class PossibleMeasurements:
         named = [name for name in self.matters if name not in (TIME, ORDER) and not name.startswith(CAME_FROM)]
         return tuple(name for name in named if self.conditions.covariates[name].ndim == 1)
 
-    def seen(self, fitted: Fitted) -> PoseCandidates:
+    def linearised(self, fitted: Fitted) -> PoseCandidates:
         """Return the candidates as a fitted model sees them."""
         return candidates(fitted, self.conditions, self.instrument)
 

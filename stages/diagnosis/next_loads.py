@@ -73,7 +73,7 @@ class PossibleRuns:
     between: ClassVar[str] = "; "
     pace: ClassVar[str] = "of loading"
 
-    def seen(self, fitted: Fitted) -> PoseCandidates:
+    def linearised(self, fitted: Fitted) -> PoseCandidates:
         """Return the candidates as a fitted model sees them."""
         return run_candidates(fitted, self.runs, self.readout)
 

@@ -16,8 +16,8 @@ from truing.estimation.design.rival_design import (
     Fitted,
     PointInstrument,
     PoseCandidates,
+    discriminating_poses,
     narrowed,
-    told_apart,
 )
 from truing.inference.observations import Frames, Observations
 from truing.report.diagnosis.findings import subject_words
@@ -58,7 +58,7 @@ class Options(Protocol):
     between: ClassVar[str]  # of several in a sentence
     pace: ClassVar[str]  # behind how long they take
 
-    def seen(self, fitted: Fitted) -> PoseCandidates:
+    def linearised(self, fitted: Fitted) -> PoseCandidates:
         """Return the candidates as a fitted model sees them."""
 
     def named(self, k: int) -> str:
@@ -121,9 +121,9 @@ class MeasurementPlan:
         chosen = self.choice.chosen
         named = self.options.between.join(self.options.named(k) for k in chosen[:_TOLD])
         more = f"{self.options.between}.." if len(chosen) > _TOLD else ""
-        return Advice(kind, self.asked(f"{aim},", f" ({named}{more})"), self.asked(f"{aim},"), self.purpose)
+        return Advice(kind, self.request(f"{aim},", f" ({named}{more})"), self.request(f"{aim},"), self.purpose)
 
-    def asked(self, first: str, named: str = "") -> str:
+    def request(self, first: str, named: str = "") -> str:
         """Return a sentence that begins with some words: what to measure, how often and how long, and what it gives."""
         count_of, (one, several) = len(self.choice.chosen), self.options.what
         what = f"this {one}" if count_of == 1 else f"these {count_of} {several}"
@@ -197,7 +197,9 @@ class NextMeasurement:
 def next_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
     """Return what to measure after a diagnosis of poses."""
     final = diagnosis.final
-    return next_measurements(settings, MeasuredPoints(final.measured, final.fit.frames), *_asked(diagnosis, _fitted))
+    return next_measurements(
+        settings, MeasuredPoints(final.measured, final.fit.frames), *_models_to_improve(diagnosis, _fitted)
+    )
 
 
 def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
@@ -206,24 +208,27 @@ def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurem
     What was found alone keeps the words of its cause, which ask for more than more loads; these are in the table.
     """
     legs = diagnosis.plain.model.part_count
-    found, rivals = _asked(diagnosis, next_run)
+    found, rivals = _models_to_improve(diagnosis, next_run)
     plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
     alone = {cause.key: cause for cause, _ in found}
     for pair in rivals:
         alone.pop(pair.cause.key, None)
     by_purpose = {plan.purpose: plan for plan in plans if plan.leads}
-    own = {key: _beside(_confirming(cause, legs), by_purpose.get(advice[key].purpose)) for key, cause in alone.items()}
+    own = {
+        key: _with_another(_confirming(cause, legs), by_purpose.get(advice[key].purpose))
+        for key, cause in alone.items()
+    }
     return NextMeasurement(plan_table("next_loads", plans), {**advice, **own})
 
 
-def _beside(another: Advice, plan: MeasurementPlan | None) -> Advice:
+def _with_another(another: Advice, plan: MeasurementPlan | None) -> Advice:
     """Another kind of measurement first, then what a plan gives without it."""
     if plan is None:
         return another
-    return replace(another, words=f"{another.words} {plan.asked('Or')}", purpose=plan.purpose)
+    return replace(another, words=f"{another.words} {plan.request('Or')}", purpose=plan.purpose)
 
 
-def _asked(
+def _models_to_improve(
     diagnosis: CauseDiagnosis, fitted: Callable[[FittedModel], Fitted]
 ) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those that cannot be told from their rivals."""
@@ -267,7 +272,7 @@ def planned(
     for plan, pair in sorted(judged, key=lambda found: found[0].effort):
         plans.append(plan)
         for own, other in ((pair.cause, pair.other), (pair.other, pair.cause)):
-            advice[own.key] = _told_apart(plan, own, other, pair.legs)
+            advice[own.key] = _separation_advice(plan, own, other, pair.legs)
     for cause, fitted in found:
         if cause.key not in advice:
             largest = _largest(cause, fitted, least_known)
@@ -282,8 +287,8 @@ def planned(
 def _apart(reach: Reach, pair: Rivals) -> MeasurementPlan:
     both = pair.fitted, pair.other_fitted
     options = reach(both)
-    rivals = options.seen(both[0]), options.seen(both[1])
-    choice = told_apart(rivals, (_own(*both), _own(*both[::-1])), ODDS, _MOST, pair.log_odds)
+    rivals = options.linearised(both[0]), options.linearised(both[1])
+    choice = discriminating_poses(rivals, (_own(*both), _own(*both[::-1])), ODDS, _MOST, pair.log_odds)
     given = (
         f"Odds of {_odds(choice.final)} are then expected, whichever of the two is right."
         if choice.is_enough
@@ -300,7 +305,7 @@ def _own(fitted: Fitted, other: Fitted) -> NDArray:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
-def _told_apart(plan: MeasurementPlan, own: Any, other: Any, legs: int) -> Advice:
+def _separation_advice(plan: MeasurementPlan, own: Any, other: Any, legs: int) -> Advice:
     both, by_another = f"{_called(own, legs)} from {_called(other, legs)}", _confirming(other, legs).words
     if plan.choice.is_enough:
         return plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
@@ -316,7 +321,7 @@ def _told_apart(plan: MeasurementPlan, own: Any, other: Any, legs: int) -> Advic
 
 def _called(cause: Any, legs: int) -> str:
     """What tells a cause from others, in the words of a page."""
-    of, follows = subject_words(cause.subject), columns_words(cause.follows(legs))
+    of, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
     return f"{cause_words(cause.id)}{f' of {of}' if of else ''}{f' with {follows}' if follows else ''}"
 
 
@@ -327,8 +332,8 @@ def _confirming(cause: Any, legs: int) -> Advice:
 def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[MeasurementPlan, Advice]:
     """Return what narrows down a parameter."""
     options = reach((fitted,))
-    choice = narrowed(options.seen(fitted), largest.direction, _HALF, _MOST)
-    name, legs = largest.told.name, fitted.model.part_count
+    choice = narrowed(options.linearised(fitted), largest.direction, _HALF, _MOST)
+    name, legs = largest.value.name, fitted.model.part_count
     falls = (
         f"falls from {largest.sure(1.0)} to {largest.sure(choice.final)}, by a factor of {rough(1.0 / choice.final)}"
     )
@@ -351,19 +356,19 @@ class _Largest:
     """The largest parameter of a cause, of those in the unit of its first, and how it follows the unknowns (G,)."""
 
     cause: Any
-    told: Any  # a `cause.ReportedParameter`
+    value: Any  # a `cause.ReportedParameter`
     direction: NDArray
 
     def sure(self, times: float) -> str:
         """Return its uncertainty times a number, in words."""
         from truing.report.diagnosis.effect_units import plain_size
 
-        return f"± {plain_size(self.told.name, times * self.told.sigma, self.told.unit)}"
+        return f"± {plain_size(self.value.name, times * self.value.sigma, self.value.unit)}"
 
     def columns(self, times: float) -> dict[str, Any]:
         """Return the columns of a row after which its uncertainty is so many times that of now."""
-        sigma, unit = float(self.told.sigma), self.told.unit
-        told = f"{self.told.name} {self.sure(times)}"
+        sigma, unit = float(self.value.sigma), self.value.unit
+        told = f"{self.value.name} {self.sure(times)}"
         return {"expected": told, "sigma_now": sigma, "sigma_expected": times * sigma, "unit": unit}
 
 
@@ -388,7 +393,7 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
 
 def _name(cause: Any, legs: int) -> str:
     """Return what tells a cause from others in a sentence: its subject, or what it follows where it has no name."""
-    follows = tuple(map(own_name, cause.follows(legs)))
+    follows = tuple(map(own_name, cause.inputs(legs)))
     driven = f"following {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""
     return " ".join(filter(None, (cause.id, cause.subject, driven)))
 

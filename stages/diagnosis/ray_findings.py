@@ -31,7 +31,7 @@ from truing.stages.common.point_errors import point_errors
 from truing.stages.common.ray_statistics import effects_on_points
 from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
 from truing.stages.diagnosis.gathered import DiagnosisData
-from truing.stages.diagnosis.ray_points import gather_rays, scale_height
+from truing.stages.diagnosis.ray_points import assemble_rays, scale_height
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table, ranked_table
 from truing.stages.diagnosis.search import decided_of_rays, rule_of_rays
 
@@ -56,7 +56,7 @@ class RayFindings:
     (N, 3), m, and how it follows the errors that all poses share (N, 3, Q), m per standard deviation."""
 
     diagnosis: CauseDiagnosis
-    gathered: DiagnosisData[RayModel]
+    data: DiagnosisData[RayModel]
     points: Mapping[tuple[Any, str], int]
     off: Array
     common: Array
@@ -71,7 +71,7 @@ class RayFindings:
     @property
     def read(self) -> str:
         """What was read, in words."""
-        return f"rays of {counted(len(self.gathered.calibration.conditions.poses), 'pose')}"
+        return f"rays of {counted(len(self.data.calibration.conditions.poses), 'pose')}"
 
     @property
     def left_out(self) -> str:
@@ -82,7 +82,7 @@ class RayFindings:
 
 def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> RayFindings:
     """Search what rays tell for causes, and say what they do to the points."""
-    gathered, whole = gather_rays(tables, settings)
+    gathered, whole = assemble_rays(tables, settings)
     diagnosis = decided_of_rays(gathered, settings, progress)
     keys, effects = effects_on_points(tables["ray_effects"], whole.parameters)
     points = {key: row for row, key in enumerate(keys)}
@@ -167,7 +167,7 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     level, search = own_rule.level, rays.diagnosis.search
     diagnosis = replace(rays.diagnosis, verdicts=assessed(rays.diagnosis.verdicts, search, level))
     sizes = detectable_words(search, level, [verdict.cause for verdict in diagnosis.verdicts], 0)
-    words = DetectionAdvice(sizes, shown=rays.gathered.shown, relation=rays.gathered.relation)
+    words = DetectionAdvice(sizes, shown=rays.data.shown, relation=rays.data.relation)
     own = diagnosis_table(diagnosis, words, own_rule.noise_level).to_pylist()
     of_causes = [row for row in own if "noise_ratio" not in json.loads(row["parameters"])]
     for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):
@@ -176,7 +176,7 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     found["diagnosis"] = _ranked(own, found["diagnosis"])
     for name, table in (
         ("detectable", detectable_table(diagnosis.search, level, 0)),
-        ("adequacy", adequacy_table(diagnosis, own_rule, rays.gathered.shown.what)),
+        ("adequacy", adequacy_table(diagnosis, own_rule, rays.data.shown.what)),
         ("cause_uncertainty", uncertainty_table(diagnosis, 0)),
     ):
         found[name] = _together(name, [found[name], table] if name in found else [table])

@@ -38,7 +38,7 @@ def has_rays(tables: Mapping[str, pa.Table]) -> bool:
     return all(name in tables for name in names) and len(pose_ids(tables["ray_statistics"])) >= _FEWEST_POSES
 
 
-def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[DiagnosisData[RayModel], RayPoses]:
+def assemble_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[DiagnosisData[RayModel], RayPoses]:
     """What the diagnosis compares of rays, and all poses with rays."""
     poses = pose_ids(tables["ray_statistics"])
     numbers = shared_numbers(tables["ray_statistics"])
@@ -50,7 +50,7 @@ def gather_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Dia
         numbers,
         tuple(number.called for number in numbers),
         channels.root,
-        channels.told,
+        channels.determined,
         covariates,
         (float(np.nanmin(time)), float(np.nanmax(time))) if time is not None and np.isfinite(time).any() else None,
         getattr(settings.mechanism, "reference_temperature_c", 20.0),
@@ -88,7 +88,7 @@ def some_poses(rays: RayPoses, rows: NDArray[np.bool_]) -> RayPoses:
 
 def _poses(rays: RayPoses, channels: RayChannels, rows: NDArray[np.bool_]) -> Epochs:
     values = channels.value[rows]
-    measured = Observations(values[..., None], np.ones((*values.shape, 1, 1)), channels.told[rows])
+    measured = Observations(values[..., None], np.ones((*values.shape, 1, 1)), channels.determined[rows])
     return Epochs(measured, some_poses(rays, rows), Frames.of_numbers(int(rows.sum())))
 
 

@@ -11,14 +11,14 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
-from truing.inference.blocks import BlockKind, alike
+from truing.inference.blocks import BlockKind, group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
 from truing.simulation.bench.causes.rows_exchanged import (
     RowsExchanged,
+    confirmed_by_readings,
     exchanged_rows,
     scatter_of_signals,
-    told_by_readings,
 )
 from truing.simulation.bench.extended_model import changes_loads, extended_sensor, write_sensor
 from truing.simulation.bench.known_readings import (
@@ -64,11 +64,11 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchMo
     return BenchModel(_known(sensor, steps, points, seen, sigma, told, settings), _conditions(steps, told))
 
 
-def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
+def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
     """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
     steps, out = without_excluded(load_steps(tables), settings)
     sensor = simulated_sensor(tables, settings, steps)
-    exchanged = told_by_readings(exchanged_rows(steps, ~steps.held_out), steps, sensor)
+    exchanged = confirmed_by_readings(exchanged_rows(steps, ~steps.held_out), steps, sensor)
     sigma, words = _noise(steps, settings, exchanged)
     words += [said for said in (excluded_words(out),) if said]
     points, seen = _points(steps, sigma)
@@ -85,7 +85,10 @@ def gather_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     return DiagnosisData(
         model,
         replace(
-            _poses(steps, points, seen, sigma, fitted), kept=kept[fitted], repeats=alike(applied), groupings=groupings
+            _poses(steps, points, seen, sigma, fitted),
+            kept=kept[fitted],
+            repeats=group_numbers(applied),
+            groupings=groupings,
         ),
         replace(_poses(steps, points, seen, sigma, held), kept=kept[held]) if held.any() else None,
         "; ".join(words),

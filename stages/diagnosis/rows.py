@@ -102,7 +102,7 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         "p_value": verdict.p_value,
         "probability": verdict.probability,
         "parameters": json.dumps(facts.parameters),
-        "follows": listed(cause.follows(legs)),
+        "follows": listed(cause.inputs(legs)),
         **_errors(shown, verdict),
         "explanation": explanation(facts),
         **_advised(advice),
@@ -158,7 +158,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
     return Facts(
         verdict.verdict,
         clause(claim),
-        told_parameters(verdict, diagnosis.plain.model.part_count),
+        reported_parameters(verdict, diagnosis.plain.model.part_count),
         verdict.p_value,
         verdict.candidates,
         shown.rms(verdict.before),
@@ -190,7 +190,7 @@ def claim_of(cause: Cause, legs: int) -> Claim:
     return Claim(
         cause=cause.id,
         subject=cause.subject,
-        follows=cause.follows(legs),
+        follows=cause.inputs(legs),
         settings={name: _plain(value) for name, value in settings.items()},
         words=own_clause(cause.says, cause.subject) if cause.says else "",
     )
@@ -205,7 +205,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def told_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
+def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
     """A cause's parameters as the contract names them: value, sigma, unit."""
     told = verdict.cause.reported(verdict.values, verdict.covariance, legs)
     return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in told}
@@ -221,9 +221,9 @@ def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
 def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level: float) -> list[dict[str, Any]]:
     """Noise that is larger in places, that of single channels, and where none has its own that of all."""
     final = diagnosis.final
-    whole = shown.whole(final.error)
+    whole = shown.overall(final.error)
     rows = [_scatter_row(own, final, whole) for own in diagnosis.scatters]
-    rows += [_following_row(own, final, whole) for own in diagnosis.noise_dependences]
+    rows += [_noise_dependence_row(own, final, whole) for own in diagnosis.noise_dependences]
     for target, own in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
         rows.append(_larger_row(own, final, shown.only(target)) | {"subject": subject})
@@ -238,11 +238,11 @@ def _attributed_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels) -
     unnamed = [one.cause for one in diagnosis.verdicts if one.verdict == "found" and not one.cause.catalogued]
     for own in diagnosis.attributed:
         names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
-        follows = tuple(dict.fromkeys(column for name in own.inputs for column in _followed_column(name)))
-        told = [set(cause.follows(legs)) for cause in unnamed if cause.subject in ("", *names)]
+        follows = tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
+        told = [set(cause.inputs(legs)) for cause in unnamed if cause.subject in ("", *names)]
         if any(set(follows) <= columns for columns in told):
             continue
-        where = shown.only(own.channels[0]) if own.channels else shown.whole(final.error)
+        where = shown.only(own.channels[0]) if own.channels else shown.overall(final.error)
         yield _without_mean_effect(own.p_value, final, where) | {
             "reason_code": REMAINDER,
             "subject": names[0] if names else "",
@@ -265,13 +265,13 @@ def _name(final: FittedModel, target: int) -> str:
     return final.model.channel_names[target]
 
 
-def _followed_column(column: str) -> tuple[str, ...]:
+def _dependence_column(column: str) -> tuple[str, ...]:
     """The column of the configurations that noise follows: the order of poses is that of their times."""
     plain = column.removeprefix(CAME_FROM)
     return (TIME if plain == ORDER else plain,) if plain else ()
 
 
-def _following_row(own: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _noise_dependence_row(own: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Noise that is larger in places, and the cause, the column or the target that it follows."""
     if own.driver.cause is not None:
         size = own.ratio, own.sigma
@@ -284,7 +284,7 @@ def _following_row(own: NoiseDependence, final: FittedModel, shown: ReportedRms)
     said = noise_explanation(own.ratio, own.sigma, *missed, [follows], shown.unit)
     return _of_noise(own, final, shown) | {
         "subject": f"{whose} {names[0]}" if names else "",
-        "follows": listed(_followed_column(own.driver.column)),
+        "follows": listed(_dependence_column(own.driver.column)),
         "explanation": said,
         "next_measurement": f"{shown.scatter} {where}.",
     }

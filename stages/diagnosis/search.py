@@ -37,29 +37,29 @@ DRAWS = 400
 SHARE_OF_RAYS = 1.0 / 3.0
 
 
-def gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
+def assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
     """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
-    gathered = _gathered_of(tables, settings)
+    gathered = _assembled_data(tables, settings)
     return replace(gathered, given=tuple(searched_for(settings, gathered.given)))
 
 
-def _gathered_of(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
+def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
     if "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
     if (own := registered(_OF_TYPES, settings)) is not None:
         gathered: DiagnosisData[Any] = own.gather(tables, settings)
         return gathered
     if settings.mechanism.is_legged:
-        from truing.stages.diagnosis.mechanism_points import gather
+        from truing.stages.diagnosis.mechanism_points import assemble
 
-        return _started(gather(tables, settings), tables, settings)
+        return _started(assemble(tables, settings), tables, settings)
     if settings.campaign.kind == "interferometer":
-        from truing.stages.diagnosis.reading_points import gather_readings
+        from truing.stages.diagnosis.reading_points import assemble_readings
 
-        return _started(gather_readings(tables, settings), tables, settings)
-    from truing.stages.diagnosis.body_points import gather_bodies
+        return _started(assemble_readings(tables, settings), tables, settings)
+    from truing.stages.diagnosis.body_points import assemble_bodies
 
-    return gather_bodies(tables, settings)
+    return assemble_bodies(tables, settings)
 
 
 def _started(gathered: DiagnosisData[Any], tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
@@ -110,7 +110,7 @@ def rule_of_rays(rule: Settings) -> Settings:
     return replace(rule, false_alarm=SHARE_OF_RAYS * rule.false_alarm)
 
 
-def rule_beside_rays(rule: Settings) -> Settings:
+def rule_with_rays(rule: Settings) -> Settings:
     """How sure a finding of points must be where their rays are judged as well."""
     return replace(rule, false_alarm=(1.0 - SHARE_OF_RAYS) * rule.false_alarm)
 
@@ -120,7 +120,7 @@ def decided(gathered: DiagnosisData[Any], settings: Campaign, progress: Progress
     rule = rule_of(settings)
     photographed = isinstance(gathered.model, RecordedModel) and gathered.model.photographed is not None
     kinds = searched_for(settings, kinds_of(settings, photographed=photographed).values())
-    return _searched(gathered, rule_beside_rays(rule) if photographed else rule, kinds, progress)
+    return _searched(gathered, rule_with_rays(rule) if photographed else rule, kinds, progress)
 
 
 def decided_of_rays(gathered: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import CAMERAS, COORDINATE_SIGMAS, IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
 from truing.formats.source import OF_IMAGES, CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
@@ -51,7 +51,7 @@ def read_known(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str,
 def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: FaultLog) -> SmallTable | None:
     """Which code is which target; None where no table says so. Codes that are looked for in photographs have to exist,
     or to be corners of one of the ``boards``."""
-    found = gather(source, IMAGE_TARGETS, log)
+    found = collect_rows(source, IMAGE_TARGETS, log)
     if found is None or lacks(found, IMAGE_TARGETS.required):
         return None
     if source.entries("images"):
@@ -63,7 +63,7 @@ def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: Faul
 
 def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The calibrated lengths, their ends by the names that points have; None where there are none."""
-    found = gather(source, SCALE_BARS, log, "pose")
+    found = collect_rows(source, SCALE_BARS, log, "pose")
     if found is None or lacks(found, SCALE_BARS.required):
         return None
     once(found, log, *(("pose", "bar") if "pose" in found.table.column_names else ("bar",)))
@@ -83,7 +83,7 @@ def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultL
 
 def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """Points whose coordinates are known, with their standard deviations; None where there are none."""
-    found = gather(source, KNOWN_POINTS, log, "pose")
+    found = collect_rows(source, KNOWN_POINTS, log, "pose")
     if found is None or lacks(found, KNOWN_POINTS.required):
         return None
     table = found.table
@@ -156,7 +156,7 @@ def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTa
     A camera of both has the values of the table, completed by [[cameras]], which alone says what is free. One that
     takes over photographs ``of`` another has what it is not given itself from that.
     """
-    found = gather(source, CAMERAS, log)
+    found = collect_rows(source, CAMERAS, log)
     rows: dict[str, Row] = {}
     left_out: dict[tuple[str, str], int] = {}
     if found is not None and not lacks(found, CAMERAS.required):

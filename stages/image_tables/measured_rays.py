@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from truing.arrays import Array
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import IMAGE_POINTS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
@@ -59,7 +59,7 @@ def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table
 
     known: image_targets, which names codes, and cameras_given with the formats, where there are any.
     """
-    found = gather(source, IMAGE_POINTS, log, "pose")
+    found = collect_rows(source, IMAGE_POINTS, log, "pose")
     if found is None or any(name not in found.table.column_names for name in IMAGE_POINTS.required):
         return None  # told when the file was read
     point, body, target = _names(found, known.get("image_targets"))

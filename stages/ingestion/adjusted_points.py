@@ -138,7 +138,7 @@ def _with(points: pa.Table, cov: Array) -> pa.Table:
 class EstimatedCovariance:
     """The estimate, and what is to be said of it. A file that is read twice is adjusted once."""
 
-    said: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     found: dict[bytes, Array | None] = field(default_factory=dict)
 
     def __call__(self, network: ColmapNetwork) -> Array | None:
@@ -151,7 +151,7 @@ class EstimatedCovariance:
     def _estimated(self, network: ColmapNetwork) -> Array | None:
         count = len(network.points)
         if count > MOST_POINTS:
-            self.said.append(
+            self.remarks.append(
                 f"no standard deviations of {counted(count, 'point')} without any: more than {MOST_POINTS:,}"
             )
             return None
@@ -159,10 +159,12 @@ class EstimatedCovariance:
             with np.errstate(all="ignore"):  # whatever a damaged model holds
                 found, sigma_px = _covariance(network)
         except (ValueError, np.linalg.LinAlgError):
-            self.said.append(f"no standard deviations of {counted(count, 'point')}: their rays do not determine them")
+            self.remarks.append(
+                f"no standard deviations of {counted(count, 'point')}: their rays do not determine them"
+            )
             return None
         known = int(np.isfinite(found[:, 0, 0]).sum())
-        self.said.append(
+        self.remarks.append(
             f"standard deviations of {counted(known, 'point')} estimated from their rays (noise {sigma_px:.2g} px "
             "by their residuals; free datum, without a scale)"
         )

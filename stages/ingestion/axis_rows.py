@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
@@ -34,7 +34,7 @@ _OTHER = {"deg": "mm", "mm": "deg"}
 
 def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
     """The rows of an axis as `configurations`; raises CampaignFaults with everything that is wrong at once."""
-    found = gather(source, ROWS, log, "pose")
+    found = collect_rows(source, ROWS, log, "pose")
     if found is None:
         if not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))

@@ -13,7 +13,7 @@ import pyarrow as pa
 from truing.arrays import Array, Mask
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES, RESURVEYS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
@@ -60,7 +60,7 @@ def read_later_surveys(
     source: CampaignFiles, settings: Any, first: SmallTable | None, order: PoseTimes, log: FaultLog
 ) -> LaterSurveys | None:
     """The later surveys, compared one after the other; None where there are none."""
-    found = gather(source, RESURVEYS, log)
+    found = collect_rows(source, RESURVEYS, log)
     if found is None:
         for number in range(1, len(settings.resurvey) * (not source.entries("resurveys")) + 1):
             said = "the table resurveys.csv, or [files.resurveys]: where the targets were found"
@@ -73,7 +73,7 @@ def read_later_surveys(
     if first is None:
         log.add(Fault(found.first_file, "targets.csv, or [files.targets]: a later survey is compared with the first"))
         return None
-    wished = _wishes(settings, found, order, log)
+    wished = _resurvey_settings(settings, found, order, log)
     cov = _covariances(found, settings.noise.point_mm, log)
     if log:
         return None
@@ -113,7 +113,9 @@ def _in_time(wished: dict[str, _ResurveySettings]) -> list[str]:
     return sorted(wished, key=lambda name: (1 << 62) if (w := wished[name].window) is None else w[0])
 
 
-def _wishes(settings: Any, found: CollectedRows, order: PoseTimes, log: FaultLog) -> dict[str, _ResurveySettings]:
+def _resurvey_settings(
+    settings: Any, found: CollectedRows, order: PoseTimes, log: FaultLog
+) -> dict[str, _ResurveySettings]:
     names = [str(name) for name in dict.fromkeys(texts(found, "survey"))]
     wished = {name: _ResurveySettings() for name in names}
     since: dict[int, str] = {}

@@ -151,7 +151,7 @@ def averaged(found: CollectedRows, log: FaultLog) -> CollectedRows:
     found = with_known_loads(without_transit(found))
     _check_samples(found, log)
     _, first, at = np.unique(numbered(found, *_OF_A_STEP), return_index=True, return_inverse=True)
-    _check_alike(found, first[at], log)
+    _check_constant(found, first[at], log)
     counts = _with_reading(found, at)
     further = np.ones(len(at), dtype=bool)
     further[first] = False
@@ -198,7 +198,7 @@ def _check_samples(found: CollectedRows, log: FaultLog) -> None:
     found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY_SAMPLE)
 
 
-def _check_alike(found: CollectedRows, first: Index, log: FaultLog) -> None:
+def _check_constant(found: CollectedRows, first: Index, log: FaultLog) -> None:
     """A fault at every sample that says in words, or in whole numbers, something else than the first of its step."""
     for name in found.table.column_names:
         if name not in _OF_A_STEP and not _is_averaged(found.table, name):

@@ -13,7 +13,7 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.formats.faultlog import FaultLog, discreet
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles, RawFile
 from truing.report.numbers import count
@@ -266,7 +266,7 @@ class PositionTable(SmallTable):
 
 def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> PositionTable | None:
     """The approaches, ordered by run, target, direction and cycle; None where the campaign has none."""
-    found = gather(source, POSITIONING, log, "run")
+    found = collect_rows(source, POSITIONING, log, "run")
     if found is None:
         return None
     once(found, log, "run", "target_mm", "direction", "cycle")

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import DISPLACEMENT, MOTION, PLANNED, SIGNALS
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
@@ -41,7 +41,7 @@ def planned_loads(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Tab
     if source.entries("quadrature") or source.entries("positioning"):
         return None
     shape = PLANNED if source.entries("interferometer") else DISPLACEMENT
-    steps, signals = gather(source, shape, log, "run"), gather(source, SIGNALS, log, "run")
+    steps, signals = collect_rows(source, shape, log, "run"), collect_rows(source, SIGNALS, log, "run")
     values = {"interferometer": ("reading",), "displacement": MOTION}[shape.name]
     absent = steps is None and signals is None and not log
     if absent or _measured(steps, values) or _measured(signals, _signals(signals)):

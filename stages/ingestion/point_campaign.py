@@ -130,7 +130,7 @@ def _with_points(parts: _Parts, points: Points, estimated: EstimatedCovariance) 
         artifacts["relabelled"] = _at_last("relabelled", lambda: relabelled_table(*renamed))
     return Outcome(
         artifacts,
-        read=_late(lambda: "; ".join((points.read, *estimated.said))),
+        read=_late(lambda: "; ".join((points.read, *estimated.remarks))),
         left_out=_late(lambda: left_out_words(parts.left_out(points))),
         figure=_late(lambda: points.figure),
     )

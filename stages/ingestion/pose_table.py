@@ -13,7 +13,7 @@ import pyarrow as pa
 from truing.arrays import Array, Mask
 from truing.estimation.rotation import euler_axes, exp_so3, left_jacobian_so3, log_so3
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import (
     COORDINATE_SIGMAS,
     COORDINATES,
@@ -170,7 +170,7 @@ def read_poses(source: CampaignFiles, settings: Any, expected: ExpectedPoints, l
     """The poses of the campaign's table; None where it has none. What is wrong goes into ``log``."""
     if not source.entries("poses"):
         return None
-    found = gather(source, POSES, log, "pose")
+    found = collect_rows(source, POSES, log, "pose")
     if found is None or not {"pose", "body"} <= set(found.table.column_names):
         return None
     once(found, log, "pose", "body")

@@ -24,7 +24,7 @@ from truing.estimation.interferometry.quadrature import (
 )
 from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
@@ -89,7 +89,7 @@ def lengths(found: CollectedRows, settings: Any, log: FaultLog) -> Lengths | Non
     source = "column" if "sigma" in found.table.column_names else "ellipse"
     for name in dict.fromkeys(channel):
         own = order[channel[order] == name]
-        told = _followed(signals[own], run[own], settings)
+        told = _channel_lengths(signals[own], run[own], settings)
         value[own], sigma[own] = told.length, told.sigma
         rows.append({"channel": name, **told.facts, "sigma_source": source})
         if not told.fit.ok[0]:
@@ -126,7 +126,7 @@ class _ChannelLengths:
     facts: dict[str, Any]
 
 
-def _followed(signals: Array, run: Index, settings: Any) -> _ChannelLengths:
+def _channel_lengths(signals: Array, run: Index, settings: Any) -> _ChannelLengths:
     """Samples (N, 2) in the order in which they were taken, of runs (N,)."""
     cut = np.zeros(len(signals), dtype=bool)
     for side in (0, 1):
@@ -220,7 +220,7 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
     if six:
         _check_whole(settings.interferometer, log)
     shape = QUADRATURE if raw else INTERFEROMETER if own else DISPLACEMENT
-    found, channels = gather(source, shape, log, "run"), None
+    found, channels = collect_rows(source, shape, log, "run"), None
     if found is None:
         return None
     if raw:

@@ -12,7 +12,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import times_from_order
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.columns import COLUMNS
@@ -31,7 +31,7 @@ _PER_N = 1.0  # mV per N of a leg, where no sensitivity is declared
 
 def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The signals; None where the campaign has none. Steps that the readings have too were taken when those were."""
-    found = gather(source, SIGNALS, log, "run")
+    found = collect_rows(source, SIGNALS, log, "run")
     table = None if found is None else signal_table(found, settings, readings, log)
     if table is not None and any(entry.time_format for entry in source.entries("signals")):
         table.table = since_first(table.table)

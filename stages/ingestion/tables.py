@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 
 from truing.arrays import Array, Mask
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, gather
+from truing.formats.gather import CollectedRows, collect_rows
 from truing.formats.point_ledger import NameNumbers
 from truing.formats.read import read_table
 from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, TARGETS, TableShape
@@ -47,7 +47,7 @@ def read_configurations(
 
     adjusted: the points that photographs gave, in place of those of files.
     """
-    found = gather(source, CONFIGURATIONS, log, "pose")
+    found = collect_rows(source, CONFIGURATIONS, log, "pose")
     if found is None:
         if legs_of(settings) and not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
@@ -146,7 +146,7 @@ def _check_drives(found: CollectedRows, log: FaultLog, drives: tuple[str, ...]) 
 
 def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
     """The reference survey; None where the campaign has none."""
-    found = gather(source, TARGETS, log)
+    found = collect_rows(source, TARGETS, log)
     if found is None:
         return None
     once(found, log, "body", "target")
@@ -207,17 +207,17 @@ def as_artifact(name: str, table: pa.Table) -> pa.Table:
 
 def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | None:
     """The earlier model as text; None where the campaign starts from none, or from what is at fault."""
-    if settings.mechanism.type == "none" or settings.mechanism.model is None or source.earlier_model is None:
+    if settings.mechanism.type == "none" or settings.mechanism.model is None or source.prior_model is None:
         return None
     try:
-        text = read_settings_text(source.earlier_model.path)
+        text = read_settings_text(source.prior_model.path)
         wrong = _departure(parsed_toml(text), settings.mechanism)
     except OSError:
         wrong = "a file that can be read: the model.toml of an earlier campaign"
     except (ValueError, RecursionError) as error:  # no text, no TOML, or numbers without end in it
-        wrong = _WRITTEN if source.is_outside(source.earlier_model) else f"{_WRITTEN} ({error})"
+        wrong = _WRITTEN if source.is_outside(source.prior_model) else f"{_WRITTEN} ({error})"
     if wrong:
-        log.add(Fault("campaign.toml", wrong, column=_COLUMN, value=source.earlier_model.name))
+        log.add(Fault("campaign.toml", wrong, column=_COLUMN, value=source.prior_model.name))
         return None
     return _PROVENANCE.sub("", text).rstrip("\n") + "\n"
 

@@ -102,17 +102,17 @@ def curve_table(plan: PhotographPlan) -> pa.Table:
 
 def sentences(plan: PhotographPlan) -> list[str]:
     """What a person in the laboratory takes along."""
-    own, wish = plan.prediction, plan.wish
+    own, wish = plan.prediction, plan.options
     told = [
         f"{counted(plan.stations.count, 'photograph')}, chosen from "
         f"{counted(plan.candidates, 'station')}: the worst target to "
         f"{plan.worst_mm:.2g} mm, in the mean {1e3 * np.sqrt(np.nanmean(own.sigma**2)):.2g} mm (standard deviations)."
     ]
-    if wish.wanted_mm is not None:
+    if wish.target_sigma_mm is not None:
         reached = (
-            f"That is within the wanted {wish.wanted_mm:g} mm"
+            f"That is within the wanted {wish.target_sigma_mm:g} mm"
             if plan.reaches
-            else f"The wanted {wish.wanted_mm:g} mm are not reached"
+            else f"The wanted {wish.target_sigma_mm:g} mm are not reached"
         )
         told.append(f"{reached}{_remedy(plan)}.")
     if plan.undetermined:
@@ -127,7 +127,7 @@ def sentences(plan: PhotographPlan) -> list[str]:
 
 def _remedy(plan: PhotographPlan) -> str:
     """What would reach what is wanted; empty where it is reached."""
-    wanted = plan.wish.wanted_mm
+    wanted = plan.options.target_sigma_mm
     if plan.reaches or wanted is None or plan.undetermined:
         return ""
     scaled = 1e3 * float(np.nanmax(largest_sigma(plan.prediction.with_known_scale)))

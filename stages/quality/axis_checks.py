@@ -54,7 +54,7 @@ def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignL
     for encoder, column in columns.encoders.items():
         raw = number_column(table, column)[in_time]
         yield _unit(encoder, column, columns, command, columns.si(table, column)[in_time])
-        yield _standing(encoder, command, raw, np.array(rows.poses, object)[in_time], off, limits)
+        yield _repeated_readings(encoder, command, raw, np.array(rows.poses, object)[in_time], off, limits)
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
 
@@ -85,7 +85,7 @@ def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, readi
     return Check("axis-units", encoder, ratio, 1.0, "1", PASS, f"{said}.")
 
 
-def _standing(
+def _repeated_readings(
     encoder: str, command: Array, raw: Array, poses: NDArray[np.object_], off: float, limits: CampaignLimits
 ) -> Check:
     """Rows whose reading equals that of the row before, to the last digit, although the command moved."""

@@ -52,7 +52,7 @@ def without(what: str, check: str, subject: str, why: str) -> Check:
     return Check(check, subject, None, None, "", NOT_EVALUATED, f"Not evaluated ({what}): {why}.")
 
 
-def told(check: Check) -> Check:
+def reported_check(check: Check) -> Check:
     """A check as it is; not evaluated where too little was measured for its value to be a number."""
     if check.value is None or math.isfinite(check.value):
         return check

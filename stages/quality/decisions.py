@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from truing.quality.loading import LoadingView
 from truing.report.numbers import listed
 from truing.stages.common.overruled import decided
-from truing.stages.quality.check import FAIL, PASS, WARN, Check, told
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, reported_check
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -39,7 +39,7 @@ def overruled_points(observations: pa.Table, settings: Campaign) -> Iterator[Che
 def assessed(found: Iterable[Check], accept: Sequence[Acceptance], progress: Progress) -> list[Check]:
     """The checks with who accepted their verdict, and a row per [[accept]]."""
     checks: list[Check] = []
-    for check in map(told, found):
+    for check in map(reported_check, found):
         who = next((f"{entry.signed}: {entry.reason}" for entry in accept if _covers(entry, check)), None)
         checks.append(replace(check, accepted=who))
         progress(len(checks), 0, check.check)

@@ -122,7 +122,7 @@ def names_known(
         yield Check("names-known", body.name, 0.0, 0.0, "1", PASS, said)
 
 
-def settled_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
+def declared_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
     """Body and name of the targets that something declared calls so."""
     if relabelled is None:
         return set()

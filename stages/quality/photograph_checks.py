@@ -212,7 +212,7 @@ def _images_apart(camera: str, rows: list[Row], figures: Figures) -> Check:
     moved = figures[BENT]
     worst = max(moved, key=lambda pose: moved[pose], default="")
     said = f"Camera {camera}: {len(apart)} of {len(rows)} photographs have another principal distance than the others "
-    said += f"(p = {p_value:.2g}): {'; '.join(_told_settings(apart, rows))}."
+    said += f"(p = {p_value:.2g}): {'; '.join(_reported_settings(apart, rows))}."
     if moved:
         said += f" Points of {worst} move by {moved[worst]:.1f} standard deviations where these have a camera of their "
         said += "own."
@@ -221,7 +221,7 @@ def _images_apart(camera: str, rows: list[Row], figures: Figures) -> Check:
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", FAIL if fails else WARN, said)
 
 
-def _told_settings(apart: list[Row], rows: list[Row]) -> Iterator[str]:
+def _reported_settings(apart: list[Row], rows: list[Row]) -> Iterator[str]:
     for setting in sorted({row["setting"] for row in apart}):
         own = [row for row in apart if row["setting"] == setting]
         off = np.array([row["principal_distance_off_px"] for row in own])

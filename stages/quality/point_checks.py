@@ -25,12 +25,12 @@ from truing.stages.quality.belonging import belonging_checks, relations_of_point
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults
 from truing.stages.quality.decisions import overruled_points
 from truing.stages.quality.names_and_surveys import (
+    declared_names,
     due,
     later_surveys,
     likely_names,
     likely_table,
     names_known,
-    settled_names,
 )
 from truing.stages.quality.photograph_checks import photograph_checks
 from truing.stages.quality.scale_checks import figures_of, scale_contradiction, without_consequences
@@ -70,7 +70,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     around = _surroundings(observations, tables.get("configurations"), settings.campaign.drives)
     bodies, reference = _reference_first(_body_views(tables, around), settings)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    settled = settled_names(tables.get("relabelled"))
+    settled = declared_names(tables.get("relabelled"))
     relations = relations_of_points(bodies, around, tables, settings)
     likely = likely_names(observations, bodies, around, settled)
     found: Iterable[Check] = chain(

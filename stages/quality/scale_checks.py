@@ -60,7 +60,7 @@ class Contradiction:
     sigma: float
 
     @property
-    def told(self) -> str:
+    def sentence(self) -> str:
         """The sentence of the check ``scale``."""
         size = f"{1e3 * abs(self.by):.3g} ± {1e3 * self.sigma:.1g} mm/m {'larger' if self.by > 0 else 'smaller'}"
         one, others = listed(self.odd), listed(self.others)
@@ -128,7 +128,7 @@ def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iter
     serving = dict(zip(*columns, strict=True)) if columns else {}
     known = {what: len(figures[f"scale from {what}"]) for what in ("scale bars", "known points", "markers")}
     if (contradiction := scale_contradiction(figures)) is not None:
-        yield Check("scale", "", 1e3 * abs(contradiction.by), 0.0, "mm/m", FAIL, contradiction.told)
+        yield Check("scale", "", 1e3 * abs(contradiction.by), 0.0, "mm/m", FAIL, contradiction.sentence)
         return
     checks = _checked_by(serving, figures, surveyed)
     said = f"{sum(known.values())} poses have a scale, from {' and '.join(_sources(serving, known))}"

@@ -13,7 +13,7 @@ from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.exchanged_loads import RowExchange, least_seen, search_exchanges
 from truing.estimation.sensor.load_table import LoadTable, least_signal, load_table
-from truing.quality.loading import LoadingView, followed_by_loads, scatter_of_signal
+from truing.quality.loading import LoadingView, predicted_by_loads, scatter_of_signal
 from truing.report.numbers import count as counted
 from truing.report.numbers import listed
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
@@ -61,7 +61,7 @@ def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check
     value = steps.signal[rows, at]
     limit = None if range_mv is None else range_mv * _MILLIVOLT
     wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
-    wall[saturated(value, followed_by_loads(steps.load[rows], value)).where] = True
+    wall[saturated(value, predicted_by_loads(steps.load[rows], value)).where] = True
     places = view.places(rows[wall])
     said = f"{name}: no sample stands at an end of its range."
     if places:
@@ -154,10 +154,10 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
         why = f"of {counted(len(rows), 'row')} so many are far from their place that {unseen} pairs were not looked at"
         yield without("exchanged rows", "exchanged-rows", "other pairs", why)
     elif not found:
-        yield _none_stands_out(table, share)
+        yield _no_exchange_found(table, share)
 
 
-def _none_stands_out(table: LoadTable, share: float) -> Check:
+def _no_exchange_found(table: LoadTable, share: float) -> Check:
     """No exchange found; the value is the difference of two loads, over their range, from which one is named."""
     span = np.ptp(table.loads, axis=0)
     used = np.flatnonzero(span > 0.0)

@@ -16,8 +16,8 @@ from truing.estimation.quality import (
     exchanged_pairs,
     find_steps,
     isolated,
+    residual_scatter,
     successive_sigma,
-    unexplained_scatter,
 )
 from truing.estimation.repeatability import at_one_reading, equal_scatter
 from truing.estimation.rigid_poses.body_frames import redundancy
@@ -28,8 +28,8 @@ from truing.quality.bodies import (
     is_trend,
     nearest_neighbour,
     odd_poses,
+    repeated_positions,
     scatter_by_pose,
-    seen_again,
 )
 from truing.report.numbers import count, listed
 from truing.stages.common.repeats import DECLARED
@@ -178,7 +178,7 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
         yield without(f"noise of {body.name}", "noise", body.name, "too few readings")
         return
     part = redundancy(body.survey.points[body.frame], good[:, body.frame])
-    scatter = unexplained_scatter(
+    scatter = residual_scatter(
         body.residuals[:, body.frame], body.measured_sigma[:, body.frame], part, around.covariates
     )
     whole = scatter.pooled
@@ -249,7 +249,7 @@ def repeatability(
         why = "no configuration was measured twice; measure three of them again at the end"
         yield without("repeatability", "repeatability", "", why)
         return
-    seen = list(seen_again(bodies, instrument_stood=instrument_stood))
+    seen = list(repeated_positions(bodies, instrument_stood=instrument_stood))
     if not seen:
         why = "no body is seen from another; give the body that stands still three targets"
         yield without("repeatability", "repeatability", "", why)

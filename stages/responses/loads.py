@@ -104,7 +104,7 @@ def _compliance_rows(
             unit=[_unit(a, b) for a, b in zip(i, j, strict=True)],
             p_value=p[i, j],
             significant=significant[i, j],
-            **_beside(one, factor, i, j, simulated, against.get(name)),
+            **_compared_with_simulation(one, factor, i, j, simulated, against.get(name)),
         )
     if simulated is not None:
         i, j = (index.ravel() for index in np.indices((6, 6)))
@@ -119,7 +119,7 @@ def _compliance_rows(
     return rows
 
 
-def _beside(
+def _compared_with_simulation(
     one: Compliance,
     factor: float,
     i: Index,

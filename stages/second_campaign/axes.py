@@ -29,7 +29,7 @@ def predicted_encoders(text: str, second: SecondCampaign) -> Iterator[Prediction
     needed = {name for effect in extended.effects if effect.cause.is_persistent for name in effect.cause.needs(0)}
     if missing := sorted(needed - set(table.schema.names)):
         raise ValueError(f"the extended model follows {', '.join(missing)}, which the second campaign does not hold")
-    unit, si = columns.told
+    unit, si = columns.reported_unit
     names = [effect.cause.id for effect in extended.effects if effect.cause.is_persistent]
     words = f"with {', '.join(dict.fromkeys(names))}" if names else "no effect that lasts"
     value, _ = predict_axis(extended, rows)

@@ -25,7 +25,7 @@ from truing.stages.common.applied_findings import applied_findings
 from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.overruled import without_excluded
 from truing.stages.common.reading_arrays import load_steps
-from truing.stages.common.recorded_signals import recorded, recorded_beside, recorded_elsewhere
+from truing.stages.common.recorded_signals import recorded, recorded_elsewhere, recorded_with_other_loads
 from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, PredictionErrors, SecondCampaign
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def predicted_by_matrix(
     """
     if not all("signals" in held and held["signals"].num_rows for held in (tables, second.tables)):
         return
-    main, beside = recorded(tables, settings), recorded_beside(tables, settings)
+    main, beside = recorded(tables, settings), recorded_with_other_loads(tables, settings)
     models = _chosen(tables)
     for found in (one for one in (main, beside) if one is not None):
         name = models["main" if found is main else "beside"]

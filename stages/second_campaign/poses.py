@@ -11,11 +11,17 @@ import pyarrow as pa
 
 from truing.calibration.accuracy import ARCSEC, PoseErrors, errors_at, machine_errors
 from truing.schemas.covariates import own_name
-from truing.simulation.mechanisms.extended_model import ExtendedModel, acts_on_poses, lasting, read_model, some_of
+from truing.simulation.mechanisms.extended_model import (
+    ExtendedModel,
+    acts_on_poses,
+    persistent_part,
+    read_model,
+    some_of,
+)
 from truing.simulation.mechanisms.parameters import ParameterSet, full_set
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.simulation.mechanisms.structures.structure import Machine, Structure
-from truing.stages.common.calibration_data import gather
+from truing.stages.common.calibration_data import assemble
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, PredictionErrors, SecondCampaign
@@ -34,10 +40,10 @@ def predicted_poses(text: str, tables: Mapping[str, pa.Table], second: SecondCam
     text: the extended model; tables: ``calibration`` and ``model_choice`` of its campaign, where there are any. Raises
     CampaignFaults where the second campaign is of another machine, ValueError where it holds no pose.
     """
-    model = lasting(read_model(text))
+    model = persistent_part(read_model(text))
     if not second.settings.mechanism.is_legged:
         raise second.refuse("mechanism.type", model.model.nominal.closure.name, second.settings.mechanism.type)
-    found = gather(second.tables, second.settings)
+    found = assemble(second.tables, second.settings)
     _check(model, found, second)
     rigid, *_ = structures(found.machine)
     noise = found.reading_sigma

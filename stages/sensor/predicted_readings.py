@@ -8,7 +8,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.covariates import own_name, stand_in
+from truing.schemas.covariates import column_alias, own_name
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.bench.extended_model import ExtendedSensor, predict_readings
 from truing.simulation.bench.known_readings import ReadingConditions
@@ -55,7 +55,7 @@ def _order(table: pa.Table, keys: list[tuple[int | str, int]], row: int) -> tupl
 
 def _conditions(table: pa.Table, loads: Array, rows: Index) -> ReadingConditions:
     known = {
-        stand_in(field.name): number_column(table, field.name)[rows]
+        column_alias(field.name): number_column(table, field.name)[rows]
         for field in table.schema
         if str(field.type) in ("double", "int64") and field.name not in (*LOAD_COLUMNS, *_TEXT, *_NUMBERS, "load")
     }

@@ -53,15 +53,15 @@ def _table(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))
 
 
-def _sort_row(question: DetectionQuestion) -> dict[str, Any]:
-    sort, unit = question.sort, question.unit
+def _kind_row(question: DetectionQuestion) -> dict[str, Any]:
+    sort, unit = question.kind, question.unit
     told = {"parameter": unit.parameter, "unit": unit.unit, "beside": unit.beside}
     return {"cause": sort.kind, "concerns": sort.concerns, **told}
 
 
 def _sizes_row(curve: Curve) -> dict[str, Any]:
     question, scale = curve.question, curve.question.unit.value
-    row = _sort_row(question)
+    row = _kind_row(question)
     for level, power in (("80", POWER), ("95", NEARLY_ALWAYS)):
         theory, seen = question.size_of(power), curve.size(power)
         row[f"expected_{level}"] = None if theory is None else theory * scale
@@ -69,7 +69,7 @@ def _sizes_row(curve: Curve) -> dict[str, Any]:
         row |= dict(zip((f"found_{level}", f"lower_{level}", f"upper_{level}"), bounds, strict=True))
     expected = question.expected
     row["signal_to_noise_80"] = None if expected is None else question.signal_to_noise(expected)
-    row["instead"] = ", ".join(f"{said} ({count})" for said, count in curve.said[:3])
+    row["instead"] = ", ".join(f"{said} ({count})" for said, count in curve.others_found[:3])
     return row
 
 
@@ -77,14 +77,14 @@ def _rate_rows(curve: Curve) -> list[dict[str, Any]]:
     question = curve.question
     return [
         {
-            **_sort_row(question),
+            **_kind_row(question),
             "size": factor * (question.expected or 0.0) * question.unit.value,
             "signal_to_noise": question.signal_to_noise(factor * (question.expected or 0.0)),
             "campaigns": curve.found[place].of,
             "expected": question.rate(factor * (question.expected or 0.0)),
-            **_told("found", curve.found[place]),
-            **_told("named", curve.named[place]),
-            **_told("subject_right", curve.subject_right[place]),
+            **_rate_columns("found", curve.found[place]),
+            **_rate_columns("named", curve.named[place]),
+            **_rate_columns("subject_right", curve.subject_right[place]),
         }
         for place, factor in enumerate(curve.factors)
     ]
@@ -92,8 +92,8 @@ def _rate_rows(curve: Curve) -> list[dict[str, Any]]:
 
 def _nothing_row(alarms: Rate) -> dict[str, Any]:
     nothing = {**dict.fromkeys(_SORT, ""), "cause": "nothing", "size": 0.0, "signal_to_noise": 0.0}
-    return {**nothing, "campaigns": alarms.of, **_told("found", alarms)}
+    return {**nothing, "campaigns": alarms.of, **_rate_columns("found", alarms)}
 
 
-def _told(what: str, rate: Rate) -> dict[str, Any]:
+def _rate_columns(what: str, rate: Rate) -> dict[str, Any]:
     return {what: rate.value, f"{what}_lower": rate.bounds[0], f"{what}_upper": rate.bounds[1]}

@@ -57,7 +57,7 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
     if told is None or not np.allclose(told.standard, whole, rtol=_CLOSES):
         told = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), whole[None])
     estimate = np.array([row["coefficient"] for row in rows], float)
-    told = told.beside(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
+    told = told.with_source(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
     names, units = [f"{row['response']} per {row['load']}" for row in rows], [row["unit"] for row in rows]
     statement.state("compliance", "loads as written down", names, estimate, units, told.filled())
     _omit(statement, tables, settings)

@@ -11,7 +11,7 @@ import pyarrow as pa
 from truing.calibration.knowledge import answered_again, budget_of_answer
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, root_mean_square
-from truing.stages.common.calibration_data import gather
+from truing.stages.common.calibration_data import assemble
 from truing.stages.common.positioning import SEED, deviations, instrument
 from truing.stages.uncertainty_statement.causes import DEFORMATION, found_causes
 from truing.stages.uncertainty_statement.statement import Statement
@@ -85,13 +85,13 @@ def _budget(
     """The budget of the numbers in the units of the tables; None where the calibration cannot be made once more."""
     stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows}
     try:
-        answered = answered_again(gather(tables, settings), key, stood)
+        answered = answered_again(assemble(tables, settings), key, stood)
         if answered is None:
             return None
         found = budget_of_answer(answered)
     except (ValueError, np.linalg.LinAlgError):
         return None
-    own = answered.asked.problem.parameters
+    own = answered.question.problem.parameters
     return budget(found, np.eye(len(own), len(answered.fit.values))).scaled(1.0 / own.units)
 
 
@@ -148,7 +148,7 @@ def state_positioning(statement: Statement, tables: Mapping[str, pa.Table], sett
         by_repeats = np.minimum([repeated[row["figure"]].sigma for row in own], whole)
         told = Budget((REPEATS,), by_repeats[None])
         if instrument(taken, optics).stretch > 0.0:
-            told = told.beside(LENGTH, np.sqrt(whole**2 - by_repeats**2))
+            told = told.with_source(LENGTH, np.sqrt(whole**2 - by_repeats**2))
         half = np.array([max(row["high"] - row["value"], row["value"] - row["low"]) for row in own], float)
         estimate = np.array([row["value"] for row in own], float)
         statement.state("positioning", f"run {run}", [row["figure"] for row in own], estimate, "um", told, half)

@@ -25,7 +25,7 @@ from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.campaign import Campaign as Settings
 from truing.simulation.cause import Effect
 from truing.stages import pose
-from truing.stages.diagnosis.search import gathered_of
+from truing.stages.diagnosis.search import assembled_data
 from truing.stages.power import completed
 from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 
@@ -65,7 +65,7 @@ class Ground:
     def plan(self) -> CampaignPlan:
         """The layout as `truing power` knows it, from a campaign in which nothing is hidden."""
         tables, settings = self._plain
-        return completed(bare_plan(tables, settings), gathered_of(tables, settings), tables["poses"])
+        return completed(bare_plan(tables, settings), assembled_data(tables, settings), tables["poses"])
 
     @cached_property
     def _moves(self) -> list[tuple[int, str, Array]]:

@@ -20,7 +20,7 @@ from truing.inference.selection import CauseDiagnosis
 from truing.inference.verdicts import Verdict
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.schemas.settings_text import parsed_toml
-from truing.stages.diagnosis.axis_points import gather
+from truing.stages.diagnosis.axis_points import assemble
 from truing.stages.diagnosis.search import decided
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
@@ -65,7 +65,7 @@ def _table(campaign: AxisCampaign) -> pa.Table:
 
 def _judged(campaign: AxisCampaign) -> Judged:
     settings: Campaign = read_campaign(parsed_toml(settings_text(campaign.layout, "axis")))
-    gathered = gather({"configurations": _table(campaign)}, settings)
+    gathered = assemble({"configurations": _table(campaign)}, settings)
     return Judged(campaign, decided(gathered, settings, lambda done, total, what: None))
 
 

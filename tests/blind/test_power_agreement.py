@@ -28,7 +28,7 @@ from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.stages import pose
-from truing.stages.diagnosis.search import gathered_of
+from truing.stages.diagnosis.search import assembled_data
 from truing.stages.power import completed
 from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 
@@ -53,11 +53,11 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def plan(folders: Path) -> tuple[CampaignPlan, Campaign]:
     folder = write_campaign(draw_campaign(LAYOUT, MOVES, [], np.random.default_rng(2)), folders / "plain", 2)
     tables, settings = run_line(folder, "ingest", "pose")[0], settings_of(folder)
-    return completed(bare_plan(tables, settings), gathered_of(tables, settings), tables["poses"]), settings
+    return completed(bare_plan(tables, settings), assembled_data(tables, settings), tables["poses"]), settings
 
 
 def _signal(tables: dict[str, pa.Table], settings: Campaign, cause: Any) -> float:
-    gathered = gathered_of(tables, settings)
+    gathered = assembled_data(tables, settings)
     stand = Fitter(gathered.model, gathered.calibration, None, 0).prepared()
     return score_round(stand, [cause], 50, np.random.default_rng(0)).scores[cause.key].signal_to_noise
 

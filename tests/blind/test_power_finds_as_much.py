@@ -31,7 +31,7 @@ from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.targets import TargetMoved
 from truing.simulation.mechanisms.causes.warmth import LegThermal
-from truing.stages.diagnosis.search import gathered_of, rule_of
+from truing.stages.diagnosis.search import assembled_data, rule_of
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 EACH = 4
@@ -53,16 +53,16 @@ def ground() -> Ground:
 @pytest.fixture(scope="module")
 def hidden(ground: Ground) -> list[list[Effect]]:
     """Effects of every sort that the kinds have, of the size that theory expects to be found four times out of five."""
-    gathered = gathered_of(ground.power_tables([], 0), ground.settings)
+    gathered = assembled_data(ground.power_tables([], 0), ground.settings)
     stand = Fitter(gathered.model, gathered.calibration, None, 0).prepared()
     search = search_of(stand, KINDS, 400, np.random.default_rng(0))
     asked = questions(ground.plan, sights(search, rule_of(ground.settings).level), [kind.id for kind in KINDS], KINDS)
     rng = np.random.default_rng([SEED, 1])
-    return [[question.sort.draw(question.expected or 0.0, 6, rng) for _ in range(EACH)] for question in asked]
+    return [[question.kind.draw(question.expected or 0.0, 6, rng) for _ in range(EACH)] for question in asked]
 
 
 def _finds(tables: Mapping[str, pa.Table], settings: Campaign) -> bool:
-    own = gathered_of(tables, settings)
+    own = assembled_data(tables, settings)
     search = CauseSelection(own.model, own.calibration, own.held_out, rule_of(settings), lambda _: None, own.given)
     return any(verdict.verdict == FOUND for verdict in search.run(KINDS).verdicts)
 

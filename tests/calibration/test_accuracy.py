@@ -64,11 +64,11 @@ def _undecided(spare: int = 0) -> tuple[np.ndarray, float, Decision]:
 def test_further_poses_that_miss_by_as_much_decide_and_one_less_does_not() -> None:
     errors, limit, decision = _undecided()
     assert decision.poses == 8
-    assert decision.further is not None
+    assert decision.more_poses is not None
     assert decision.then is not None
     mean = np.sqrt(np.mean(errors**2))
     for fewer, is_decided in ((0, True), (1, False)):
-        more = np.concatenate([errors, np.full(decision.further - fewer, mean)])
+        more = np.concatenate([errors, np.full(decision.more_poses - fewer, mean)])
         found = error_of_95_percent(more, np.full(len(more), NOISE**2))
         assert found is not None
         assert (found.high <= limit) == is_decided
@@ -79,9 +79,9 @@ def test_further_poses_that_miss_by_as_much_decide_and_one_less_does_not() -> No
 def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
     """What is expected is the middle of what comes; one time in two it takes more."""
     (errors, limit, decision), rng = _undecided(), np.random.default_rng(12)
-    assert decision.further is not None
+    assert decision.more_poses is not None
     size = np.sqrt(np.mean(errors**2))
-    drawn = rng.normal(scale=size, size=(TRIALS, decision.further))
+    drawn = rng.normal(scale=size, size=(TRIALS, decision.more_poses))
     found = [error_of_95_percent(np.append(errors, one), np.full(8 + len(one), NOISE**2)) for one in drawn]
     share = np.mean([one is not None and one.high <= limit for one in found])
     assert 0.4 < share < 0.65
@@ -89,8 +89,8 @@ def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
 
 def test_poses_that_were_fitted_to_count_no_more_beside_further_ones() -> None:
     (_, _, both), (_, _, alone) = _undecided(), _undecided(spare=8)
-    assert both.further is not None
-    assert alone.further == both.further + 8
+    assert both.more_poses is not None
+    assert alone.more_poses == both.more_poses + 8
 
 
 def test_what_is_decided_or_lies_at_the_limit_asks_for_no_number() -> None:

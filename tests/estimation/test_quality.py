@@ -11,8 +11,8 @@ from truing.estimation.quality import (
     find_steps,
     isolated,
     repeated_groups,
+    residual_scatter,
     successive_sigma,
-    unexplained_scatter,
 )
 from truing.estimation.rigid_poses.body_frames import redundancy, residual_covariance
 
@@ -34,7 +34,7 @@ def test_scatter_counts_its_degrees_of_freedom():
         swallowed = residual_covariance(points, np.tile(np.eye(3), (46, 10, 1, 1)), kept, kept)
         values = np.einsum("bij,bj->bi", swallowed, values.reshape(46, -1)).reshape(values.shape)
         moving = values + 2e-5 + covariates[:, :1, None] * 1e-4
-        scatter = unexplained_scatter(moving, sigma, redundancy(points, kept), covariates)
+        scatter = residual_scatter(moving, sigma, redundancy(points, kept), covariates)
         total += scatter.chi_square.sum(), scatter.dof.sum()
     assert abs(total[0] - total[1]) < 4 * np.sqrt(2 * total[1])
 

@@ -87,4 +87,4 @@ def test_a_source_without_any_part_is_not_listed() -> None:
     told = budget({POINTS: np.eye(2), READINGS: np.zeros((2, 2))})
     assert told.sources == (POINTS,)
     assert np.isinf(told.dof).all()
-    assert told.beside(READINGS, np.array([1.0, 0.0])).dof == pytest.approx([48.0, np.inf])
+    assert told.with_source(READINGS, np.array([1.0, 0.0])).dof == pytest.approx([48.0, np.inf])

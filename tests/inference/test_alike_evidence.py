@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
 from truing.inference import evidence
-from truing.inference.evidence import alike_log_evidence, log_evidence
+from truing.inference.evidence import like_sized_log_evidence, log_evidence
 
 FREEDOM = 4000.0
 
@@ -37,7 +37,7 @@ def test_it_is_the_mean_likelihood_over_parameters_drawn_beforehand(parts: int, 
     drawn = _drawn(rng, parts, others, 400_000)
     after = FREEDOM - 2 * drawn @ scores + np.einsum("di,ij,dj->d", drawn, gram, drawn)
     expected = np.mean((after / FREEDOM) ** (-FREEDOM / 2))
-    found = alike_log_evidence(scores, gram, range(parts), FREEDOM, FREEDOM)
+    found = like_sized_log_evidence(scores, gram, range(parts), FREEDOM, FREEDOM)
     # The mean of 400 000 likelihoods scatters by about one per cent.
     assert_close(found, np.log(expected), atol=0.06, what="log evidence")
 
@@ -48,8 +48,8 @@ def test_the_order_of_the_parameters_is_of_no_importance() -> None:
     gram, scores = root @ root.T, rng.normal(size=6) * 3
     mixed = np.array([4, 0, 5, 2, 1, 3])
     back = np.argsort(mixed)[:3].tolist()
-    one = alike_log_evidence(scores, gram, [0, 1, 2], FREEDOM, FREEDOM)
-    same = alike_log_evidence(scores[mixed], gram[np.ix_(mixed, mixed)], back, FREEDOM, FREEDOM)
+    one = like_sized_log_evidence(scores, gram, [0, 1, 2], FREEDOM, FREEDOM)
+    same = like_sized_log_evidence(scores[mixed], gram[np.ix_(mixed, mixed)], back, FREEDOM, FREEDOM)
     assert_close(one, same, atol=1e-9, what="log evidence")
 
 
@@ -65,7 +65,7 @@ def test_two_of_six_parts_are_told_from_all_of_them() -> None:
         for chosen in (*combinations(range(6), 2), tuple(range(6))):
             own = np.ix_(chosen, chosen)
             share = np.log(shares[len(chosen)])
-            odds[chosen] = share + alike_log_evidence(
+            odds[chosen] = share + like_sized_log_evidence(
                 scores[list(chosen)], gram[own], range(len(chosen)), FREEDOM, FREEDOM
             )
             along = scores[list(chosen)] / strength
@@ -79,6 +79,6 @@ def test_two_of_six_parts_are_told_from_all_of_them() -> None:
 def test_a_single_part_is_as_probable_as_an_independent_one() -> None:
     """One parameter has no other to be alike; both say the same but for how finely they go through the sizes."""
     for z in (0.0, 3.0, 8.0, 20.0):
-        one = alike_log_evidence(np.array([12.0 * z]), np.array([[144.0]]), [0], FREEDOM, FREEDOM)
+        one = like_sized_log_evidence(np.array([12.0 * z]), np.array([[144.0]]), [0], FREEDOM, FREEDOM)
         other = float(log_evidence(np.array([z]), np.array([12.0]), FREEDOM, FREEDOM))
         assert_close(one, other, atol=1.2, what="log evidence")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truing.inference import attribution
-from truing.inference.attribution import _followed, _InTime
+from truing.inference.attribution import _dependences, _InTime
 
 EPOCHS, LEVEL = 60, 0.005
 NAMES = ("temperature_c", "load_n", "rho1_mm", "rho2_mm")
@@ -22,7 +22,7 @@ def _in_time() -> _InTime:
 
 
 def _told(rows: np.ndarray, columns: dict[str, np.ndarray]) -> set[str]:
-    return {name for inputs, _, _ in _followed(rows, columns, _in_time(), LEVEL) for name in inputs}
+    return {name for inputs, _, _ in _dependences(rows, columns, _in_time(), LEVEL) for name in inputs}
 
 
 def test_noise_follows_nothing() -> None:
@@ -89,7 +89,7 @@ def test_share_is_what_is_predicted_beyond_chance() -> None:
         columns = _columns(rng)
         course = np.cos(3.0 * columns["load_n"])
         rows = 2.0 * course + rng.standard_normal(EPOCHS)
-        (_, share, _), *_ = _followed(rows[:, None], columns, _in_time(), LEVEL)
+        (_, share, _), *_ = _dependences(rows[:, None], columns, _in_time(), LEVEL)
         shares.append(share - 4.0 * course.var() / (4.0 * course.var() + 1.0))
     assert abs(np.mean(shares)) < 4.0 * 0.06 / np.sqrt(8)  # a share of 60 epochs is known to some 6 %
 

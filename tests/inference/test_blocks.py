@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truing.inference.blocks import BlockKind, alike, days, possible_blocks, regions
+from truing.inference.blocks import BlockKind, days, group_numbers, possible_blocks, regions
 
 
 def test_kinds_come_in_their_order_whatever_the_order_given() -> None:
@@ -64,6 +64,6 @@ def test_a_day_ends_where_nothing_was_measured_for_a_quarter_of_one() -> None:
 
 
 def test_equal_rows_have_one_number_and_unknown_ones_none() -> None:
-    found = alike(np.array([[1.0, 2.0], [1.0, 2.0], [np.nan, 2.0], [1.0, 3.0]]))
+    found = group_numbers(np.array([[1.0, 2.0], [1.0, 2.0], [np.nan, 2.0], [1.0, 3.0]]))
     assert found[0] == found[1] != found[3]
     assert found[2] == -1

@@ -102,7 +102,9 @@ def test_what_was_not_seen_twice_counts_for_nothing() -> None:
     found = residuals(np.random.default_rng(6))
     seen = found.seen.copy()
     seen[1::3] = seen[2::3] = False
-    gone = replace(found, seen=seen, values=np.where(seen, found.values, 0.0), told=np.where(seen, found.told, 0.0))
+    gone = replace(
+        found, seen=seen, values=np.where(seen, found.values, 0.0), redundancy=np.where(seen, found.redundancy, 0.0)
+    )
     assert not list(pure_error(gone, GROUPS))
 
 

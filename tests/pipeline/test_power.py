@@ -114,7 +114,7 @@ def hidden(measured: Path) -> tuple[partial[Answer], Trial, Answer]:
 
 def test_a_large_effect_that_is_hidden_is_found(hidden: tuple[partial[Answer], Trial, Answer]) -> None:
     assert hidden[2].found
-    assert hidden[2].said
+    assert hidden[2].others_found
 
 
 @pytest.mark.parametrize("workforce", [Workforce(2), Workforce(1, LOCAL)], ids=str)

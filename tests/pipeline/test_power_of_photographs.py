@@ -42,7 +42,7 @@ def test_without_a_run_it_says_which_causes_are_not_judged(photographed: Campaig
     assert told is not None
     assert not told.rows
     for words in ("photographs are not drawn", "Camera instability", "refraction are not judged here"):
-        assert words in told.said
+        assert words in told.sentence
 
 
 def test_what_the_run_would_have_shown_of_them_is_told(photographed: CampaignFolder, tmp_path: Path) -> None:
@@ -52,7 +52,7 @@ def test_what_the_run_would_have_shown_of_them_is_told(photographed: CampaignFol
         ("camera instability", "camera left", "c 0.35 px"),
         ("refraction", "the whole", "gradient not at any plausible size"),
     )
-    (listing,) = section_of_photographs(told.said, HEADS, told.rows).listings
+    (listing,) = section_of_photographs(told.sentence, HEADS, told.rows).listings
     assert listing.rows == told.rows
 
 

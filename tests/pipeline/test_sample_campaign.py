@@ -241,7 +241,7 @@ def test_a_changed_setting_makes_stale_who_declares_it(
     assert file.read_text().count(old) == 1
     file.write_text(file.read_text().replace(old, new))
     changed = open_run(open_campaign(tmp_path / "telescope"), finished.folder)
-    own = {stage.name for stage, standing in changed.standings() if section in standing.why}
+    own = {stage.name for stage, standing in changed.statuses() if section in standing.why}
     assert own == {stage.name for stage in changed.order if _declares(stage.settings, section)}
 
 
@@ -319,4 +319,4 @@ def test_the_finished_run_is_fresh_in_another_place(run_once: Any, tmp_path: Pat
     shutil.rmtree(tmp_path / "copy" / ".truing")
     shutil.copytree(runs["telescope"].campaign.folder, tmp_path / "telescope")
     moved = open_run(open_campaign(tmp_path / "telescope"), tmp_path / "copy")
-    assert {standing.state for _, standing in moved.standings()} == {Freshness.FRESH}
+    assert {standing.state for _, standing in moved.statuses()} == {Freshness.FRESH}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import CalibrationModel
-from truing.estimation.sensor.contenders import HeldOut, covariance_by_case, hold_out
+from truing.estimation.sensor.contenders import HeldOutPredictions, covariance_by_case, hold_out
 from truing.estimation.sensor.eccentric_load import LineOfAction, line_of_action
 from truing.estimation.sensor.error_classes import creep
 from truing.estimation.sensor.exchanged_loads import RowExchange, exchanged_loads
@@ -154,7 +154,7 @@ def pier_of(moved: NDArray, force: NDArray) -> dict[str, Any]:
     small = (step > large[0]) & (step < large[1])  # the first reading, far off, was taken before the test
     loop = np.searchsorted(whole.step, step)
     table = load_table(moved[small], force[small], loop[small], signal_names=("x", "y", "z", "rx", "ry", "rz"))
-    held: HeldOut = hold_out(table, LINEAR)
+    held: HeldOutPredictions = hold_out(table, LINEAR)
     spread = force[small].std(0)
     scaled = (moved[small] - moved[small].mean(0)) / moved[small].std(0)
     gentle = whole.amplitude[:, 0] < 15.0

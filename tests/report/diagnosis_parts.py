@@ -8,8 +8,8 @@ from truing.report.diagnosis.adequacy import adequacy
 from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.gain import gained
 from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import accepted_of, judged
-from truing.report.diagnosis.next_measurements import following
+from truing.report.diagnosis.judged import accepted_of, assessed_causes
+from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.section import diagnosis, sizes
 from truing.report.page import ReportSection, all_of
@@ -19,12 +19,12 @@ from truing.report.verdict import section_verdicts
 Frames = dict[str, pd.DataFrame]
 PARTS = {
     "adequacy": adequacy,
-    "evidence": lambda tables: evidence(judged(tables)),
-    "gain": lambda tables: gained(judged(tables), tables),
-    "sizes": lambda tables: sizes(accepted_of(judged(tables))),
+    "evidence": lambda tables: evidence(assessed_causes(tables)),
+    "gain": lambda tables: gained(assessed_causes(tables), tables),
+    "sizes": lambda tables: sizes(accepted_of(assessed_causes(tables))),
     "pulls": pulls,
-    "hidden": lambda tables: hidden(judged(tables), tables),
-    "next": lambda tables: following(judged(tables), tables),
+    "hidden": lambda tables: hidden(assessed_causes(tables), tables),
+    "next": lambda tables: requested_measurements(assessed_causes(tables), tables),
     "changes": changes,
 }
 
@@ -56,4 +56,4 @@ def parts_of(tables: Frames) -> dict[str, ReportSection]:
 def text_of(section: ReportSection) -> str:
     """All that a section says outside its figures."""
     cells = [cell for listing in section.listings for line in listing.rows for cell in line]
-    return " ".join([section.lead, *(words for _, words in section.said), *cells])
+    return " ".join([section.lead, *(words for _, words in section.statements), *cells])

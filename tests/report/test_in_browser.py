@@ -129,7 +129,7 @@ def test_pose_amplification_and_legs_change_the_view_by_the_keyboard(drawn):
     assert shows(drawn, to_draw(scene, last, 1.0, (2, 5)))
     assert not shows(drawn, to_draw(scene, last, 1.0))
     told = drawn.value("[...document.querySelectorAll('#deformation .of-legs p')].map((p) => p.textContent)")
-    assert told == [scene.said[-1][leg - 1] for leg in (2, 5)]
+    assert told == [scene.captions[-1][leg - 1] for leg in (2, 5)]
     legs = "[...document.querySelectorAll('.by-leg tbody tr:not([hidden])')].map((row) => row.cells[0].textContent)"
     assert set(drawn.value(legs)) == {"leg 2", "leg 5"}
     labels = f"{VIEW}.layout.scene.annotations.map((note) => note.text)"

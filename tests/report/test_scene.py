@@ -70,7 +70,7 @@ def test_a_load_moves_joints_with_the_platform():
     assert scene.labels == ("fz -9,000 N, loading",)
     assert np.allclose(scene.shift[0], [[0.0, 0.1, 0.1], [-0.1, 0.0, 0.1]])
     # 1 um of dz, and 1e-5 rad about y at 100 mm, which moves the second joint not at all.
-    assert scene.said[0] == tuple(
+    assert scene.captions[0] == tuple(
         f"Leg {leg}: its joints move apart by {said} µm." for leg, said in ((1, "100.0 ± 1.4"), (2, "100.0 ± 1.0"))
     )
     assert scene.arrow is not None

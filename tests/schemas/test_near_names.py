@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import pytest
 
-from truing.schemas.near_names import alike, meant, meant_by, nearest
+from truing.schemas.near_names import meant, meant_by, nearest, similar_names
 
 
 @pytest.mark.parametrize(("name", "known"), [("p1", "P01"), ("P 01", "P01"), ("platform", "Platform"), ("p_1", "P1")])
 def test_a_name_spelled_otherwise_is_the_one_that_is_meant(name: str, known: str) -> None:
     assert nearest(name, ["P11", "other", known]) == known
-    assert list(alike([name, "other", known])) == [[name, known]]
+    assert list(similar_names([name, "other", known])) == [[name, known]]
 
 
 @pytest.mark.parametrize(("name", "known"), [("P2", "P1"), ("1.05", "1.5"), ("1-2", "12"), ("10", "100")])
 def test_names_with_other_numbers_are_other_names(name: str, known: str) -> None:
     assert meant_by([name], [known]) == ""
-    assert list(alike([name, known])) == []
+    assert list(similar_names([name, known])) == []
 
 
 def test_a_mistyped_letter_is_told_and_whose_it_is_where_there_are_several() -> None:

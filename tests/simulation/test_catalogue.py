@@ -146,5 +146,5 @@ def test_every_candidate_answers_all_that_is_asked_once_it_is_found(cause: Point
         assert candidate.covers(scene.covariates, 12).tolist() == [True] * 12
         assert len(candidate.reported(values, np.eye(len(values)), 6)) >= len(values)
         assert candidate.with_settings(**candidate.settings()) == candidate
-        assert isinstance(candidate.follows(6), tuple)
+        assert isinstance(candidate.inputs(6), tuple)
         assert isinstance(candidate.needs(6), tuple)

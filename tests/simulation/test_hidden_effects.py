@@ -8,7 +8,7 @@ import pytest
 from tests.simulation.mechanisms.telescope import sample_model
 from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.catalogue import catalogue
-from truing.simulation.detection_trials import EffectKind, concerned, sorts, told_size
+from truing.simulation.detection_trials import EffectKind, concerned, effect_kinds, reported_size
 from truing.simulation.mechanisms.point_causes import PointScene
 
 LEGS = 6
@@ -21,7 +21,7 @@ def scene() -> PointScene:
 
 @pytest.fixture(scope="module")
 def found(scene: PointScene) -> list[EffectKind]:
-    return sorts([kind for kind in catalogue().values() if kind.catalogued], scene, LEGS)
+    return effect_kinds([kind for kind in catalogue().values() if kind.catalogued], scene, LEGS)
 
 
 def test_a_cause_per_leg_is_a_sort_on_the_whole_and_one_on_a_single_leg(found: list[EffectKind]) -> None:
@@ -51,7 +51,7 @@ def test_a_size_is_told_as_the_tables_tell_it(
     found: list[EffectKind], kind: str, parameter: str, unit: str, value: float
 ) -> None:
     cause = next(sort.causes[0] for sort in found if sort.kind == kind and sort.concerns == "the whole")
-    once, thrice = told_size(cause, 1.0, LEGS), told_size(cause, 3.0, LEGS)
+    once, thrice = reported_size(cause, 1.0, LEGS), reported_size(cause, 3.0, LEGS)
     assert (once.parameter, once.unit) == (parameter, unit)
     assert once.value == pytest.approx(value, rel=1e-9)
     assert thrice.value == pytest.approx(3.0 * value, rel=1e-9)
@@ -59,7 +59,7 @@ def test_a_size_is_told_as_the_tables_tell_it(
 
 def test_an_angle_that_grows_with_the_root_of_what_it_loses_is_a_size_too() -> None:
     cause = CosineError("dz", along=True)
-    once, twice = (told_size(cause, size, LEGS) for size in (1.0, 2.0))
+    once, twice = (reported_size(cause, size, LEGS) for size in (1.0, 2.0))
     assert (once.parameter, once.unit) == ("angle", "rad")
     assert twice.value == pytest.approx(np.sqrt(2.0) * once.value, rel=1e-3)
 
@@ -67,7 +67,7 @@ def test_an_angle_that_grows_with_the_root_of_what_it_loses_is_a_size_too() -> N
 def test_a_single_leg_is_told_with_its_number_and_a_phase_is_no_size(found: list[EffectKind]) -> None:
     waves = [sort for sort in found if sort.kind == "actuator-periodic-error" and sort.concerns == "one leg"]
     for sort in waves:
-        assert told_size(sort.causes[0], 1.0, LEGS).parameter.startswith("amplitude_")
+        assert reported_size(sort.causes[0], 1.0, LEGS).parameter.startswith("amplitude_")
 
 
 @pytest.mark.parametrize(

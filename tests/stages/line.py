@@ -19,7 +19,7 @@ def run_line(folder: Path, *stages: str) -> tuple[dict[str, pa.Table], dict[str,
     for name, table in line.tables.items():
         if isinstance(table, pa.Table):
             assert not ARTIFACTS[name].faults(table), [str(fault) for fault in ARTIFACTS[name].faults(table)]
-    return line.tables, line.said
+    return line.tables, line.outcomes
 
 
 def settings_of(folder: Path) -> Campaign:

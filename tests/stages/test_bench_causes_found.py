@@ -103,4 +103,4 @@ def test_what_no_cause_explains_is_unexplained(
 ) -> None:
     (only,) = _found(5, cause, values)
     assert (only.cause.id, only.cause.subject) == ("unexplained", f"channel {cause.channel}")
-    assert " ".join(only.cause.follows(6)) == follows
+    assert " ".join(only.cause.inputs(6)) == follows

@@ -29,7 +29,7 @@ from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.extended_model import read_model
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages import calibrate, diagnose
-from truing.stages.common.calibration_data import gather
+from truing.stages.common.calibration_data import assemble
 from truing.stages.diagnosis.applied import applied_model, choices_table
 from truing.stages.uncertainty_statement.machine import _main
 
@@ -139,7 +139,7 @@ def test_the_applied_model_holds_the_applied_causes_alone_and_their_own_fit(mach
 def test_the_main_results_of_a_machine_are_those_of_the_chosen_calibration_until_a_finding_is_applied(
     machine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rigid_legs_alone = structures(gather(machine[1], machine[0]).machine)[:1]
+    rigid_legs_alone = structures(assemble(machine[1], machine[0]).machine)[:1]
     monkeypatch.setattr("truing.stages.calibration.run.structures", lambda machine: rigid_legs_alone)
     settings, tables, found = machine
     text = found.model_text(fitted(found, ActuatorGain((3,))), settings)

@@ -73,7 +73,7 @@ def test_rays_of_every_photograph_by_pose_camera_and_name(folder):
     photographs = line.tables["photographs"].to_pandas()
     assert photographs["file"].tolist() == ["images/1/p1.png", "images/1/p2.png", "images/2/p1.png"]
     assert photographs["targets_measured"].tolist() == [5, 5, 5]
-    assert "15 rays of 3 images" in line.said["images"].read
+    assert "15 rays of 3 images" in line.outcomes["images"].read
 
 
 def test_a_code_without_a_table_names_itself(folder):

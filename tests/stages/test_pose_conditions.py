@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from tests.tolerance import assert_close
-from truing.simulation.inputs import approach, order_in_time, remembered
+from truing.simulation.inputs import approach, fading_sum, order_in_time
 from truing.simulation.mechanisms.extended_model import some_of
 from truing.stages.common.pose_conditions import pose_conditions
 
@@ -26,8 +26,8 @@ def test_the_direction_of_approach_is_that_of_the_last_movement_worth_the_name()
 
 
 def test_movements_are_remembered_and_fade() -> None:
-    assert_close(remembered(READINGS, TIME, 0.0)[:, 0], np.array([1.0, 0.0, 1.0, 0.0]), atol=1e-6, what="last, m")
-    assert_close(remembered(READINGS, TIME, 0.5)[:, 0], np.array([1.25, 0.0, 1.0, 0.5]), atol=1e-6, what="lately, m")
+    assert_close(fading_sum(READINGS, TIME, 0.0)[:, 0], np.array([1.0, 0.0, 1.0, 0.0]), atol=1e-6, what="last, m")
+    assert_close(fading_sum(READINGS, TIME, 0.5)[:, 0], np.array([1.25, 0.0, 1.0, 0.5]), atol=1e-6, what="lately, m")
 
 
 def test_every_numeric_column_is_a_covariate_and_poses_keep_their_names() -> None:

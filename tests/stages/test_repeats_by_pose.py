@@ -97,7 +97,7 @@ def test_pooled_numbers_say_that_they_hold_for_none_and_so_does_the_page(uneven)
     assert (place["p_equal"] < 1e-6).all()
     section = during({name: uneven.tables[name].to_pandas() for name in ("repeats", "pose_repeatability")})
     assert isinstance(section, ReportSection)
-    assert any("their pooled number holds for none: tool x" in words for _, words in section.said)
+    assert any("their pooled number holds for none: tool x" in words for _, words in section.statements)
     (listing,) = (one for one in section.listings if one.held_by == "pose_repeatability.parquet")
     assert len(listing.rows) == 2 * GROUPS
     assert listing.rows[0][:3] == ("tool", "p0", str(REPEATS))

@@ -29,10 +29,10 @@ from truing.simulation.bench.extended_model import ExtendedSensor, write_sensor
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
-from truing.simulation.mechanisms.extended_model import lasting, read_model
+from truing.simulation.mechanisms.extended_model import persistent_part, read_model
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages import calibrate
-from truing.stages.common.calibration_data import gather
+from truing.stages.common.calibration_data import assemble
 from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.recorded_signals import recorded
 from truing.stages.second_campaign.compared import SecondCampaign
@@ -84,7 +84,7 @@ def test_the_right_model_predicts_a_second_series_to_its_noise_and_the_drawing_d
 def test_a_calibration_read_back_from_its_tables_misses_as_it_did(series, monkeypatch: pytest.MonkeyPatch) -> None:
     first, tables, text, _ = series
     settings = settings_of(first)
-    rigid_legs_alone = structures(gather(tables, settings).machine)[:1]
+    rigid_legs_alone = structures(assemble(tables, settings).machine)[:1]
     monkeypatch.setattr("truing.stages.calibration.run.structures", lambda machine: rigid_legs_alone)
     made = calibrate.run(tables, settings, lambda *_: None).artifacts
     errors = _errors(text, SecondCampaign("campaign.toml", settings, tables), made)
@@ -100,7 +100,7 @@ def test_what_ends_with_a_campaign_does_not_move_the_next(series) -> None:
     first, *_ = series
     stand = fitted(gathered(first), ActuatorGain((3,)), LegDrift((5,)))
     whole = read_model(model_text(stand, "first"))
-    left = lasting(whole)
+    left = persistent_part(whole)
     assert [cause.id for cause in left.model.causes] == ["actuator-gain"]
     for own in (whole, left):
         (gain,) = (effect for effect in own.effects if effect.cause.id == "actuator-gain")

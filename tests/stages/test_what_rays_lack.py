@@ -18,6 +18,6 @@ from truing.pipeline.in_memory import stage_line
 )
 def test_what_is_not_in_the_file_is_in_the_words(tmp_path, page, number, said, unsaid):
     line = stage_line(examples(FOLDER / f"{page}.md")[number].write(tmp_path)).call("images")
-    words = line.said["images"].read
+    words = line.outcomes["images"].read
     assert [one for one in said if one not in words] == []
     assert [one for one in unsaid if one in words] == []

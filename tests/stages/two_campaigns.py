@@ -22,7 +22,7 @@ from truing.schemas.campaign import read_campaign
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import extended, write_model
 from truing.stages.diagnosis.gathered import DiagnosisData
-from truing.stages.diagnosis.mechanism_points import gather
+from truing.stages.diagnosis.mechanism_points import assemble
 
 LAYOUT = Layout(name="machine", targets=Targets(base=8, platform=8, per_leg=0))
 POSES = 24
@@ -68,7 +68,7 @@ def gathered(folder: Path) -> DiagnosisData:
 
     tables, _ = run_line(folder, "ingest", "pose")
     document = tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
-    return gather(tables, read_campaign(document))
+    return assemble(tables, read_campaign(document))
 
 
 def fitted(found: DiagnosisData, *causes: Cause) -> FittedModel:

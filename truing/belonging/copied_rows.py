@@ -140,7 +140,7 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
             bool((chance.between(first, second) < _TELLING).any())
             for first, second in combinations(range(len(runs)), 2)
         )
-        for first, second in _alike(table.value, rows):
+        for first, second in _similar_runs(table.value, rows):
             each = chance.between(first, second)
             share, likely = _equal(table.value[rows[first]], table.value[rows[second]], each)
             if share >= _EQUAL and likely < _CHANCE:
@@ -153,7 +153,7 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
                 known.append(_Copy(table.name, part.share, tuple((part.rows + 1).tolist())))
         pairs += len(runs) * (len(runs) - 1) // 2
     if found:
-        return tuple(_told(found, pairs))
+        return tuple(_relation_tests(found, pairs))
     if not pairs or not telling:
         return (RelationTest(RELATION, RelationState.NOT_TESTED, "coarse" if pairs else "one-run"),)
     return (RelationTest(RELATION, RelationState.OK, "no-copies" if parts_tell else "no-whole-copies", tried=pairs),)
@@ -174,7 +174,7 @@ class _Copy:
     rows: tuple[int, ...] = ()
 
 
-def _told(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[RelationTest]:
+def _relation_tests(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[RelationTest]:
     for (first, second), copies in found.items():
         rows = () if any(not one.rows for one in copies) else max((one.rows for one in copies), key=len)
         slip = RecordSlip(SlipKind.COPIED, " and ".join(one.quantity for one in copies), (first, second), rows=rows)
@@ -184,7 +184,7 @@ def _told(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[Rel
         )
 
 
-def _alike(value: Array, rows: Sequence[Index]) -> Iterator[tuple[int, int]]:
+def _similar_runs(value: Array, rows: Sequence[Index]) -> Iterator[tuple[int, int]]:
     """Pairs of runs that share their values at one of a few steps at least."""
     for first in range(len(rows)):
         for second in range(first + 1, len(rows)):

@@ -137,14 +137,14 @@ class _Line:
     ) -> Iterator[tuple[tuple[int, ...], float, Array]]:
         """Columns (none: the loads), factor and what is then left (K,), where slopes differ by about that factor."""
         for factor in (-1.0, *units):
-            if _told(ratio, factor).all():
+            if _is_unphysical_ratio(ratio, factor).all():
                 way = np.where(part, factor, 1.0) * self.way
                 yield (), factor, self._left(way, self.value)
         for quantity in dict.fromkeys(column.quantity for column in columns):
             places = [k for k, column in enumerate(columns) if column.quantity == quantity]
             own = columns[places[0]]
             for factor in (-1.0, *own.factors):
-                mine = tuple(k for k in places if _told(ratio[k : k + 1], 1.0 / factor).all())
+                mine = tuple(k for k in places if _is_unphysical_ratio(ratio[k : k + 1], 1.0 / factor).all())
                 others = np.isin(np.arange(len(columns)), mine, invert=True)
                 if mine and not _differ(ratio[others]).any():
                     value = self.value.copy()
@@ -163,7 +163,7 @@ def _differ(ratio: Array) -> Mask:
     return np.asarray((ratio < 1.0 / _BEYOND) | (ratio > _BEYOND))
 
 
-def _told(ratio: Array, factor: float) -> Mask:
+def _is_unphysical_ratio(ratio: Array, factor: float) -> Mask:
     """Whether ratios of slopes (K,) are about a factor that no physical cause has."""
     large = factor < 0.0 or max(factor, 1.0 / factor) > _BEYOND * _NEAR
     near = (ratio / factor > 1.0 / _NEAR) & (ratio / factor < _NEAR)

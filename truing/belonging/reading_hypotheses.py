@@ -76,7 +76,7 @@ class Description:
         """Return the same of every ``step``-th pose."""
         return Description(self.slips, self.legs, self.p[::step], self.R[::step])
 
-    def asked(self) -> Array:
+    def required_readings(self) -> Array:
         """Return the readings (B, L), m, that the poses ask for; NaN where no leg reaches."""
         with np.errstate(invalid="ignore", over="ignore"):
             return np.asarray(inverse(self.legs, self.p, self.R).real, float)
@@ -227,7 +227,7 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
             shrunk = len(misfit[0]) * np.log(np.abs([change.factor for change in changes]))
             scores[leg, column] = log_evidence(misfit, effects[leg], motion.noise) + shrunk
             scores[leg, column, _is_geometry(motion, motion.readings[:, column], asked[:, leg], changes)] = -np.inf
-    if description.slips and np.isnan(description.asked()).mean() > _UNREACHED:
+    if description.slips and np.isnan(description.required_readings()).mean() > _UNREACHED:
         scores[:] = -np.inf  # a description is no explanation where its legs do not reach
     own = np.arange(count)
     plain = _written(motion, description, asked, own, [changes[0]] * count, float(scores[own, own, 0].sum()))
@@ -246,7 +246,7 @@ def _is_geometry(motion: MeasuredMotion, recorded: Array, asked: Array, changes:
 
 def reached(description: Description) -> Array:
     """Return the readings (B, L), m, that poses ask for; where no leg reaches, ones that are far off."""
-    asked = description.asked()
+    asked = description.required_readings()
     far = np.broadcast_to(np.abs(description.legs.l) + np.abs(description.legs.rho0), asked.shape)
     return np.where(np.isfinite(asked), asked, 2.0 * far + 1.0)
 

@@ -110,7 +110,7 @@ def _same_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
 
 
 def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
-    asked = next(descriptions(motion)).asked()
+    asked = next(descriptions(motion)).required_readings()
     search = _search(motion)
     misfit, moved, legs = _plain_misfit(motion, asked)
     comparable = np.isfinite(misfit)

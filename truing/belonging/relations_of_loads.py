@@ -92,7 +92,7 @@ def _hardly_answering(found: Responses, expected: ExpectedResponse, runs: Sequen
 def _main(found: Responses, expected: ExpectedResponse) -> tuple[Mask, Array, Array]:
     """Which responses (C,) should be main ones, and responses and expectations in shares of what is possible."""
     possible = expected.possible(found.column, found.direction)
-    wanted = expected.wanted(found.column, found.direction) / possible
+    wanted = expected.expected(found.column, found.direction) / possible
     return np.abs(wanted) > _MAIN, found.size / possible, wanted
 
 

@@ -81,10 +81,10 @@ def row_slips(
         for number in numbers
         for one in _of_run(number, load[run == number], time_s[run == number], value[run == number], ranges)
     ]
-    return list(_told(tried, runs, quantity)), len(tried)
+    return list(_row_slips(tried, runs, quantity)), len(tried)
 
 
-def _told(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> Iterator[RowSlip]:
+def _row_slips(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> Iterator[RowSlip]:
     limit = _MUCH + np.log(max(len(tried), 1))
     for order in _ORDERS:
         mine = [one for one in tried if one.order == order]
@@ -176,13 +176,13 @@ def _causes(way: Array, time_s: Array) -> Array:
             _SIZEABLE * back * way,
             _SIZEABLE * back * way * size,
             _SMALL * np.sign(way),
-            *(_SIZEABLE * _followed(way, pace) for pace in _PACES),
+            *(_SIZEABLE * _minus_shifted(way, pace) for pace in _PACES),
             _SMALL * (time_s - time_s[0]) / span,
         ]
     )
 
 
-def _followed(way: Array, pace: float) -> Array:
+def _minus_shifted(way: Array, pace: float) -> Array:
     """Loads (N, D) less what follows them by a number of steps."""
     out, state = np.zeros_like(way), way[0].copy()
     for n in range(len(way)):

@@ -216,7 +216,7 @@ def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expe
 
 def _off(missed: Array, found: Responses, expected: ExpectedResponse) -> float:
     """Root of the mean square by which main responses miss."""
-    wanted = np.abs(expected.wanted(found.column, found.direction))
+    wanted = np.abs(expected.expected(found.column, found.direction))
     main = wanted > _MAIN * expected.possible(found.column, found.direction)
     return float(np.sqrt(np.mean(missed[main] ** 2))) if main.any() else np.inf
 

@@ -46,7 +46,7 @@ class ExpectedResponse:
     main: float = 0.15
     linear: float = 0.1
 
-    def wanted(self, column: Index, direction: Array) -> Array:
+    def expected(self, column: Index, direction: Array) -> Array:
         """What columns (C,) should answer to loads (C, 6)."""
         return np.asarray(np.sum(self.matrix[column] * direction, axis=1))
 
@@ -240,7 +240,7 @@ def hidden(found: Responses, expected: ExpectedResponse, candidates: Sequence[Sl
     for candidate in candidates:
         now = candidate.undo(read)
         there = _compare(ideal, expected, now)
-        changed = _telling(perfect, there, _differ(read, now))
+        changed = _informative(perfect, there, _differ(read, now))
         if not changed.any() or _root(there.misses[changed]) < CLEARLY:
             out.append(candidate.slip)
     broad = {slip for slip in out if not slip.subjects}
@@ -249,7 +249,7 @@ def hidden(found: Responses, expected: ExpectedResponse, candidates: Sequence[Sl
 
 def _compare(found: Responses, expected: ExpectedResponse, read: ColumnReading) -> _ScaledResponses:
     possible = np.maximum(expected.possible(read.column, read.direction), 1e-300)
-    wanted = expected.wanted(read.column, read.direction)
+    wanted = expected.expected(read.column, read.direction)
     return _ScaledResponses(found.size * read.factor / possible, wanted / possible, possible, expected)
 
 
@@ -302,7 +302,7 @@ def _halving(
             continue
         now = candidate.undo(read)
         there = _compare(found, expected, now)
-        changed = _telling(here, there, _differ(read, now))
+        changed = _informative(here, there, _differ(read, now))
         if not changed.any() or _root(before[changed]) < CLEARLY:
             continue
         after = there.misses
@@ -310,7 +310,7 @@ def _halving(
             yield _root(after), candidate, now
 
 
-def _telling(here: _ScaledResponses, there: _ScaledResponses, changed: Mask) -> Mask:
+def _informative(here: _ScaledResponses, there: _ScaledResponses, changed: Mask) -> Mask:
     """Of the responses that a slip changes, those that either way should be or are large; all where none is."""
     large = changed & (here.is_large | there.is_large)
     return large if large.any() else changed

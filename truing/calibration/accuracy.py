@@ -163,7 +163,7 @@ class Extended:
 def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPlatform, fitted: NDArray) -> PoseErrors:
     """Measured minus predicted poses, as the instrument should have seen them; NaN where a condition is not known."""
     error, noise = np.full((len(fitted), 6), np.nan), np.zeros((len(fitted), 6, 6))
-    rows = np.flatnonzero(_told(found, conditions))
+    rows = np.flatnonzero(_has_all_inputs(found, conditions))
     if len(rows):
         poses = predict_poses(found, some_of(conditions, rows), recorded=True)
         platform = measured.platform.chosen(rows)
@@ -176,7 +176,7 @@ def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPl
     return PoseErrors(error, noise)
 
 
-def _told(found: ExtendedModel, conditions: Conditions) -> NDArray:
+def _has_all_inputs(found: ExtendedModel, conditions: Conditions) -> NDArray:
     """Where (B,) every column that the model's effects follow holds a number."""
     legs = found.model.nominal.count
     needed = {name for cause in found.model.causes if acts_on_poses(cause) for name in cause.needs(legs)}
@@ -277,7 +277,7 @@ class Decision:
     """
 
     poses: int
-    further: int | None = None
+    more_poses: int | None = None
     then: Interval | None = None
 
 

@@ -149,7 +149,7 @@ class AssessedConfigurations:
         return np.sqrt(np.diagonal(np.linalg.inv(self.information), axis1=1, axis2=2))
 
 
-def judged(problem: DesignProblem, rho: NDArray) -> AssessedConfigurations:
+def assessed(problem: DesignProblem, rho: NDArray) -> AssessedConfigurations:
     """What a calibration learns from configurations by readings rho (B, L), m.
 
     Raises ValueError where they reach no pose.

@@ -145,7 +145,9 @@ def calibrations(
     return CalibrationsByEstimator(tuple(likely), tuple(closed), tuple(failed))
 
 
-def judged(gathered: CalibrationData, calibration: MachineCalibration, fitted: NDArray) -> AssessedCalibration:
+def assessed_calibration(
+    gathered: CalibrationData, calibration: MachineCalibration, fitted: NDArray
+) -> AssessedCalibration:
     """Return a calibration with its errors at all poses, where readings fix them, and its misfit at held-out ones."""
     measured, legs = gathered.measured, gathered.machine.legs.count
     held = measured.chosen(~fitted)

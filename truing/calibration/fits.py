@@ -127,7 +127,7 @@ def maximum_likelihood(
         fit.judgement.chi_square,
         float(fit.judgement.freedom),
         evidence,
-        _ending(fit.status),
+        _end_of_fit(fit.status),
     )
 
 
@@ -177,7 +177,7 @@ def implicit(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case, ke
     values = solution.x[0]
     at = problem.constrain(values, still)
     freedom = at.value.size - len(nominal)
-    ended = _ending(SolverStatus(solution.status[0])) if freedom > 0 else _NO_REDUNDANCY
+    ended = _end_of_fit(SolverStatus(solution.status[0])) if freedom > 0 else _NO_REDUNDANCY
     # What did not end at a minimum, or left nothing over to judge the scatter by, has no uncertainty to be told.
     variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
     covariance = solution.covariance[0] * variance
@@ -242,5 +242,5 @@ def _implicit_set(gathered: CalibrationData, fitted: MeasuredPlatform, case: Cas
     return ParameterSet(tuple(entry for entry, told in zip(candidates.entries, chosen, strict=True) if told))
 
 
-def _ending(status: SolverStatus) -> str:
+def _end_of_fit(status: SolverStatus) -> str:
     return "ok" if status == SolverStatus.CONVERGED else f"{status}: {status.remedy}"

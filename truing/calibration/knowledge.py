@@ -162,7 +162,7 @@ def _absorption(gathered: CalibrationData, fitted: MeasuredPlatform, calibration
     return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
 
 
-def _told_apart(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
+def _knowledge_difference(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
     """Return the variance (P,) of what the whole fit knows more, or less, of the parameters: it has other data."""
     place = dict(zip(whole.parameters.labels, np.diag(whole.declared), strict=True))
     own = np.diag(calibration.declared)
@@ -206,7 +206,7 @@ def absorbed(
     return Absorbed(
         (found.shift @ size)[:count],
         calibration.values - _counterparts(calibration, whole),
-        np.sqrt(np.maximum(spread, 0.0) + _told_apart(calibration, whole)),
+        np.sqrt(np.maximum(spread, 0.0) + _knowledge_difference(calibration, whole)),
     )
 
 
@@ -214,8 +214,8 @@ def absorbed(
 class RefittedCalibration:
     """The chosen calibration, fitted once more from where it stood."""
 
-    gathered: CalibrationData
-    asked: CalibrationQuestion
+    data: CalibrationData
+    question: CalibrationQuestion
     fit: ErrorsInVariablesFit
 
 
@@ -244,7 +244,7 @@ def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
     Where more noise was found than declared, that of the poses, the readings and the survey is as much larger, and
     weighs as much less against the tolerances.
     """
-    asked, fit = answered.asked, answered.fit
+    asked, fit = answered.question, answered.fit
     at = asked.problem.constrain(fit.values, fit.deviations)
     ratio = max(fit.noise_ratio, 1.0) if np.isfinite(fit.noise_ratio) else 1.0
     legs = slice(6, 6 + asked.problem.rho.shape[-1])
@@ -265,7 +265,7 @@ def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
 
 def _prior(answered: RefittedCalibration, ratio: float) -> tuple[dict[Source, Array], tuple[Source, ...]]:
     """The precision (P, P) of what was known before, by source; and which of them are measurements."""
-    gathered, asked = answered.gathered, answered.asked
+    gathered, asked = answered.data, answered.question
     left, found = asked.prior.information.copy(), {}
     if gathered.surveyed is not None:
         rows = survey_rows(gathered.surveyed, asked.problem.parameters)

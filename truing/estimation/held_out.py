@@ -36,7 +36,7 @@ class Contender:
     freedom: int | NDArray
     log_evidence: float
     parameters: int
-    settled: bool = True
+    converged: bool = True
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def choose_model(contenders: Sequence[Contender]) -> ContenderChoice:
     """
     if not contenders:
         raise ValueError("found no model to choose from, expected at least one")
-    settled = np.array([one.settled for one in contenders])
+    settled = np.array([one.converged for one in contenders])
     evidence = np.array([one.log_evidence for one in contenders])
     evidence = np.where(settled | ~settled.any(), evidence, np.nan)
     possible = np.array([not np.isinf(one.squares).any() for one in contenders])

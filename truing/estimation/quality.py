@@ -43,7 +43,7 @@ class Scatter:
         return np.where(self.dof > 0.0, chdtr(safe, self.chi_square / tolerated_ratio**2), 1.0)
 
 
-def unexplained_scatter(residuals: Array, sigma: Array, redundancy: Array, covariates: Array) -> Scatter:
+def residual_scatter(residuals: Array, sigma: Array, redundancy: Array, covariates: Array) -> Scatter:
     """Scatter per axis of what follows neither a covariate nor a constant of its target.
 
     residuals (B, T, 3) in m, sigma (B, T, 3) of the measurement alone (the survey's error is a constant of its

@@ -76,7 +76,7 @@ class Budget:
         """Return the budget of the results in other units, (N,) times as large."""
         return Budget(self.sources, self.contributions * np.abs(factor))
 
-    def beside(self, source: Source, contribution: NDArray) -> Budget:
+    def with_source(self, source: Source, contribution: NDArray) -> Budget:
         """Return the budget with one more source that gives (N,)."""
         return Budget((*self.sources, source), np.concatenate([self.contributions, contribution[None]]))
 

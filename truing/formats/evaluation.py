@@ -132,7 +132,7 @@ def evaluate(plan: MappingPlan, batch: RawBatch) -> TableBatch:
     work = _Work(plan, _filtered(batch, chosen))
     wanted = {name: column for name, column in plan.columns.items() if work.is_of_use(name)}
     columns = {name: work.column(name, column) for name, column in wanted.items()}
-    records, keep, faulty = work.batch.records, work.present(), work.told
+    records, keep, faulty = work.batch.records, work.present(), work.reported
     if not keep.all():
         columns = {name: values.filter(keep) for name, values in columns.items()}
         records, faulty = records[keep], {name: told[keep] for name, told in faulty.items()}
@@ -164,7 +164,7 @@ class _Work:
     left_out: Counter[str] = field(default_factory=Counter)
     missing: list[Mask] = field(default_factory=list)
     broken: list[Mask] = field(default_factory=list)
-    told: dict[str, Mask] = field(default_factory=dict)
+    reported: dict[str, Mask] = field(default_factory=dict)
 
     @cached_property
     def notation(self) -> Notation:
@@ -187,7 +187,7 @@ class _Work:
         if name == "time_s" and self.plan.entry.time_format is not None:
             return self._times(name)
         values = self._scaled(name, column)
-        return self._whole(name, values) if column.kind == "integer" else values
+        return self._integers(name, values) if column.kind == "integer" else values
 
     def is_of_use(self, name: str) -> bool:
         """False for a column that nobody asked for and that mostly holds no numbers."""
@@ -358,7 +358,7 @@ class _Work:
         gone = np.logical_or.reduce([np.isnan(plain) if np.isnan(m) else plain == m for m in self._markers])
         return pa.array(plain, mask=gone | np.asarray(values.is_null()))
 
-    def _whole(self, name: str, values: pa.Array) -> pa.Array:
+    def _integers(self, name: str, values: pa.Array) -> pa.Array:
         plain = np.asarray(values.fill_null(0.0))
         self._outside(plain != np.round(plain), values, name, "a whole number")
         self._outside(np.abs(plain) > _EXACT, values, name, f"at most {_EXACT} either way")
@@ -418,10 +418,10 @@ class _Work:
             self.left_out[reason] += count
 
     def _fault(self, wrong: Mask, values: pa.Array | None, name: str, expected: str, value: str | None = None) -> None:
-        wrong = wrong & ~self.told.get(name, np.zeros(len(wrong), dtype=bool))  # one cell, one fault: the first
+        wrong = wrong & ~self.reported.get(name, np.zeros(len(wrong), dtype=bool))  # one cell, one fault: the first
         if not wrong.any():
             return
-        self.told[name] = self.told.get(name, wrong) | wrong
+        self.reported[name] = self.reported.get(name, wrong) | wrong
         found = CellFaults.where(wrong, self.batch.records, values, self.plan.raw_name(name), expected)
         if value is not None:
             found = found.changed(lambda row, _: (row, value))

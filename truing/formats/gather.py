@@ -57,7 +57,7 @@ class CollectedRows:
             log.cells(file.raw.name, CellFaults(expected, column, (cell,), 1), file.locate)
 
 
-def gather(
+def collect_rows(
     source: CampaignFiles, shape: TableShape, log: FaultLog, identifier: str | None = None
 ) -> CollectedRows | None:
     """A whole table, its ``identifier`` column int64 where every value is an integer, else text.

@@ -165,7 +165,7 @@ def by_look(lines: Sequence[str]) -> Guess | None:
     return None
 
 
-def tells_of_rigs(name: str, head: str = "") -> bool:
+def is_rig_file(name: str, head: str = "") -> bool:
     """Whether a file is one of those of a COLMAP model that hold no table, by its name or its first line."""
     return name.lower().startswith(("rigs.bin", "frames.bin")) or head.startswith(_RIGS)
 

@@ -268,7 +268,7 @@ class MappingPlan:
         if not self.shape.partial:
             misfits += [self._not_there(name) for name in self.entry.units if name not in self.columns]
             misfits += self._unit_of_nothing()
-            misfits += _told_otherwise(self)
+            misfits += _contradicted_columns(self)
         if self.entry.channels:
             misfits.append(Misfit("channels in [files.interferometer] alone", value=", ".join(self.entry.channels)))
         if self.entry.wide is not None and not self.wide:
@@ -371,7 +371,7 @@ def _template_pattern(template: str) -> str:
     return "".join(parts)
 
 
-def _told_otherwise(plan: MappingPlan) -> Iterator[Misfit]:
+def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
     """Columns whose raw name says another unit than they are read in, or that they are no standard deviation."""
     for name, column in plan.columns.items():
         raw = plan.raw_name(name)

@@ -50,7 +50,7 @@ class RowCount:
         self._width = 0
         self._kinds: Mapping[int, Kind] = {}
 
-    def wanted(self, asked: Wanted) -> Wanted:
+    def hint(self, asked: Wanted) -> Wanted:
         """What to tell the reader, where the mapping speaks of the columns of rows laid side by side."""
         if self._per == 1:
             return asked

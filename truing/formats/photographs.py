@@ -67,13 +67,13 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
                 if (one := _photograph(raw, pattern, entry, sensor_width_mm, log)) is not None:
                     found.found.append(one)
     for other in passed_over(source.folder, source.folders_of_photographs, {raw.name for raw in seen}):
-        _tell(other, found, log)
+        _note_unread(other, found, log)
     _check_names(found.found, log)
     found.found = _cameras_apart(_once(found, log))
     return found
 
 
-def _tell(one: SkippedFile, found: PhotographFiles, log: FaultLog) -> None:
+def _note_unread(one: SkippedFile, found: PhotographFiles, log: FaultLog) -> None:
     """A fault for what was meant as a photograph and is not read; everything else is counted."""
     if one.is_fault:
         log.add(Fault(one.name, one.why))
@@ -99,7 +99,7 @@ def _files(source: CampaignFiles, pattern: str, found: PhotographFiles, log: Fau
         log.add(Fault(files[0].name, f"a photograph ({_KINDS}), as nothing else is found there", value=pattern))
     stems = {os.path.splitext(raw.name)[0] for raw in photographs}
     for raw in sorted(set(files) - set(photographs), key=lambda raw: raw.name):
-        _tell(why_not_read(raw.path, raw.name, stems), found, log)
+        _note_unread(why_not_read(raw.path, raw.name, stems), found, log)
     yield from photographs
 
 
@@ -107,7 +107,7 @@ def _photograph(
     raw: RawFile, pattern: str, entry: FileMapping, sensor_width_mm: float | None, log: FaultLog
 ) -> Photograph | None:
     try:
-        told = _told_by_name(raw, pattern, entry)
+        told = _fields_from_name(raw, pattern, entry)
     except TooSlow as error:
         log.add(Fault("campaign.toml", error.expected, column=f"{_COLUMN}.{error.key}", value=error.text))
         return None
@@ -134,7 +134,7 @@ def _name(raw: RawFile) -> str:
     return PurePosixPath(raw.name).with_suffix("").as_posix().removeprefix(_FOLDER)
 
 
-def _told_by_name(raw: RawFile, pattern: str, entry: FileMapping) -> dict[str, str]:
+def _fields_from_name(raw: RawFile, pattern: str, entry: FileMapping) -> dict[str, str]:
     """What constants, from_name or the usual ways of naming tell: pose, camera, image."""
     told: dict[str, str] = {}
     if entry.from_name is None:

@@ -197,7 +197,7 @@ def _read_file(
 
     try:
         counted = RowCount(completed, side_by_side)
-        for batch in counted.through(_raw_batches(rows, counted.wanted(wanted), shape.name, source.estimate)):
+        for batch in counted.through(_raw_batches(rows, counted.hint(wanted), shape.name, source.estimate)):
             found = evaluate(plans[0], batch)
             for faults in found.faults:
                 log.cells(raw.name, discreet_cells(faults) if outside else faults, rows.locate)

@@ -22,8 +22,8 @@ from truing.formats.guess import (
     by_look,
     coded_alone,
     is_id,
+    is_rig_file,
     metashape,
-    tells_of_rigs,
     tracker,
     wide_template,
 )
@@ -107,7 +107,7 @@ def sniff_file(path: Path) -> Guess:
         return Guess(
             notes=("AICON's orientations of images: read along with the image coordinates beside it",), known=True
         )
-    if tells_of_rigs(path.name):
+    if is_rig_file(path.name):
         return Guess(notes=(OF_RIGS,), known=True)
     try:
         if file_format in ("xlsx", "mat"):
@@ -162,7 +162,7 @@ def _sniff_text(path: Path) -> Guess:
     if "\0" in text:
         return Guess(notes=("it holds no text that can be read",))
     lines = [line for line in text.splitlines() if line.strip()]
-    if lines and tells_of_rigs("", lines[0]):
+    if lines and is_rig_file("", lines[0]):
         return Guess(notes=(OF_RIGS,), known=True)
     if (network := by_look(lines)) is not None:
         return network

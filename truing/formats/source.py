@@ -61,7 +61,7 @@ class CampaignFiles:
         self.folder, self.scratch = folder, scratch
         self.estimate: Estimate | None = None  # of covariances, for adjusted points that come without any
         self._files = campaign.files
-        self._earlier = getattr(campaign.mechanism, "model", None)
+        self._prior_model = getattr(campaign.mechanism, "model", None)
         self._compliance = getattr(campaign.mechanism, "compliance_file", None)
 
     def entries(self, table: str) -> tuple[FileMapping, ...]:
@@ -124,9 +124,9 @@ class CampaignFiles:
         return not raw.path.resolve().is_relative_to(self.folder.resolve())
 
     @property
-    def earlier_model(self) -> RawFile | None:
+    def prior_model(self) -> RawFile | None:
         """The model of an earlier campaign that this one starts from; None where it starts from nothing."""
-        return None if self._earlier is None else RawFile(self._earlier, self.folder / self._earlier)
+        return None if self._prior_model is None else RawFile(self._prior_model, self.folder / self._prior_model)
 
     @property
     def compliance(self) -> RawFile | None:
@@ -143,12 +143,12 @@ def _has_photographs(folder: Path, mapped: Mapping[str, Any]) -> bool:
     """Whether [files] maps photographs or rays; else whether such lie there, and no points that they could become."""
     if any(table in mapped for table in _RAYS):
         return True
-    if any(table in mapped or _lies_there(folder, table) for table in _OF_POINTS):
+    if any(table in mapped or _exists(folder, table) for table in _OF_POINTS):
         return False
-    return any(_lies_there(folder, table) for table in _RAYS)
+    return any(_exists(folder, table) for table in _RAYS)
 
 
-def _lies_there(folder: Path, table: str) -> bool:
+def _exists(folder: Path, table: str) -> bool:
     if table == "images":
         return any(_expand(folder, name) for name in _contract_names(table))
     return any(os.path.lexists(folder / name) for name in _contract_names(table))

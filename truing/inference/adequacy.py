@@ -189,7 +189,9 @@ def like_neighbours(
     for name, values in columns.items():
         own = np.asarray(values, float).reshape(len(values), -1)[chosen]
         if np.isfinite(own).all() and np.ptp(own, axis=0).any():
-            yield AdequacyTest(MisfitKind.LIKE_NEIGHBOURS, name, *_likeness(products, _neighbours(own), orders))
+            yield AdequacyTest(
+                MisfitKind.LIKE_NEIGHBOURS, name, *_serial_correlation(products, _neighbours(own), orders)
+            )
 
 
 def _products(rows: Array) -> Array:
@@ -213,7 +215,9 @@ def _orders(count: int, groups: Integers | None, rng: np.random.Generator) -> li
     return found
 
 
-def _likeness(products: Array, pairs: tuple[Integers, Integers], orders: list[Integers]) -> tuple[float, float]:
+def _serial_correlation(
+    products: Array, pairs: tuple[Integers, Integers], orders: list[Integers]
+) -> tuple[float, float]:
     """Mean product of neighbours, and the chance of a larger one: the normal tail beyond what permutations resolve."""
     from scipy.special import ndtr
 

@@ -70,7 +70,7 @@ class _FunctionBlock:
     """Functions (n, m) of some inputs, and what they are tested beside (n, k)."""
 
     inputs: tuple[str, ...]
-    sort: str
+    kind: str
     functions: Array
     beside: Array
     taken: Array  # (n, l) what is taken out of residuals once it counts
@@ -88,7 +88,7 @@ def attributed(fitted: FittedModel[CauseT], level: float) -> tuple[Attributed, .
         at = one.epochs
         own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
         in_time = _InTime(_own(order, at), _own(groups, at))
-        for inputs, share, p_value in _followed(one.rows, own, in_time, level / len(tried)):
+        for inputs, share, p_value in _dependences(one.rows, own, in_time, level / len(tried)):
             found.append(Attributed(one.channels, inputs, share, min(1.0, max(p_value * len(tried), LEAST_P))))
     return tuple(_merged(found))
 
@@ -223,7 +223,7 @@ class _Filter:
         return _centred(rows[self.in_time[self.places]] - np.sum(list(past), axis=0))
 
 
-def _followed(
+def _dependences(
     rows: Array, columns: Mapping[str, Array], in_time: _InTime, level: float
 ) -> Iterator[tuple[tuple[str, ...], float, float]]:
     """Yield the inputs that residuals (n, q) follow, block by block: their names, share and p-value."""
@@ -234,8 +234,8 @@ def _followed(
     for _ in range(_MOST_BLOCKS):
         whitener = in_time.whitener(rest)
         tested = [(block, *found) for block in blocks if (found := _tested(block, rest, held, whitener)) is not None]
-        sorts = [block.sort for block, *_ in tested]
-        corrected = [(p * _WEIGHTS[b.sort] * sorts.count(b.sort), share, b) for b, p, share in tested]
+        sorts = [block.kind for block, *_ in tested]
+        corrected = [(p * _WEIGHTS[b.kind] * sorts.count(b.kind), share, b) for b, p, share in tested]
         real = [one for one in corrected if one[0] <= level and one[1] > 0.0]
         if not real:
             return
@@ -368,9 +368,9 @@ def _smooth(columns: Array, most: int, scale: float) -> Array:
     length scale, in standard deviations of the inputs: exactly so at its landmarks."""
     x = _standard(columns)
     marks = _landmarks(x, most)
-    values, vectors = np.linalg.eigh(_alike(marks, marks, scale))
+    values, vectors = np.linalg.eigh(_gaussian_kernel(marks, marks, scale))
     kept = values > 1e-4 * values[-1]
-    return np.asarray(_alike(x, marks, scale) @ (vectors[:, kept] / np.sqrt(values[kept])))
+    return np.asarray(_gaussian_kernel(x, marks, scale) @ (vectors[:, kept] / np.sqrt(values[kept])))
 
 
 def _landmarks(x: Array, most: int) -> Array:
@@ -386,7 +386,7 @@ def _landmarks(x: Array, most: int) -> Array:
     return distinct[chosen]
 
 
-def _alike(first: Array, second: Array, scale: float) -> Array:
+def _gaussian_kernel(first: Array, second: Array, scale: float) -> Array:
     return np.asarray(np.exp(-0.5 * np.sum((first[:, None] - second) ** 2, -1) / scale**2))
 
 

@@ -99,7 +99,7 @@ def days(time_s: Array) -> Integers:
     return found
 
 
-def alike(columns: Array) -> Integers:
+def group_numbers(columns: Array) -> Integers:
     """Return a number (B,) for each epoch, the same for equal columns (B, D); -1 where a column holds none."""
     known = np.isfinite(columns).all(1)
     found = np.full(len(columns), -1)

@@ -34,7 +34,7 @@ class NumberComparison:
     difference: Array
     covariance: Array
     answers: Array
-    told: Array
+    observable: Array
 
     @property
     def sigma(self) -> Array:
@@ -44,7 +44,9 @@ class NumberComparison:
     @cached_property
     def _whitened(self) -> tuple[Array, Array]:
         """Return difference (r,) and answers (r, n) along the directions that carry a test, in standard deviations."""
-        white = np.linalg.solve(np.linalg.cholesky(self.told @ self.covariance @ self.told.T), self.told)
+        white = np.linalg.solve(
+            np.linalg.cholesky(self.observable @ self.covariance @ self.observable.T), self.observable
+        )
         return white @ self.difference, white @ self.answers
 
     @property

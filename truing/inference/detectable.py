@@ -109,7 +109,7 @@ def sights(search: Search[CauseT], level: float) -> list[EffectSensitivity[Cause
     """
     sorts: dict[tuple[object, ...], list[EffectSensitivity[CauseT]]] = {}
     for sight in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
-        sorts.setdefault((sight.kind, *_sort(sight.cause, search.part_count)), []).append(sight)
+        sorts.setdefault((sight.kind, *_effect_kind(sight.cause, search.part_count)), []).append(sight)
     return [_middling(own) for own in sorts.values()]
 
 
@@ -180,7 +180,7 @@ def _rule(search: Search[CauseT], kind: str, rank: int, level: float) -> Accepta
     return AcceptanceRule(rank, search.noise.freedom(group.input_share), search.null.threshold(group, level))
 
 
-def _sort(cause: CauseT, parts: int) -> tuple[object, ...]:
+def _effect_kind(cause: CauseT, parts: int) -> tuple[object, ...]:
     """Return what effects of one sort have in common: their subject, and their parameters' names and units."""
     return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(parts)))
 

@@ -60,7 +60,7 @@ def probabilities(log_evidence: Mapping[str, float]) -> dict[str, float]:
     return dict(zip(log_evidence, (float(w) for w in weights[1:] / weights.sum()), strict=True))
 
 
-def alike_log_evidence(
+def like_sized_log_evidence(
     scores: Array, gram: Array, alike: Sequence[int], total: float, freedom: float, stretch: float = 1.0
 ) -> float:
     """Return the log ratio of marginal likelihoods with and without an effect with parameters of like size.

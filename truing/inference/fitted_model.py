@@ -29,6 +29,7 @@ from truing.inference.noise import (
     components,
     drivers,
     estimated_share,
+    informative_residuals,
     input_ratio,
     input_squares,
     larger_where,
@@ -36,7 +37,6 @@ from truing.inference.noise import (
     rescaled_noise,
     standardised,
     survey_ratio,
-    told_residuals,
 )
 from truing.inference.observations import Epochs, Observations
 from truing.inference.prediction import NoiseFloor, PredictionError, merged, noise_floor, prediction_error
@@ -115,7 +115,7 @@ class FittedModel(Generic[CauseT]):
     @property
     def standardised(self) -> Array:
         """Residuals (B, K, d) brought to unit noise, NaN where nothing was seen or the fit leaves too little."""
-        rest, told = told_residuals(self.fit.whitened, self.measured.values.shape)
+        rest, told = informative_residuals(self.fit.whitened, self.measured.values.shape)
         return np.where(self.measured.seen[..., None], standardised(rest, told), np.nan)
 
     @property
@@ -201,10 +201,12 @@ class Fitter(Generic[CauseT]):
     ) -> FittedModel[CauseT]:
         """Return the fit with some causes once gross errors are out and the noise is known; with what it predicts
         wrongly of epochs that were left out."""
-        fitted = self.settled(causes, start)
+        fitted = self.converged(causes, start)
         return fitted if fitted.held_out is not None else replace(fitted, held_out=self._left_out_in_turn(fitted))
 
-    def settled(self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None) -> FittedModel[CauseT]:
+    def converged(
+        self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None
+    ) -> FittedModel[CauseT]:
         """Return the fit with some causes once gross errors are out and the noise is known."""
         fitted = self.fitted(causes, start)
         for _ in range(_PREPARATIONS):
@@ -342,13 +344,13 @@ class Fitter(Generic[CauseT]):
         """
         start = self._input_factor
         self._take_back()
-        wide = self._widened(fitted, candidate.own, start * self._ratios[0])
+        wide = self._with_widened_inputs(fitted, candidate.own, start * self._ratios[0])
         near = nearby([one for one in _scatters(fitted, kinds) if one.of_inputs], candidate)
         best = likeliest(residuals_of_inputs(wide), near, self._input_factor)
         if best is not candidate:
             first = float(self._input_factor[candidate.own].max())
             self._input_factor = start
-            self._widened(wide, best.own, first)
+            self._with_widened_inputs(wide, best.own, first)
         return best
 
     def narrow(self) -> None:
@@ -365,14 +367,16 @@ class Fitter(Generic[CauseT]):
         if self.held_out is not None and unseen is not None:
             self.held_out = replace(self.held_out, measured=replace(self.held_out.measured, seen=unseen))
 
-    def _widened(self, fitted: FittedModel[CauseT], own: Mask, factor: Array | float) -> FittedModel[CauseT]:
+    def _with_widened_inputs(
+        self, fitted: FittedModel[CauseT], own: Mask, factor: Array | float
+    ) -> FittedModel[CauseT]:
         """Bring the prior sigmas of inputs own (B, H), from factors on, to what they scatter by; return the fit."""
         before, factor = 0.0, np.where(own, factor, self._input_factor)
         self._ratios = 1.0, self._ratios[1]  # what was larger throughout may be these inputs alone
         for _ in range(_MOST_SCALINGS):
             self._declared = self._declared.with_input_factor(factor)
             self.model = self._declared.rescaled(*self._ratios)
-            fitted = self.settled(fitted.causes, fitted)
+            fitted = self.converged(fitted.causes, fitted)
             square = self._mean_square(factor, own)
             if abs(square / max(before, 1e-300) - 1.0) < SETTLED:
                 break
@@ -381,7 +385,7 @@ class Fitter(Generic[CauseT]):
         self._input_factor = factor
         return fitted
 
-    def scatter_beside(
+    def input_scatter(
         self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], p_value: float
     ) -> FoundScatter[CauseT]:
         """Return by how much inputs scatter beside a fit's causes, once their prior sigmas are nearly as large."""
@@ -403,7 +407,7 @@ class Fitter(Generic[CauseT]):
             return found
         self._take_back()
         for _ in range(_MOST_SCALINGS):
-            fitted = self.settled(fitted.causes, fitted)
+            fitted = self.converged(fitted.causes, fitted)
             more = larger_where(found.driver, self.known_residuals(fitted), found.p_value)
             self.reweight(more.factor)
             share = more.sigma / more.ratio

@@ -25,7 +25,7 @@ class EpochResiduals:
 
     values: Array
     seen: Mask
-    told: Array
+    redundancy: Array
     basis: Array
 
 
@@ -93,7 +93,7 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
         own = np.flatnonzero(groups == number)
         seen = residuals.seen[own]
         count = seen.sum(0)
-        told = np.where(count > 1, residuals.told[own], 0.0)
+        told = np.where(count > 1, residuals.redundancy[own], 0.0)
         weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # of a mean's square, over that of the sum
         of_mean = weight * residuals.values[own].sum(0) ** 2
         whole = np.where(count > 1, residuals.values[own] ** 2, 0.0).sum()

@@ -106,7 +106,7 @@ class Whitened:
         """Return the products (G, G) of the rows' columns: of those of few epochs in these alone."""
         problem, columns = self.problem, self.problem.columns
         if columns is None:
-            return np.asarray(self._telling.T @ self._telling)
+            return np.asarray(self._informative_rows.T @ self._informative_rows)
         found = problem.extra_by_shared.T @ problem.extra_by_shared
         found[np.diag_indices(len(found))] += 1.0  # the priors
         common, size = columns[0, : problem.common], len(found)
@@ -143,21 +143,21 @@ class Whitened:
     @cached_property
     def basis(self) -> Array:
         """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
-        nearly = _times_upper(self._telling, self._inverse)
+        nearly = _times_upper(self._informative_rows, self._inverse)
         told = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
         if len(told) == len(self.rows):
             return told
         basis = np.zeros_like(self.rows)
-        basis[self._tells] = told
+        basis[self._is_informative] = told
         return basis
 
     @property
-    def _telling(self) -> Array:
+    def _informative_rows(self) -> Array:
         """Return the rows (n, G) without those of missing observations, which are zero, where these are many."""
-        return self.rows if self._tells.mean() > _FEW_MISSING else self.rows[self._tells]
+        return self.rows if self._is_informative.mean() > _FEW_MISSING else self.rows[self._is_informative]
 
     @cached_property
-    def _tells(self) -> Mask:
+    def _is_informative(self) -> Mask:
         tells = np.ones(len(self.rows), bool)
         epochs, count = self.problem.local_value.shape
         own = np.concatenate([self.problem.present, np.ones((epochs, count), bool)], 1).ravel()

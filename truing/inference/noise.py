@@ -119,7 +119,7 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers)
 
     ``groups`` (K,) numbers each channel's group. Residuals of an effect count little (Student's t).
     """
-    rest, told = told_residuals(whitened, measured.values.shape)
+    rest, told = informative_residuals(whitened, measured.values.shape)
     axes = np.eye(measured.size)
     whole = _scatter(rest[measured.seen], told[measured.seen], axes)
     own = []
@@ -131,7 +131,7 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers)
     return replace(measured, covariance=np.where(measured.seen[..., None, None], covariance, measured.covariance))
 
 
-def told_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[Array, Array]:
+def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[Array, Array]:
     """Return the observations' whitened residuals, of shape (B, K, d), and how much of each observation's noise they
     tell (B, K, d, d)."""
     epochs, count, size = shape
@@ -317,7 +317,7 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
         squares = np.where(known, square, np.nan)
         likely = [0.0 if one.cause is None else variance_gain(squares, one.values > 0.5) for one in candidates]
         return larger_where(candidates[int(np.argmax(likely))], rest, p_value)
-    return _following(candidates[best], scores[best], known, p_value)
+    return _noise_dependence(candidates[best], scores[best], known, p_value)
 
 
 @lru_cache(maxsize=8)
@@ -391,7 +391,7 @@ def larger_where(driver: Driver, rest: Array, p_value: float) -> NoiseDependence
     return NoiseDependence(driver, p_value, ratio, ratio * share, np.where(own, ratio, 1.0))
 
 
-def _following(driver: Driver, score: tuple[float, float], known: Mask, p_value: float) -> NoiseDependence:
+def _noise_dependence(driver: Driver, score: tuple[float, float], known: Mask, p_value: float) -> NoiseDependence:
     x = _within(driver.values, known, driver.within)
     away = np.where(np.isfinite(driver.values), driver.values, 0.0) - driver.values[known].mean()
     reach = 0.5 * float(np.ptp(x[known]))

@@ -49,10 +49,10 @@ def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     variances, directions = np.linalg.eigh(gained[np.ix_(told, told)])
     kept = variances >= TOLD
     total = float(np.sum((directions[:, kept].T @ moved[told]) ** 2 / variances[kept]))
-    return Pulls(each, told, total, int(kept.sum()), *_judged(total, int(kept.sum())))
+    return Pulls(each, told, total, int(kept.sum()), *_chi_square_band(total, int(kept.sum())))
 
 
-def _judged(total: float, freedom: int) -> tuple[float, float, float]:
+def _chi_square_band(total: float, freedom: int) -> tuple[float, float, float]:
     """Return the ends of the band, and the probability of a larger sum; without any direction there is none."""
     from scipy.special import chdtrc, chdtri
 

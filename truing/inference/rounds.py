@@ -11,7 +11,7 @@ from typing import Generic
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.evidence import alike_log_evidence, log_evidence, log_possible, probabilities
+from truing.inference.evidence import like_sized_log_evidence, log_evidence, log_possible, probabilities
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseLike, CauseT
 from truing.inference.search import (
@@ -42,7 +42,7 @@ STRETCH = 3.0
 _ALIKE = 0.7
 
 
-def is_form_of_a_subject(cause: CauseLike) -> bool:
+def is_nonparametric_of_subject(cause: CauseLike) -> bool:
     """Return whether a cause is a form that nobody declared, of something in particular: what concerns all is about
     nothing in particular, and no name's rival for its subject."""
     return not cause.catalogued and bool(cause.subject)
@@ -160,7 +160,7 @@ class Round(Generic[CauseT]):
         that what is left of it is its own further terms, or another form of the same subject, unless the name is far
         more probable."""
         unnamed = [candidate for candidate in pair if not candidate.cause.catalogued]
-        if len(unnamed) != 1 or not is_form_of_a_subject(unnamed[0].cause):
+        if len(unnamed) != 1 or not is_nonparametric_of_subject(unnamed[0].cause):
             return -np.inf
         return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
 
@@ -170,7 +170,7 @@ class Round(Generic[CauseT]):
             assert self.search is not None
             pathways = self.search.pathways
             others = [c for c in self._unnamed_best if c is not form and c.cause.subject == form.cause.subject]
-            beside = [self._pair_evidence(pathways, form, c) for c in (*self._further(form), *others)]
+            beside = [self._pair_evidence(pathways, form, c) for c in (*self._higher_order_candidates(form), *others)]
             self._rests[form.key] = max([self.posterior(form), *beside])
         return self._rests[form.key]
 
@@ -180,11 +180,11 @@ class Round(Generic[CauseT]):
         if self.search is None:
             return False
         pathways, squares = self.search.pathways, self.scores[candidate.key].squares
-        larger = (own for own, held in self._forms_held if squares < _OF_ITS_SIZE * held)
+        larger = (own for own, held in self._held_nonparametric if squares < _OF_ITS_SIZE * held)
         return any(candidate.signature.share_on(pathways, own) > _SAME_GROUND for own in larger)
 
     @cached_property
-    def _forms_held(self) -> list[tuple[Signature, float]]:
+    def _held_nonparametric(self) -> list[tuple[Signature, float]]:
         """Return the forms that nobody declared and that the model holds, of something in particular: how they act, and
         their squares.
         """
@@ -192,7 +192,7 @@ class Round(Generic[CauseT]):
         return [
             _acting(self.fitted, self.search.pathways, cause)
             for cause in self.fitted.causes
-            if is_form_of_a_subject(cause)
+            if is_nonparametric_of_subject(cause)
         ]
 
     @cached_property
@@ -206,7 +206,7 @@ class Round(Generic[CauseT]):
         unnamed = [c for c in ranked if not c.cause.catalogued and c.signature.rank]
         return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.is_higher_order]
 
-    def _further(self, form: CauseCandidate[CauseT]) -> list[CauseCandidate[CauseT]]:
+    def _higher_order_candidates(self, form: CauseCandidate[CauseT]) -> list[CauseCandidate[CauseT]]:
         """Return the further terms of a form as candidates, as they would be proposed once it was accepted."""
         assert self.search is not None
         pathways, proposed = self.search.pathways, opened(self.fitted, self.fitted.scene.higher_order_terms(form.cause))
@@ -236,7 +236,7 @@ class Round(Generic[CauseT]):
         raw = np.concatenate([raw_scores(c.signature, self._score(c)) for c in pair])
         along = (raw @ loadings) / strengths
         total, freedom = total_of(self.fitted)
-        beforehand = sum(np.log(c.prior) + self._of_likeness(c) for c in pair)
+        beforehand = sum(np.log(c.prior) + self._like_size_log_evidence(c) for c in pair)
         values, covariance = loadings @ (along / strengths), (loadings / strengths**2) @ loadings.T
         signs = self._signs(pair, values, covariance)
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
@@ -250,7 +250,7 @@ class Round(Generic[CauseT]):
             first = own.stop
         return found
 
-    def _of_likeness(self, candidate: CauseCandidate[CauseT]) -> float:
+    def _like_size_log_evidence(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return what a candidate's log evidence owes to parameters of like size."""
         score, (total, freedom) = self._score(candidate), total_of(self.fitted)
         owed = score.log_evidence - score.log_signs
@@ -337,7 +337,7 @@ def log_evidence_of(
         return independent
     scores = own.loadings @ (parts * own.strengths)
     gram = (own.loadings * own.strengths**2) @ own.loadings.T
-    alike = alike_log_evidence(scores, gram, members, total, freedom, stretch)
+    alike = like_sized_log_evidence(scores, gram, members, total, freedom, stretch)
     return float(np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + independent))
 
 

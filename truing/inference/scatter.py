@@ -46,13 +46,13 @@ class InputResiduals:
     of that where inputs scatter by their prior sigmas."""
 
     rest: Array
-    told: Array
+    redundancy: Array
 
     @property
     def standardised(self) -> Array:
         """Return the residuals (B, H, 1) brought to unit variance, without correlation within an epoch; NaN where a fit
         tells next to nothing."""
-        amount, axes = np.linalg.eigh(self.told)
+        amount, axes = np.linalg.eigh(self.redundancy)
         least = max(_TOLD * float(amount.max(initial=0.0)), _TINY)
         enough = amount > least
         root = np.where(enough, 1.0 / np.sqrt(np.maximum(amount, least)), 0.0)
@@ -63,8 +63,8 @@ class InputResiduals:
     def factor(self, own: Mask) -> tuple[float, float]:
         """Return by how much inputs own (B, H) scatter more than their prior sigmas, and the share of it that is one
         sigma."""
-        both = np.sum(self.told**2 * own[:, :, None] * own[:, None, :])
-        share = np.diagonal(self.told, axis1=1, axis2=2)
+        both = np.sum(self.redundancy**2 * own[:, :, None] * own[:, None, :])
+        share = np.diagonal(self.redundancy, axis1=1, axis2=2)
         excess = float(np.sum((self.rest**2 - share)[own]) / both)
         factor = math.sqrt(min(max(1.0 + excess, _LEAST**2), _MOST**2))
         return factor, 1.0 / math.sqrt(2.0 * both)

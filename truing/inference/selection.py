@@ -28,7 +28,7 @@ from truing.inference.rounds import (
     NAMED,
     RIVAL_FACTOR,
     Round,
-    is_form_of_a_subject,
+    is_nonparametric_of_subject,
     score_round,
     share_explained,
 )
@@ -84,7 +84,7 @@ class Settings:
         return _NOISE * self.false_alarm
 
     @property
-    def following_level(self) -> float:
+    def dependence_level(self) -> float:
         """Return the p-value below which noise follows something."""
         return _FOLLOWING * self.false_alarm
 
@@ -180,7 +180,7 @@ class CauseSelection(Generic[CauseT]):
         before = len(noise_dependences)
         # What an ended search leaves is more than noise: whether that follows something, it does not tell.
         while searched.end.is_complete and (
-            follows := self._noise_follows(searched.final, kinds, _MOST_FOLLOWED - len(noise_dependences))
+            follows := self._noise_dependences(searched.final, kinds, _MOST_FOLLOWED - len(noise_dependences))
         ):
             noise_dependences += follows
             searched = self._searched(kinds)
@@ -234,7 +234,7 @@ class CauseSelection(Generic[CauseT]):
     def _attributed(self, plain: FittedModel[CauseT]) -> tuple[Attributed, ...]:
         """Return which inputs predict what the plain model misses: where none holds, names may have swallowed it."""
         self._progress("what the misfit follows")
-        return attributed(plain, self._settings.following_level)
+        return attributed(plain, self._settings.dependence_level)
 
     def _doubted(
         self, verdict: Verdict[CauseT], final: FittedModel[CauseT], doubt: Reason | None, outdone: set[str]
@@ -280,7 +280,7 @@ class CauseSelection(Generic[CauseT]):
         scatter of inputs makes them seem so."""
         if self._scatter(first.fitted, kinds) is not None:
             return []
-        found = self._fitter.noise_dependence(first.fitted, kinds, self._settings.following_level)
+        found = self._fitter.noise_dependence(first.fitted, kinds, self._settings.dependence_level)
         if found is None or found.driver.cause is None:
             return []
         if not self._outdoes_names(self._fitter.known_residuals(first.fitted), found.driver.values > 0.5, first):
@@ -304,14 +304,14 @@ class CauseSelection(Generic[CauseT]):
         asked for before any name."""
         scatters: list[FoundScatter[CauseT]] = []
         if outright is not None:
-            searched, scatter = self._beside(*outright, first.fitted, kinds)
+            searched, scatter = self._with_input_scatter(*outright, first.fitted, kinds)
             scatters.append(scatter)
         else:
             searched = self._searched(kinds, first)
         while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
             if (more := self._scatter(searched.final, kinds)) is None:
                 break
-            searched, scatter = self._beside(*more, searched.plain, kinds)
+            searched, scatter = self._with_input_scatter(*more, searched.plain, kinds)
             scatters.append(scatter)
         return searched, scatters
 
@@ -330,9 +330,9 @@ class CauseSelection(Generic[CauseT]):
     def _scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
     ) -> tuple[ScatterCandidate[CauseT], float] | None:
-        return self._fitter.scatter(final, kinds, self._settings.following_level)
+        return self._fitter.scatter(final, kinds, self._settings.dependence_level)
 
-    def _beside(
+    def _with_input_scatter(
         self, candidate: ScatterCandidate[CauseT], p_value: float, plain: FittedModel[CauseT], kinds: Sequence[CauseT]
     ) -> tuple[_Searched[CauseT], FoundScatter[CauseT]]:
         """Return the search beside inputs that scatter, and their scatter.
@@ -342,7 +342,7 @@ class CauseSelection(Generic[CauseT]):
         """
         candidate = self._fitter.widen(plain, candidate, kinds)
         searched = self._searched(kinds)
-        return searched, self._fitter.scatter_beside(searched.final, candidate, p_value)
+        return searched, self._fitter.input_scatter(searched.final, candidate, p_value)
 
     def _weighed(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
         """Weight observations by what their noise follows; a cause of it is doubted where that may have an order."""
@@ -350,15 +350,17 @@ class CauseSelection(Generic[CauseT]):
         is_noise = found.driver.cause is None or is_unordered(rest, own, fitted, _SURELY_NOISE)
         return replace(self._fitter.weigh(fitted, found), doubt="" if is_noise else Reason.UNNAMED)
 
-    def _noise_follows(self, final: FittedModel[CauseT], kinds: Sequence[CauseT], most: int) -> list[NoiseDependence]:
+    def _noise_dependences(
+        self, final: FittedModel[CauseT], kinds: Sequence[CauseT], most: int
+    ) -> list[NoiseDependence]:
         """Return what the noise follows, one after the other, each time with the same causes fitted to observations
         that are weighted accordingly: only once nothing more is found is it worth a search."""
         found: list[NoiseDependence] = []
-        level = self._settings.following_level
+        level = self._settings.dependence_level
         while len(found) < most and (more := self._fitter.noise_dependence(final, kinds, level)):
             found.append(self._weighed(final, more))
             if len(found) < most:
-                final = self._fitter.settled(final.causes, final)
+                final = self._fitter.converged(final.causes, final)
         return found
 
     def _searched(self, kinds: Sequence[CauseT], first: Round[CauseT] | None = None) -> _Searched[CauseT]:
@@ -477,7 +479,7 @@ class CauseSelection(Generic[CauseT]):
         found, held_out = [], self._fitter.held_out
         for step in kept:
             for rival, lead in step.chosen.rivals:
-                if rival.kind != step.candidate.kind and _is_told(rival, lead):
+                if rival.kind != step.candidate.kind and _is_worth_reporting(rival, lead):
                     own = self._fitter.fitted((*step.round.fitted.causes, rival.cause.refined()), step.round.fitted)
                     plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, Reason.RIVAL)
                     odds = step.round.posterior(step.candidate) + lead
@@ -503,7 +505,7 @@ class CauseSelection(Generic[CauseT]):
         return found
 
 
-def _is_told(rival: CauseCandidate[CauseT], lead: float) -> bool:
+def _is_worth_reporting(rival: CauseCandidate[CauseT], lead: float) -> bool:
     """Return whether a rival is worth telling: a form that nobody declared only where it is not the less probable."""
     return rival.cause.catalogued or lead >= 0.0
 
@@ -615,7 +617,7 @@ def _holds_up(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: 
 
 def _leads(current: Round[CauseT], first: CauseCandidate[CauseT], level: float) -> bool:
     """Return whether the first of a pair is accepted: beside forms of a subject as if it came alone."""
-    if any(is_form_of_a_subject(cause) for cause in current.fitted.causes):
+    if any(is_nonparametric_of_subject(cause) for cause in current.fitted.causes):
         return _holds_up(current, first, level)
     return is_real(current, first, level)
 

@@ -36,7 +36,7 @@ class Answers:
     simulated: bool
 
 
-def _gathered(found: list[_Answer], *, simulated: bool) -> Answers:
+def _collected(found: list[_Answer], *, simulated: bool) -> Answers:
     return Answers(
         tuple(one[0] for one in found),
         np.array([one[1] for one in found], np.int64),
@@ -56,7 +56,7 @@ def answers(view: LoadingView) -> Answers:
             drive, kind = _drive(view, channel, run, rows)
             if drive is not None and len(rows) >= FEWEST:
                 found.append((channel.name, run, *slope_of(drive, view.steps.reading[rows, channel.place]), kind))
-    return _gathered(found, simulated=view.simulated is not None)
+    return _collected(found, simulated=view.simulated is not None)
 
 
 def signal_answers(view: LoadingView) -> Answers:
@@ -69,7 +69,7 @@ def signal_answers(view: LoadingView) -> Answers:
             if len(rows) >= FEWEST:
                 kind = len(steps.signals) * axis + at
                 found.append((name, run, *slope_of(steps.load[rows, axis], steps.signal[rows, at]), kind))
-    return _gathered(found, simulated=False)
+    return _collected(found, simulated=False)
 
 
 def _drive(view: LoadingView, channel: ChannelView, run: int, rows: Index) -> tuple[Array | None, int]:

@@ -145,7 +145,7 @@ class RepeatedPositions:
     known: Mask
 
 
-def seen_again(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterator[RepeatedPositions]:
+def repeated_positions(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterator[RepeatedPositions]:
     """Bodies seen from the first, and each target of bodies that have too few for a pose; legs move by themselves.
 
     Where no body has a pose, or the instrument stood still, they are seen from the instrument: single reflectors alone

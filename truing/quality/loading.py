@@ -191,7 +191,7 @@ def scatter_of_signal(view: LoadingView, at: int, sigma: float) -> float:
     return float(np.sqrt(fit.chi_square / fit.dof)) if fit.dof >= _LEAST_FREEDOM else float("nan")
 
 
-def followed_by_loads(load: Array, value: Array) -> Array:
+def predicted_by_loads(load: Array, value: Array) -> Array:
     """What a signal (N,) would be by its loads (N, 6) and a zero, both fitted."""
     design = np.column_stack([load / np.maximum(np.abs(load).max(axis=0), 1e-300), np.ones(len(load))])
     return np.asarray(design @ np.linalg.lstsq(design, value, rcond=None)[0])

@@ -53,7 +53,7 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return None
     rigid, said = _tests(tables)[0], _sentence(tables)
     if rigid.holds is None:
-        return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, rigid.says)
+        return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, rigid.statement)
     if rigid.holds:
         return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, said, rigid.p, "1")
     return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, said, rigid.p, "1")
@@ -310,7 +310,7 @@ def coefficient_map(models: pd.DataFrame) -> go.Figure:
             text=_cells(values.to_numpy(), real, "{:.1f}"),
             texttemplate="%{text}" if len(values.columns) <= _NUMBERED else None,
             textfont={"size": 14},
-            customdata=_told(values.to_numpy(), sigma.to_numpy()),
+            customdata=_entry_listing(values.to_numpy(), sigma.to_numpy()),
             colorscale="RdBu_r",
             zmin=-bound,
             zmax=bound,
@@ -339,7 +339,7 @@ def _cells(values: Any, real: Any, form: str) -> list[list[str]]:
     ]
 
 
-def _told(values: Any, sigma: Any) -> list[list[str]]:
+def _entry_listing(values: Any, sigma: Any) -> list[list[str]]:
     """Every entry with its uncertainty."""
     return [
         [with_uncertainty(v, s, "µm/mm") for v, s in zip(*pair, strict=True)]

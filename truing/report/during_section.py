@@ -30,7 +30,9 @@ def during(tables: Tables) -> ReportSection | None:
     if not known:
         return None
     listings = tuple(listing for tell, table in known for listing in tell(table))
-    return ReportSection("during", "During the campaign", _lead(tables), listings=listings, said=tuple(_said(tables)))
+    return ReportSection(
+        "during", "During the campaign", _lead(tables), listings=listings, statements=tuple(_statements(tables))
+    )
 
 
 def _lead(tables: Tables) -> str:
@@ -50,7 +52,7 @@ def _lead(tables: Tables) -> str:
     return f"{'; '.join(words)}." if words else "Names that no survey knows."
 
 
-def _said(tables: Tables) -> list[tuple[str, str]]:
+def _statements(tables: Tables) -> list[tuple[str, str]]:
     """What to look at."""
     said = []
     names = filled(tables, "likely_names")

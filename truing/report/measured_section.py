@@ -24,8 +24,8 @@ from truing.report.tables import (
     axes_of,
     cell,
     filled,
-    goes_back,
     in_channel_order,
+    is_unloading,
     load_steps,
     signal_names,
 )
@@ -350,7 +350,7 @@ def _loads(steps: pd.DataFrame, axes: list[str]) -> Listing:
 def _load_row(steps: pd.DataFrame, axis: str) -> tuple[str, ...]:
     own = steps[steps[axis] != 0.0]
     unit = LOAD_UNITS[axis]
-    back = int((goes_back(steps, axis) & steps[axis].ne(0.0)).sum())
+    back = int((is_unloading(steps, axis) & steps[axis].ne(0.0)).sum())
     both = own[axis].min() < 0.0 < own[axis].max()
     ways = ["up and down" if back else "up only", "both signs" if both else "one sign"]
     levels = own[axis].nunique()

@@ -17,9 +17,9 @@ _MARKS = {_PASS: "pass", _FAIL: "fail", _IDLE: "none"}
 class ModelTest:
     """One test: what is asked, whether it holds (None: not evaluated), what that means, and its p-value."""
 
-    asked: str
+    question: str
     holds: bool | None
-    says: str
+    statement: str
     p: float | None = None
 
     @property
@@ -52,5 +52,5 @@ def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> Mode
 
 def listing_of(tests: Sequence[ModelTest], caption: str) -> Listing:
     """The tests, one a row."""
-    rows = tuple((test.state, test.asked, p_value(test.p), test.says) for test in tests)
+    rows = tuple((test.state, test.question, p_value(test.p), test.statement) for test in tests)
     return Listing(("state", "test", "p", "what it says"), rows, tuple(_MARKS[test.state] for test in tests), caption)

@@ -57,7 +57,7 @@ class ReportSection:
     figures: tuple[tuple[go.Figure, str], ...] = ()
     listings: tuple[Listing, ...] = ()
     state: str = ""  # pass, fail, changed, or what is not evaluated
-    said: tuple[tuple[str, str], ...] = ()
+    statements: tuple[tuple[str, str], ...] = ()
     parts: tuple[ReportSection, ...] = ()
     see: tuple[tuple[str, str], ...] = ()  # id of a section, words
 

@@ -27,7 +27,7 @@ def symbols(words: str) -> str:
 def kind_of(parameter: str, leg: float) -> str:
     """What a parameter is in every leg: ``a_x``, ``κ``, ``K, ρ2`` for the second entry of K's row."""
     column = _column_of(parameter, leg)
-    return f"K, ρ{column}" if column else _said(parameter)
+    return f"K, ρ{column}" if column else _name_in_words(parameter)
 
 
 def _column_of(parameter: str, leg: float) -> str:
@@ -37,7 +37,7 @@ def _column_of(parameter: str, leg: float) -> str:
     return column if parameter.startswith(own) and column.isdigit() else ""
 
 
-def _said(parameter: str) -> str:
+def _name_in_words(parameter: str) -> str:
     """A parameter's symbol, or its words: ``axial stiffness of spring 3`` (the third element of a leg)."""
     element = re.fullmatch(_STIFFNESS, parameter)
     if element:
@@ -49,8 +49,8 @@ def _said(parameter: str) -> str:
 def name_of(parameter: str, leg: float) -> str:
     """One parameter as a sentence names it: ``u_x of leg 1``, ``K12``."""
     if leg != leg or _column_of(parameter, leg):
-        return _said(parameter)
-    return f"{_said(parameter)} of leg {int(leg)}"
+        return _name_in_words(parameter)
+    return f"{_name_in_words(parameter)} of leg {int(leg)}"
 
 
 def shown_in(parameter: str, unit: str) -> tuple[float, str]:

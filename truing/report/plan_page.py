@@ -227,7 +227,7 @@ def _known(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
         ),
     )
     lead = "Standard deviations in the free datum: with respect to all targets together. What limits them:"
-    return ReportSection("targets", "How well the targets will be known", lead, listings=listings, said=said)
+    return ReportSection("targets", "How well the targets will be known", lead, listings=listings, statements=said)
 
 
 def _body_rows(bodies: pd.DataFrame) -> tuple[tuple[str, ...], ...]:

@@ -82,7 +82,7 @@ def in_channel_order(names: Iterable[object]) -> list[str]:
     return [*(c for c in CHANNELS if c in known), *sorted(set(known) - set(CHANNELS), key=lambda n: (len(n), n))]
 
 
-def goes_back(steps: pd.DataFrame, axis: str) -> pd.Series:
+def is_unloading(steps: pd.DataFrame, axis: str) -> pd.Series:
     """Whether a step's load along an axis is smaller than that of the step before in its run."""
     size = steps[axis].abs()
     return size < size.groupby(steps["run"], sort=False).shift().fillna(0.0)

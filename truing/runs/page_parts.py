@@ -69,11 +69,11 @@ def verdict_table(tables: Mapping[str, pa.Table]) -> pa.Table:
 
 def next_measurements_table(tables: Mapping[str, pa.Table]) -> pa.Table:
     """Return the artifact ``next_measurements`` of tables by artifact name."""
-    from truing.report.diagnosis.judged import judged
+    from truing.report.diagnosis.judged import assessed_causes
     from truing.report.diagnosis.next_steps import next_measurements_frame, next_steps
 
     frames = _frames(tables)
-    return _as_artifact("next_measurements", next_measurements_frame(next_steps(judged(frames), frames)))
+    return _as_artifact("next_measurements", next_measurements_frame(next_steps(assessed_causes(frames), frames)))
 
 
 def _as_artifact(name: str, rows: pd.DataFrame) -> pa.Table:
@@ -128,14 +128,14 @@ def _averages(observations: pd.DataFrame, poses: pd.DataFrame, residuals: pd.Dat
     points = points.merge(bases, on=["pose", "parent"], how="left", suffixes=("", "_of_parent"))
     place = points[_XYZ].to_numpy(dtype=float)
     seen_directly = (points["parent"] == "measurement").to_numpy()
-    place = np.where(seen_directly[:, None], place, _seen_from(place, points, "_of_parent"))
-    place = _seen_from(place, points, "") - points[_SHIFT].to_numpy(dtype=float)
+    place = np.where(seen_directly[:, None], place, _in_frames_of(place, points, "_of_parent"))
+    place = _in_frames_of(place, points, "") - points[_SHIFT].to_numpy(dtype=float)
     found = points[["body", "target"]].assign(**dict(zip(_XYZ, place.T, strict=True)))
     means = found.groupby(["body", "target"], sort=False)[_XYZ].mean().reset_index().dropna()
     return means.assign(leg=np.nan)[_TARGET_COLUMNS]
 
 
-def _seen_from(place: np.ndarray, poses: pd.DataFrame, suffix: str) -> np.ndarray:
+def _in_frames_of(place: np.ndarray, poses: pd.DataFrame, suffix: str) -> np.ndarray:
     """Points (N, 3) of the parent's frame in the frames of N bodies."""
     from truing.estimation.rotation import exp_so3
 

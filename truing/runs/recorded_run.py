@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from truing.runs.page_parts import page_parts, provenance_of, verdict_table
-from truing.schemas.artifact import whole_table
+from truing.schemas.artifact import checked_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.memory import raise_shortage
 from truing.schemas.settings_text import parsed_toml, read_settings_text, regular_size
@@ -59,7 +59,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         if name not in self.files:
             raise KeyError(f"{name}: this run has {', '.join(self.files)}")
         if name not in self._read:
-            self._read[name] = whole_table(self.files[name], ARTIFACTS[name])
+            self._read[name] = checked_table(self.files[name], ARTIFACTS[name])
         return self._read[name]
 
     def origin(self, name: str) -> dict[str, str]:

@@ -229,13 +229,13 @@ class Cause(Generic[SceneT_contra]):
         """Return the positions of parameters that nature makes no less than zero: a gap, a loss; or none."""
         return ()
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns that it follows where it is no cause of the catalogue; else none."""
         return ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of configurations, beside the readings, without which it cannot be predicted."""
-        return self.follows(legs)
+        return self.inputs(legs)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the parameters for a mechanism with that many legs; none for a discrete cause."""

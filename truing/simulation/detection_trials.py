@@ -74,7 +74,7 @@ def _patterns(parameters: int) -> tuple[NDArray, NDArray]:
     return np.unique(drawn, axis=0, return_counts=True)
 
 
-def told_size(cause: Cause, size: float, legs: int) -> EffectSize:
+def reported_size(cause: Cause, size: float, legs: int) -> EffectSize:
     """Return a size in plausible scales as the tables tell it.
 
     Of the parameters that grow with it (a phase does not; the angle of a lost cosine grows with its root) it is told by
@@ -109,7 +109,7 @@ def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, 
     return {(alone[key], key[1]): float(np.sqrt(np.mean(np.square(own)))) for key, own in found.items()}
 
 
-def sorts(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> list[EffectKind]:
+def effect_kinds(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> list[EffectKind]:
     """Return the sorts of effect that kinds of cause could bring into a campaign, those on the whole first."""
     found: dict[tuple[str, ...], list[CauseT]] = {}
     for kind in kinds:
@@ -168,7 +168,7 @@ class RepeatableCampaign(Protocol):
 class DetectionQuestion:
     """From which size on is this sort of effect found? ``seen``: how well theory expects its members to be."""
 
-    sort: EffectKind
+    kind: EffectKind
     seen: tuple[EffectSensitivity, ...]
     unit: EffectSize  # an effect of one plausible scale, as the tables tell it
 
@@ -211,7 +211,7 @@ class Answer:
     found: bool
     named: bool
     subject_right: bool
-    said: tuple[str, ...]
+    others_found: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -239,8 +239,8 @@ def questions(
     kinds: list[Cause] = [kind for kind in known if kind.catalogued]
     kinds = [kind for kind in kinds if not wanted or kind.id in wanted]
     legs = plan.part_count
-    asked = [_question(sort, seen, legs) for sort in sorts(kinds, plan.scene, legs)]
-    return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.sort.kind))
+    asked = [_question(sort, seen, legs) for sort in effect_kinds(kinds, plan.scene, legs)]
+    return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.kind.kind))
 
 
 def _question(sort: EffectKind, seen: Sequence[EffectSensitivity], legs: int) -> DetectionQuestion:
@@ -252,7 +252,7 @@ def _question(sort: EffectKind, seen: Sequence[EffectSensitivity], legs: int) ->
         and concerned(sight.cause.subject) == sort.concerns
         and _names(sight.cause, legs) == parameters
     )
-    size = told_size(sort.causes[0], 1.0, legs)
+    size = reported_size(sort.causes[0], 1.0, legs)
     parameter, beside = (re.sub(r"_\d+\b", "", names) for names in (size.parameter, size.beside))
     return DetectionQuestion(sort, own, replace(size, parameter=parameter, beside=beside))
 
@@ -276,7 +276,7 @@ def trials(
         for step, factor in enumerate(FACTORS):
             for number in range(draws):
                 own = (seed, place + 1, step, number)
-                effect = question.sort.draw(factor * question.expected, legs, np.random.default_rng(own))
+                effect = question.kind.draw(factor * question.expected, legs, np.random.default_rng(own))
                 listed.append(Trial(place, factor, (effect,), (*own, 1)))
     per_round = {_NOTHING: max(nothing // max(draws, 1), 1)}
     return sorted(listed, key=lambda trial: trial.seed[3] // per_round.get(trial.question, 1))
@@ -314,7 +314,7 @@ class Curve:
     found: tuple[Rate, ...]
     named: tuple[Rate, ...]
     subject_right: tuple[Rate, ...]
-    said: tuple[tuple[str, int], ...]  # what was found instead, and how often
+    others_found: tuple[tuple[str, int], ...]  # what was found instead, and how often
 
     def size(self, power: float) -> Interval | None:
         """The size, in plausible scales, that is found with a probability; None where nothing was drawn."""
@@ -332,7 +332,7 @@ def curve(question: DetectionQuestion, place: int, answers: Iterable[Answer]) ->
     factors = tuple(sorted({given.factor for given in own}))
     by_factor = [[given for given in own if given.factor == factor] for factor in factors]
     others: dict[str, int] = {}
-    for said in (said for given in own if not given.named for said in given.said):
+    for said in (said for given in own if not given.named for said in given.others_found):
         others[said] = others.get(said, 0) + 1
 
     def rates(what: str) -> tuple[Rate, ...]:

@@ -85,7 +85,7 @@ def ranks(order: NDArray) -> NDArray:
     return np.asarray(np.argsort(np.argsort(order, kind="stable")))
 
 
-def remembered(readings: NDArray, time: NDArray, kept: float) -> NDArray:
+def fading_sum(readings: NDArray, time: NDArray, kept: float) -> NDArray:
     """Sum (B, L), m, of each actuator's movements up to a pose in time order, every earlier one ``kept`` times as much
     as the next; 0 for the first."""
     order = np.argsort(time, kind="stable")

@@ -91,7 +91,7 @@ class NonparametricEffect(Cause[SceneT_contra]):
         """Return the weight: what is in proportion to one input is likelier than other forms."""
         return _IN_PROPORTION if self.form == POLYNOMIAL and len(self.columns) == self.degree == 1 else 1.0
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the tables that it depends on."""
         return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in self.columns))
 

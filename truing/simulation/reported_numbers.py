@@ -82,7 +82,9 @@ class ReportedNumbers:
         }
 
 
-def told_numbers(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> ReportedNumbers:
+def reported_numbers(
+    prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray
+) -> ReportedNumbers:
     """The geometry as the tables tell it, or a sensor's lengths and stiffnesses, then the effects."""
     if not isinstance(model, MechanismModel):
         rows = numbers_of(prior, model)

@@ -21,17 +21,17 @@ class Trace(Generic[CauseT, S]):
     """
 
     state: S
-    met: tuple[tuple[Effect[CauseT], S], ...]
+    effects: tuple[tuple[Effect[CauseT], S], ...]
     after: dict[Step, S]
 
     def through(self, step: Step, effects: Sequence[Effect[CauseT]], applied: Callable[[Effect[CauseT], S], S]) -> Self:
         """Return the trace after the effects of a step, each of which acts on what those before it left."""
-        state, met = self.state, list(self.met)
+        state, met = self.state, list(self.effects)
         for effect in effects:
             if effect.cause.step is step:
                 met.append((effect, state))
                 state = applied(effect, state)
-        return replace(self, state=state, met=tuple(met), after={**self.after, step: state})
+        return replace(self, state=state, effects=tuple(met), after={**self.after, step: state})
 
     def entering(self, state: S) -> Self:
         """Return the trace with the state that the next step meets."""
@@ -39,11 +39,13 @@ class Trace(Generic[CauseT, S]):
 
     def at(self, cause: CauseT) -> S:
         """Return the state that a cause meets, the last of its step where it is not in force."""
-        return self._met_by_key[cause.key] if cause.key in self._met_by_key else self.after.get(cause.step, self.state)
+        return (
+            self._state_by_key[cause.key] if cause.key in self._state_by_key else self.after.get(cause.step, self.state)
+        )
 
-    def downstream(self, cause: CauseT | None, *steps: Step) -> tuple[tuple[Effect[CauseT], S], ...]:
+    def subsequent_effects(self, cause: CauseT | None, *steps: Step) -> tuple[tuple[Effect[CauseT], S], ...]:
         """Return the effects of some steps: all, or those after a cause, the last of its step where not in force."""
-        later = self.met
+        later = self.effects
         if cause is not None:
             order = list(Step)
             place = next((n for n, (own, _) in enumerate(later) if own.cause.key == cause.key), None)
@@ -52,5 +54,5 @@ class Trace(Generic[CauseT, S]):
         return tuple(one for one in later if one[0].cause.step in steps)
 
     @cached_property
-    def _met_by_key(self) -> dict[str, S]:
-        return {effect.cause.key: met for effect, met in self.met}
+    def _state_by_key(self) -> dict[str, S]:
+        return {effect.cause.key: met for effect, met in self.effects}

@@ -42,7 +42,7 @@ def test_a_changed_camera_is_found_in_its_pose():
 
 def test_poses_that_tell_nothing_are_left_out():
     found = camera_stability(np.zeros((3, 3)), np.stack([np.eye(3), np.zeros((3, 3)), np.eye(3)]))
-    assert found.told.tolist() == [True, False, True]
+    assert found.determined.tolist() == [True, False, True]
     assert np.isnan(found.chi2[1])
     assert found.freedom == 3
     assert found.overall_p_value == 1.0

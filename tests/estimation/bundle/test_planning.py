@@ -18,10 +18,10 @@ from truing.estimation.bundle.planning import (
     filling_distance,
     largest_sigma,
     predict,
-    sees,
     shells,
     station_information,
     useful,
+    visible,
     weak_prior,
 )
 
@@ -68,7 +68,7 @@ def test_stations_look_at_the_middle_and_are_level_before_they_are_rolled():
 def test_the_object_fills_the_format_from_the_filling_distance():
     own = layout(200, 4)
     for distance, whole in ((1.02, True), (0.5, False)):
-        seen = sees(CAMERA, INTERIOR, around(own, distance=distance), own, ANYTHING)
+        seen = visible(CAMERA, INTERIOR, around(own, distance=distance), own, ANYTHING)
         assert seen.all() == whole
 
 
@@ -86,7 +86,7 @@ def test_a_target_is_seen_where_every_limit_is_kept(limits, lost):
     normals = np.tile([0.0, 0.0, 1.0], (len(own.points), 1))
     own = PlannedObject(own.points, normals, np.full(len(own.points), 0.006))
     stations = around(own)
-    seen = sees(CAMERA, INTERIOR, stations, own, limits)
+    seen = visible(CAMERA, INTERIOR, stations, own, limits)
     arm = stations.centre[:, None] - own.points
     distance = np.linalg.norm(arm, axis=-1)
     slant = arm[..., 2] / distance
@@ -95,7 +95,7 @@ def test_a_target_is_seen_where_every_limit_is_kept(limits, lost):
         "distance": (distance >= limits.nearest) & (distance <= limits.farthest),
         "size": 4000.0 * 0.006 * slant / distance >= limits.least_px,
     }[lost]
-    everything = sees(CAMERA, INTERIOR, stations, own, ANYTHING)
+    everything = visible(CAMERA, INTERIOR, stations, own, ANYTHING)
     assert np.array_equal(seen, everything & kept)
     assert 0 < seen.sum() < everything.sum()
 
@@ -103,7 +103,7 @@ def test_a_target_is_seen_where_every_limit_is_kept(limits, lost):
 def test_the_sum_of_informations_is_that_of_the_adjustment():
     own = layout(8)
     plan, stations = planned(own), around(own, 5, rolls=(0.0,))
-    seen = sees(CAMERA, INTERIOR, stations, own, ANYTHING)
+    seen = visible(CAMERA, INTERIOR, stations, own, ANYTHING)
     total = station_information(plan, stations, seen).sum(axis=0) + weak_prior(plan)
     covariance = np.linalg.inv(total)
     found = predict(plan, stations, seen)
@@ -120,7 +120,7 @@ def test_the_sum_of_informations_is_that_of_the_adjustment():
 def test_chosen_stations_beat_others_and_exchange_makes_nothing_worse():
     own = layout()
     plan, stations = planned(own), around(own)
-    seen = sees(CAMERA, INTERIOR, stations, own, ANYTHING)
+    seen = visible(CAMERA, INTERIOR, stations, own, ANYTHING)
     candidates = StationCandidates(
         station_information(plan, stations, seen), weak_prior(plan), own.points, has_scale=True
     )
@@ -141,7 +141,7 @@ def test_chosen_stations_beat_others_and_exchange_makes_nothing_worse():
 def test_what_is_predicted_is_what_adjustments_of_noisy_rays_scatter_by():
     own = layout(10)
     plan, stations = planned(own), around(own, 6, rolls=(0.0, 90.0))
-    seen = sees(CAMERA, INTERIOR, stations, own, ANYTHING)
+    seen = visible(CAMERA, INTERIOR, stations, own, ANYTHING)
     found = predict(plan, stations, seen)
     network, state = plan.with_stations(stations, seen)
     rng = np.random.default_rng(5)
@@ -167,7 +167,7 @@ def _aligned(points, reference):
 def test_a_known_camera_and_a_known_scale_leave_less():
     own = layout()
     plan, stations = planned(own, sigma_m=1e-3), around(own, 6)
-    found = predict(plan, stations, sees(CAMERA, INTERIOR, stations, own, ANYTHING))
+    found = predict(plan, stations, visible(CAMERA, INTERIOR, stations, own, ANYTHING))
     camera, scale = largest_sigma(found.with_known_camera), largest_sigma(found.with_known_scale)
     assert np.all(camera < found.sigma)
     assert np.all(scale < 0.5 * found.sigma)  # the bar is what limits this network
@@ -176,7 +176,7 @@ def test_a_known_camera_and_a_known_scale_leave_less():
 def test_bodies_seen_from_each_other_do_not_depend_on_the_datum():
     own = layout(12)
     plan, stations = planned(own), around(own, 8)
-    found = predict(plan, stations, sees(CAMERA, INTERIOR, stations, own, ANYTHING))
+    found = predict(plan, stations, visible(CAMERA, INTERIOR, stations, own, ANYTHING))
     one, other = np.arange(5), np.arange(5, 12)
     about = own.points[one].mean(axis=0)
     relative = body_motion(found.together, own.points, one, other, about)
@@ -198,6 +198,6 @@ def test_points_for_the_search_are_spread():
 def test_too_few_stations_are_no_network():
     own = layout()
     plan, stations = planned(own), around(own)
-    seen = sees(CAMERA, INTERIOR, stations, own, ANYTHING)
+    seen = visible(CAMERA, INTERIOR, stations, own, ANYTHING)
     assert predict(plan, stations.only(np.array([0])), seen[:1]) is None
     assert len(useful(np.eye(5, dtype=bool))) == 0

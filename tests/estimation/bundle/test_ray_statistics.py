@@ -80,8 +80,8 @@ def test_channels_hold_noise_of_one_and_all_that_was_told() -> None:
     score = np.einsum("pkt,pk->pt", channels.root, channels.value)
     assert_close(score / scale, statistics.score / scale, atol=1e-5)
     # One strain of two bars is what the scale of the pose takes up.
-    assert channels.told.sum(1).tolist() == [len(statistics.numbers) - 1] * len(MOVES)
-    assert 0.7 < np.std(channels.value[channels.told]) < 1.3
+    assert channels.determined.sum(1).tolist() == [len(statistics.numbers) - 1] * len(MOVES)
+    assert 0.7 < np.std(channels.value[channels.determined]) < 1.3
 
 
 def test_an_even_gradient_of_the_air_leaves_nothing_in_any_image() -> None:

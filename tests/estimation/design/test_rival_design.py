@@ -16,8 +16,8 @@ from truing.estimation.design.rival_design import (
     PointInstrument,
     PoseCandidates,
     candidates,
+    discriminating_poses,
     narrowed,
-    told_apart,
 )
 from truing.estimation.rotation import exp_so3
 from truing.inference.fit import Fit, fit_model
@@ -128,7 +128,7 @@ def case() -> Case:
 
 
 def _apart(case: Case, most: int, odds: float = 0.0) -> ChosenPoses:
-    return told_apart(case.seen, (OWN, OWN), 20.0, most, odds)
+    return discriminating_poses(case.seen, (OWN, OWN), 20.0, most, odds)
 
 
 def test_a_line_and_a_parabola_known_on_one_side_are_told_apart_on_the_other(case: Case) -> None:
@@ -169,13 +169,13 @@ def test_odds_so_far_count_for_the_rival_that_is_behind(case: Case) -> None:
 
 
 def test_rivals_that_predict_the_same_everywhere_are_never_told_apart(case: Case) -> None:
-    choice = told_apart((case.seen[0], case.seen[0]), (OWN, OWN), 20.0, 8)
+    choice = discriminating_poses((case.seen[0], case.seen[0]), (OWN, OWN), 20.0, 8)
     assert not choice.is_enough
     assert_close(choice.final, 1.0, atol=1e-9, what="odds")
 
 
 def test_where_so_many_poses_are_not_enough_they_are_repeated(case: Case) -> None:
-    choice = told_apart(case.seen, (OWN, OWN), 10.0, 1)
+    choice = discriminating_poses(case.seen, (OWN, OWN), 10.0, 1)
     assert choice.is_enough
     assert len(choice.chosen) == 1
     assert choice.total > 1

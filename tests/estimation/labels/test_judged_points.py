@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.estimation.labels.judged_points import judged_points
+from truing.estimation.labels.judged_points import select_points
 from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, with_declared_noise
 
 POSES, SIGMA = 14, 1e-5
@@ -28,7 +28,7 @@ def _judged(points: np.ndarray, excluded: tuple[int, int] | None = None):
     if excluded is not None:
         by_person[excluded] = True
     found = PosePoints(tuple(range(POSES)), NAMES, points, cov, seen)
-    return judged_points(PointResiduals(values, rejected, by_person), found, SHAPE, np.arange(float(POSES)))
+    return select_points(PointResiduals(values, rejected, by_person), found, SHAPE, np.arange(float(POSES)))
 
 
 def test_a_point_that_is_off_alone_is_a_gross_error(measured: np.ndarray) -> None:

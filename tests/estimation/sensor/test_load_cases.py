@@ -16,7 +16,7 @@ from truing.estimation.sensor.load_cases import (
     bench_loads,
     choose_loads,
     corner_loads,
-    judge_loads,
+    load_efficiency,
     predicted_sigma,
     verification_loads,
 )
@@ -52,7 +52,7 @@ def test_no_loads_within_the_limits_beat_the_bound_of_the_corners(seed):
     drawn = limits.region.draw(30, rng) * RANGE
     assert np.all(np.abs(drawn) <= RANGE * (1 + 1e-9))
     assert np.all(np.abs(drawn @ legs.T) <= 1.2 * (1 + 1e-6))
-    assert 0.0 < judge_loads(drawn, corner_loads(limits), limits).efficiency <= 1.0
+    assert 0.0 < load_efficiency(drawn, corner_loads(limits), limits).efficiency <= 1.0
 
 
 @given(seeds, st.floats(1e-3, 1e3))
@@ -60,9 +60,9 @@ def test_no_loads_within_the_limits_beat_the_bound_of_the_corners(seed):
 def test_units_do_not_matter(seed, unit):
     rng = np.random.default_rng(seed)
     given_loads = rng.uniform(-1, 1, (20, 6)) * RANGE
-    one = judge_loads(given_loads, corner_loads(LIMITS), LIMITS)
+    one = load_efficiency(given_loads, corner_loads(LIMITS), LIMITS)
     other = LoadLimits(RANGE * unit)
-    two = judge_loads(given_loads * unit, corner_loads(other), other)
+    two = load_efficiency(given_loads * unit, corner_loads(other), other)
     assert two.efficiency == pytest.approx(one.efficiency, rel=1e-9)
 
 
@@ -70,7 +70,7 @@ def test_the_paper_s_loading_is_worth_a_fraction_of_the_best():
     """Table 3 for every axis: rows of shares s_k on one axis each, so det is known in closed form."""
     shares = np.array([1, 3, 5, 7, 9, 7, 5, 3, 1, 0]) / 9
     steps = np.concatenate([np.outer(np.r_[shares, -shares], one) for one in np.eye(6)])
-    found = judge_loads(steps * RANGE, corner_loads(LIMITS), LIMITS)
+    found = load_efficiency(steps * RANGE, corner_loads(LIMITS), LIMITS)
     expected = (120 * (2 * shares @ shares) ** 6) ** (1 / 7) / 120
     assert found.efficiency == pytest.approx(expected, rel=1e-6)
     assert 0.05 < found.efficiency < 0.1
@@ -90,7 +90,7 @@ def test_the_choice_for_a_bent_sensor_needs_loads_between():
     bent = choose_loads(candidates, 60, LIMITS, powers="squares", rng=rng)
     assert bent.efficiency > 0.98
     assert (
-        judge_loads(
+        load_efficiency(
             choose_loads(corner_loads(LIMITS), 60, LIMITS, rng=rng).loads, candidates, LIMITS, powers="squares"
         ).efficiency
         == 0.0

@@ -417,4 +417,4 @@ def test_a_misfit_far_below_the_noise_is_no_pass():
     test = below_noise("asked", 30.0, 100.0, "the noise is declared too large")
     assert test is not None
     assert test.state == "fail"
-    assert "less than chance explains: the noise is declared too large" in test.says
+    assert "less than chance explains: the noise is declared too large" in test.statement

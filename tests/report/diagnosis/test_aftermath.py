@@ -118,7 +118,7 @@ def test_the_head_says_what_to_measure_and_leaves_the_readings_to_the_table():
         "The table is under What to measure next."
     )
     assert ("next", said) in build_head("c", tables).verdicts
-    assert part_of("next", tables).said[0][1].endswith("measure these 2 configurations: it falls to 0.2 µm/mm.")
+    assert part_of("next", tables).statements[0][1].endswith("measure these 2 configurations: it falls to 0.2 µm/mm.")
 
 
 def test_without_configurations_the_words_of_the_findings_stand():
@@ -126,7 +126,7 @@ def test_without_configurations_the_words_of_the_findings_stand():
     tables["next_poses"] = tables["next_poses"].iloc[:0]
     part = part_of("next", tables)
     assert part.state == "not evaluated"
-    assert part.said == (("next", "Platform deformation matrix: Move one actuator at a time."),)
+    assert part.statements == (("next", "Platform deformation matrix: Move one actuator at a time."),)
     assert ("next", "Next: move one actuator at a time.") in build_head("c", tables).verdicts
 
 

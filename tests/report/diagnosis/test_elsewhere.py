@@ -7,14 +7,14 @@ import pytest
 from tests.report.diagnosis_parts import part_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
 from truing.report.diagnosis.elsewhere import elsewhere
-from truing.report.diagnosis.judged import judged
+from truing.report.diagnosis.judged import assessed_causes
 from truing.report.diagnosis.misses import POINTS, READINGS, PartNames
 from truing.report.diagnosis.section import diagnosis
 
 
 def said(of: PartNames = POINTS, **left_out: object) -> list[str]:
     table = rows(row("actuator-gain", subject="leg3", parameters=GAIN_3, **left_out))
-    return elsewhere(judged({"diagnosis": table}), of)
+    return elsewhere(assessed_causes({"diagnosis": table}), of)
 
 
 @pytest.mark.parametrize(
@@ -75,4 +75,4 @@ def test_a_finding_that_blocks_contradict_is_suspected_for_that() -> None:
     doubted = row("actuator-gain", "suspected", reason_code="elsewhere", left_out_by="day", left_out_gain=-9.0)
     section = diagnosis(diagnosis_tables(rows(doubted)))
     assert section is not None
-    assert "left out as a whole, predicted from the others, are less probable" in section.said[0][1]
+    assert "left out as a whole, predicted from the others, are less probable" in section.statements[0][1]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from truing.report.diagnosis.effect_units import plain_size, stem, told_size
+from truing.report.diagnosis.effect_units import plain_size, size_text, stem
 from truing.report.diagnosis.findings import (
     Facts,
     detectable_words,
@@ -146,7 +146,7 @@ def test_noise_says_where_it_is_larger_where_that_is_known():
     ],
 )
 def test_sizes_are_told_in_units_of_a_laboratory(told, words):
-    assert told_size(*told) == words
+    assert size_text(*told) == words
 
 
 def test_detectable_sizes_have_two_digits():

@@ -9,7 +9,7 @@ import pytest
 from tests.report.diagnosis.test_suspected import adequacy
 from tests.report.diagnosis_parts import part_of, text_of
 from tests.report.diagnosis_tables import NOISE, diagnosis_tables, rejected, row, rows
-from truing.report.diagnosis.judged import judged
+from truing.report.diagnosis.judged import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
 from truing.report.head import build_head
 from truing.schemas.needs import Need
@@ -34,7 +34,7 @@ def _tables(*found: dict, tests: pd.DataFrame = HOLDS) -> Frames:
 
 
 def _steps(tables: Frames) -> list[NextStep]:
-    return next_steps(judged(tables), tables)
+    return next_steps(assessed_causes(tables), tables)
 
 
 def _planned(tables: Frames) -> Frames:
@@ -91,7 +91,7 @@ def test_without_requirements_and_findings_nothing_is_invented() -> None:
     tables = _tables()
     del tables["requirements"]
     assert not _steps(tables)
-    assert not part_of("next", tables | {"next_poses": tables["next_poses"].iloc[:0]}).said
+    assert not part_of("next", tables | {"next_poses": tables["next_poses"].iloc[:0]}).statements
     assert len(next_measurements_frame([])) == 0
 
 

@@ -13,7 +13,7 @@ from tests.report.diagnosis_parts import PARTS, part_of, state_of, text_of
 from tests.report.diagnosis_tables import row, rows, size
 from tests.report.test_page import Reader, render
 from tests.tolerance import assert_close
-from truing.report.diagnosis.judged import judged
+from truing.report.diagnosis.judged import assessed_causes
 from truing.report.diagnosis.misses import reading_misses
 from truing.report.diagnosis.reading_gain import against_load, where_missed
 from truing.report.diagnosis.unwritten_loads import load_warning, unwritten_loads
@@ -201,20 +201,20 @@ def test_what_was_never_read_is_an_empty_cell():
 
 
 def test_what_acts_beside_a_load_is_told_where_a_calibration_takes_it_for_the_load(tables):
-    assert unwritten_loads(judged(tables), tables) is None
+    assert unwritten_loads(assessed_causes(tables), tables) is None
     calibrated = {**tables, "sensor_matrix": pd.DataFrame({"matrix": ["G_B"]})}
     warned = [said for mark, said in build_head("c", calibrated).verdicts if mark == "warn"]
     # 12.03 mm and 7.98 mm at 9000 N.
     assert len(warned) == 1
     assert "beside the z load up to 108 N·m about y and 72 N·m about x acted as well" in warned[0]
-    assert unwritten_loads(judged(calibrated), calibrated).lead == warned[0]
+    assert unwritten_loads(assessed_causes(calibrated), calibrated).lead == warned[0]
     choice = pd.DataFrame({"model": ["weighted"], "figure": ["loads_as_diagnosed"], "value": [1.0]})
-    told = unwritten_loads(judged(calibrated), {**calibrated, "sensor_choice": choice})
+    told = unwritten_loads(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice})
     assert told.lead.startswith("Beside the z load up to 108 N·m about y and 72 N·m about x acted as well. The calib")
-    assert load_warning(judged(calibrated), {**calibrated, "sensor_choice": choice}) == ""
+    assert load_warning(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice}) == ""
     uneven = {"force_x": size(0.002, 1e-4, "1/m"), "force_x_asymmetry": size(-0.004, 1e-4, "1/m")}
     torque = rows(row("load-imbalance", subject="load mx", parameters=uneven))
-    assert "the torque about x up to 18 N along x" in load_warning(judged({"diagnosis": torque}), calibrated)
+    assert "the torque about x up to 18 N along x" in load_warning(assessed_causes({"diagnosis": torque}), calibrated)
 
 
 def test_a_sensors_pulls_are_named_by_its_elements():

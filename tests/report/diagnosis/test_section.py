@@ -30,7 +30,7 @@ def test_not_evaluated_is_neither_a_pass_nor_a_failure():
 
 def test_a_finding_says_how_sure_it_is():
     section = diagnosis(diagnosis_tables())
-    said = section.said[0][1].replace("\u00a0", " ")
+    said = section.statements[0][1].replace("\u00a0", " ")
     for words in ("at most 0.05 % of campaigns", "signal-to-noise 41", "above 99.9 %", "tripled the ranking holds"):
         assert words in said
 

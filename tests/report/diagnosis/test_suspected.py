@@ -9,7 +9,7 @@ from tests.report.diagnosis_parts import part_of, state_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
 from truing.report.diagnosis.findings import DOUBTS, scatter_explanation
 from truing.report.diagnosis.headline import clause
-from truing.report.diagnosis.judged import judged
+from truing.report.diagnosis.judged import assessed_causes
 from truing.report.diagnosis.section import diagnosis
 from truing.report.head import build_head
 from truing.report.wordings.followed import remainder_advice
@@ -71,7 +71,7 @@ def test_the_section_is_no_pass_and_gives_the_reason() -> None:
     section = diagnosis(tables)
     assert section is not None
     assert state_of("diagnosis", tables) == "attention"
-    (mark, said), *_ = section.said
+    (mark, said), *_ = section.statements
     assert mark == "warn"
     assert DOUBTS["unnamed"] in said
     assert ": 1 suspected and accepted" in section.lead
@@ -129,7 +129,7 @@ def test_a_scatter_that_is_suspected_is_told_with_its_reason(doubt: str) -> None
     doubted = row("approach-scatter", "suspected", subject="leg3", parameters=size, reason_code=doubt)
     section = diagnosis({**diagnosis_tables(rows(doubted, *rejected())), "adequacy": HOLDS})
     assert section is not None
-    assert DOUBTS[doubt] in section.said[0][1]
+    assert DOUBTS[doubt] in section.statements[0][1]
     assert DOUBTS[doubt] in scatter_explanation("actuator 3 lands elsewhere", 1e-4, doubt)
 
 
@@ -141,7 +141,7 @@ REMAINDER = row("unexplained", subject="", parameters={}) | {
 
 
 def test_columns_that_predict_the_misfit_are_told_with_their_share() -> None:
-    one, *_ = judged({"diagnosis": rows(REMAINDER, *rejected())})
+    one, *_ = assessed_causes({"diagnosis": rows(REMAINDER, *rejected())})
     assert one.is_remainder
     assert one.is_noise  # no effect in the model
     misses = "What the model without causes misses"

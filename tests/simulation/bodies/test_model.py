@@ -86,7 +86,7 @@ def test_a_pattern_holds_no_motion_of_the_body_as_a_whole(model: BodyModel) -> N
     rng = np.random.default_rng(7)
     values = rng.normal(size=12) * 1e-4
     plain = model.with_causes(())
-    state = plain._recording(np.zeros(plain.shared_size), np.zeros((9, plain.local_size))).passage.state
+    state = plain._recording(np.zeros(plain.shared_size), np.zeros((9, plain.local_size))).forward_pass.state
     moved = cause.shift(state, values)["moved"][:, :4]
     arms = model.known.shape[:4] - model.known.shape[:4].mean(0)
     assert_close(moved.sum(1), np.zeros((9, 3)), atol=1e-15, what="shift, m")
@@ -109,7 +109,7 @@ def test_what_is_told_of_a_pattern_does_not_depend_on_how_its_motion_was_left_op
 
 def test_a_drift_ends_at_its_parameters_whatever_its_course(model: BodyModel) -> None:
     plain = model.with_causes(())
-    state = plain._recording(np.zeros(plain.shared_size), np.zeros((9, plain.local_size))).passage.state
+    state = plain._recording(np.zeros(plain.shared_size), np.zeros((9, plain.local_size))).forward_pass.state
     for form in ("linear", "tau=14.4", "tau=480"):
         cause = _candidate(model, BodyDrift(), "tool", form)
         values = cause._shape_only @ np.arange(12.0) * 1e-5
@@ -120,7 +120,7 @@ def test_a_drift_ends_at_its_parameters_whatever_its_course(model: BodyModel) ->
 
 def test_a_drift_that_begins_later_and_a_jump_leave_what_was_before_as_it_was() -> None:
     model = plain = body_model(np.random.default_rng(3), 9)
-    state = plain._recording(np.zeros(plain.shared_size), np.zeros((9, plain.local_size))).passage.state
+    state = plain._recording(np.zeros(plain.shared_size), np.zeros((9, plain.local_size))).forward_pass.state
     values = np.arange(1.0, 7.0) * 1e-5
     jump, late = (_candidate(model, BodyDrift(), "base whole", form) for form in ("jump at 5", "linear from"))
     moved = {cause.key: cause.shift(state, values)["moved"][:, 4:].reshape(9, 9) for cause in (jump, late)}

@@ -30,9 +30,9 @@ from truing.simulation.mechanisms.structures.beams import (
     condensed_change,
     element_change,
     element_stiffness,
-    followed,
     in_frame,
     nodes,
+    recovery_matrix,
     section,
 )
 from truing.simulation.mechanisms.structures.structure import BeamSection
@@ -188,7 +188,7 @@ def test_condensation_leaves_the_least_energy(seed: int) -> None:
     whole = assembled(_drawn(rng))
     ends = _motion(rng, 12)
     least = 0.5 * ends @ condensed(whole) @ ends
-    settled = followed(whole) @ ends
+    settled = recovery_matrix(whole) @ ends
     energy = 0.5 * settled @ whole @ settled
     rounding = 1e-12 * np.abs(settled) @ np.abs(whole) @ np.abs(settled)
     assert_close(energy, least, atol=rounding, what="energy, J")

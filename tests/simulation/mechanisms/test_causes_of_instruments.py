@@ -220,9 +220,9 @@ def test_what_a_cause_of_the_catalogue_does_is_not_told_again_without_a_name() -
 
 
 def test_what_follows_names_the_columns() -> None:
-    assert Nonparametric(legs=(3,), **OWN).follows(6) == ("rho3_mm",)
-    assert Nonparametric(**PRODUCT).follows(6) == ("rho2_mm", "temperature_c")
-    assert Nonparametric(columns=(ORDER,), centres=(0.0,), half_ranges=(1.0,)).follows(6) == ("time_s",)
+    assert Nonparametric(legs=(3,), **OWN).inputs(6) == ("rho3_mm",)
+    assert Nonparametric(**PRODUCT).inputs(6) == ("rho2_mm", "temperature_c")
+    assert Nonparametric(columns=(ORDER,), centres=(0.0,), half_ranges=(1.0,)).inputs(6) == ("time_s",)
     assert Nonparametric(legs=(1,), columns=(LAST_STEP,), centres=(0.0,), half_ranges=(1.0,)).needs(6) == (
         "rho1_mm",
         "time_s",

@@ -56,7 +56,7 @@ def test_markers_are_tried_in_place_of_their_corners_where_photographs_name_them
 def test_its_pattern_is_how_it_moves_at_first_and_it_turns_by_any_angle(model: BodyModel) -> None:
     _, markers = TargetMoved().channel_candidates(replace(model.scene, photographed=Photographed()))
     found, shape = markers.member(0, 2), model.scene.shape
-    state = model._recording(np.zeros(model.shared_size), np.zeros((9, model.local_size))).passage.state
+    state = model._recording(np.zeros(model.shared_size), np.zeros((9, model.local_size))).forward_pass.state
     scale = np.array([p.scale for p in found.parameters(0)])
     slope = found.change(state, np.zeros(6)).fields["moved"][-1, markers.channels[0, :3]] * scale
     assert_close(slope, markers.patterns[0, :3] * markers.scale, atol=1e-18, what="m per plausible size")

@@ -111,7 +111,7 @@ def test_what_follows_a_column_that_no_cause_knows_is_unexplained() -> None:
     verdict = diagnosis.verdicts[0]
     assert verdict.cause.id == "unexplained"
     assert verdict.cause.subject == "camera left"
-    assert verdict.cause.follows(0) == ("rho1_mm",)
+    assert verdict.cause.inputs(0) == ("rho1_mm",)
 
 
 def test_layers_of_air_and_panes_are_told_though_they_are_the_same_in_all_poses() -> None:

@@ -15,7 +15,7 @@ from truing.calibration.accuracy import MODEL, Extended
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.stages.calibration.extended import extended_correlations, extended_figures, extended_of, extended_parameters
 from truing.stages.calibration.model_rows import accuracy_rows
-from truing.stages.common.calibration_data import gather
+from truing.stages.common.calibration_data import assemble
 
 GAIN, LEG = 0.06, 3
 
@@ -25,7 +25,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory):
     """Tables of a campaign whose actuator 3 goes too far, what calibrations compare, and the models fitted to it."""
     folder = measured(tmp_path_factory.mktemp("extended"), 21, [Hidden(GAIN * (np.arange(6) == LEG - 1))])
     tables, _ = run_line(folder, "ingest", "pose", "deformation")
-    compared = gather(tables, settings_of(folder))
+    compared = assemble(tables, settings_of(folder))
     found = gathered(folder)
     texts = [model_text(fitted(found, *causes), "it") for causes in ((), (ActuatorGain((LEG,)),))]
     return tables, compared, texts
@@ -88,11 +88,11 @@ def test_honest_tolerances_are_told_as_such(both) -> None:
 
 def test_a_pose_without_its_temperature_has_no_error(campaign, both) -> None:
     """An effect that follows a column says nothing of a pose where the column holds no number."""
-    from truing.calibration.accuracy import _told
+    from truing.calibration.accuracy import _has_all_inputs
     from truing.simulation.mechanisms.causes.warmth import LegThermal
 
     found = both[1].found
     warm = replace(found, model=found.model.with_causes((LegThermal(),)))
     covariates = {"temperature_c": np.array([20.0, np.nan, 21.0])}
     conditions = replace(found.model.conditions, readings=np.zeros((3, 6)), covariates=covariates)
-    assert _told(warm, conditions).tolist() == [True, False, True]
+    assert _has_all_inputs(warm, conditions).tolist() == [True, False, True]

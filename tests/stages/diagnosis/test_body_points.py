@@ -14,7 +14,7 @@ from tests.tolerance import assert_between
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.schemas.campaign import read_campaign
 from truing.simulation.bodies.measured_bodies import moved_for_certain
-from truing.stages.diagnosis.body_points import gather_bodies
+from truing.stages.diagnosis.body_points import assemble_bodies
 from truing.stages.diagnosis.gathered import DiagnosisData
 
 LAYOUT = Layout(poses=40)
@@ -26,7 +26,7 @@ def _gathered(folder: Path, layout: Layout, *hidden: Hidden, more: str = "") -> 
     toml = folder / "campaign.toml"
     toml.write_text(toml.read_text(encoding="utf-8") + more, encoding="utf-8")
     tables, _ = run_line(folder, "ingest", "pose")
-    return gather_bodies(tables, read_campaign(tomllib.loads(toml.read_text(encoding="utf-8"))))
+    return assemble_bodies(tables, read_campaign(tomllib.loads(toml.read_text(encoding="utf-8"))))
 
 
 def test_a_reference_that_hardly_moves_stands_still_and_the_frame_is_not_fitted(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_a_body_that_should_stand_still_does_so_where_the_drives_do(tmp_path: Pa
     toml = folder / "campaign.toml"
     toml.write_text(toml.read_text(encoding="utf-8") + '\n[bodies]\nstill = ["mirror"]\n', encoding="utf-8")
     tables, _ = run_line(folder, "ingest", "pose")
-    found = gather_bodies(tables, read_campaign(tomllib.loads(toml.read_text(encoding="utf-8"))))
+    found = assemble_bodies(tables, read_campaign(tomllib.loads(toml.read_text(encoding="utf-8"))))
     levels = len(set(tables["configurations"].column("elevation_deg").to_pylist()))
     assert list(found.model.known.levels) == [levels]
     assert found.model.layout["seat"].stop - found.model.layout["seat"].start == 6 * levels

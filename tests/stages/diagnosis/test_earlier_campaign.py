@@ -20,7 +20,7 @@ from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.extended_model import identified_geometry, read_model
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.stages.diagnosis import search
-from truing.stages.diagnosis.earlier_campaign import changes_table, started, with_earlier
+from truing.stages.diagnosis.earlier_campaign import changes_table, started, with_prior_campaign
 
 GAIN, LEG, LONGER_MM = 0.01, 3, 0.15
 
@@ -148,7 +148,7 @@ def test_before_anything_new_is_measured_the_machine_is_where_the_earlier_campai
     stand = fitted(gathered(measured(home, 8, [hidden(GAIN)])), Gain((LEG,)))
     found = read_model(model_text(stand, "first"))
     handed_on = mechanism_prior(found, stand.model.with_causes(()))
-    model = with_earlier(stand.model.with_causes(()), handed_on)
+    model = with_prior_campaign(stand.model.with_causes(()), handed_on)
     own, at = handed_on.places(model), np.zeros(model.shared_size)
     at[own] = handed_on.mean
     (surveyed, slopes), (told, by_told) = model.survey_rows(at), handed_on.rows(model, at)

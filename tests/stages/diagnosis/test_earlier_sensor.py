@@ -26,7 +26,7 @@ from truing.simulation.bench.extended_model import ExtendedSensor, extended_sens
 from truing.simulation.bench.known_readings import zeros_of
 from truing.stages.diagnosis.earlier_campaign import changes_table
 from truing.stages.diagnosis.gathered import DiagnosisData
-from truing.stages.diagnosis.search import gathered_of
+from truing.stages.diagnosis.search import assembled_data
 
 LAYOUT = Layout(
     "sensor",
@@ -97,7 +97,7 @@ def test_what_the_first_found_is_not_found_again_and_goes_on(first: dict[str, An
 
 def test_a_load_that_was_put_elsewhere_is_told_as_a_change(home: Path, first: dict[str, Any]) -> None:
     folder = measured(home, 3, [LoadEccentricity(2, ELSEWHERE_M)], first["model"])
-    started = gathered_of(run_line(folder, "ingest")[0], settings_of(folder))
+    started = assembled_data(run_line(folder, "ingest")[0], settings_of(folder))
     assert started.left_out.endswith("what sensor knew of offset_x, changed since")
     stand = Fitter(started.model, started.calibration, None, 0).prepared()
     table = changes_table(stand)
@@ -125,7 +125,7 @@ def _gathered(home: Path, seed: int, earlier: str | None, like: int | None = Non
     made = generator.draw_campaign(LAYOUT, [LoadEccentricity(2, OFFSET_M)], Machine(like or seed))  # type: ignore[arg-type]
     folder = write_campaign(made, home / f"alone-{seed}", seed)
     tables = run_line(folder, "ingest")[0]
-    return gathered_of(tables if earlier is None else {**tables, "start": earlier}, settings_of(folder))
+    return assembled_data(tables if earlier is None else {**tables, "start": earlier}, settings_of(folder))
 
 
 def _fitted(found: DiagnosisData) -> FittedModel:

@@ -19,7 +19,7 @@ from tests.tolerance import assert_between
 from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped as Swapped
 from truing.stages.diagnosis.gathered import DiagnosisData
-from truing.stages.diagnosis.mechanism_points import gather
+from truing.stages.diagnosis.mechanism_points import assemble
 
 SHIFT_MM = (0.3, -0.2, 0.1)
 
@@ -73,7 +73,7 @@ def seen(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     campaign = draw_campaign(layout, moves, hidden, np.random.default_rng(78))
     folder = write_campaign(campaign, tmp_path_factory.mktemp("faulty") / "campaign", 78)
     tables, _ = run_line(folder, "ingest", "pose")
-    gathered = gather(tables, read_campaign(tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))))
+    gathered = assemble(tables, read_campaign(tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))))
     marks, targets = campaign.marks, gathered.model.targets
     columns = [marks.index(*pair) for pair in zip(targets.bodies, targets.names, strict=True)]
     rows = np.array([campaign.schedule.pose.index(int(pose)) for pose in gathered.calibration.conditions.poses])

@@ -33,7 +33,7 @@ from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.diagnosis.next_loads import PossibleRuns, next_run, possible_runs
 from truing.stages.diagnosis.next_measurement import MeasurementPlan, Rivals, next_loads_of, planned
 from truing.stages.diagnosis.rows import claim_of
-from truing.stages.diagnosis.search import decided, gathered_of
+from truing.stages.diagnosis.search import assembled_data, decided
 
 LEVELS = (0, 300, 600, 900, 900, 900, 900, 0, 0, 0, 0)
 LAYOUT = Layout(
@@ -60,7 +60,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     made = draw_campaign(LAYOUT, [Creep((2,), 0.04, 900.0)], np.random.default_rng(5))
     folder = write_campaign(made, tmp_path_factory.mktemp("next") / "bench", 1)
     settings = settings_of(folder)
-    gathered = gathered_of(run_line(folder, "ingest")[0], settings)
+    gathered = assembled_data(run_line(folder, "ingest")[0], settings)
     diagnosis = decided(gathered, settings, lambda *_: None)
     found = diagnosis.verdicts[0]
     stand = Fitter(gathered.model, gathered.calibration, None, 0).prepared((RIVAL,))
@@ -102,7 +102,7 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[FittedModel], P
     made = draw_campaign(FULL_LOADS, [StiffnessScale(2, -0.01)], np.random.default_rng(6))
     folder = write_campaign(made, tmp_path_factory.mktemp("next") / "soft", 1)
     settings = settings_of(folder)
-    found = gathered_of(run_line(folder, "ingest")[0], settings)
+    found = assembled_data(run_line(folder, "ingest")[0], settings)
     fitter = Fitter(found.model, found.calibration, None, 0)
     causes = Scale("fz"), Nonlinear("fz")
     stands = [fitter.prepared((cause,)) for cause in causes]

@@ -9,7 +9,7 @@ import pytest
 
 from tests.tolerance import assert_close
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
-from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, SignalsExchanged, told_by_readings
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, SignalsExchanged, confirmed_by_readings
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.uncertain_sensor import UncertainSensor
 
@@ -39,7 +39,7 @@ def test_readings_tell_whose_rows_were_exchanged(loads_are_right: bool) -> None:
     applied = load.copy()
     if not loads_are_right:
         applied[[2, 4], :2] = load[[4, 2], :2]
-    found = told_by_readings((ONE,), _steps(applied, load), UncertainSensor(None, None, COMPLIANCE))
+    found = confirmed_by_readings((ONE,), _steps(applied, load), UncertainSensor(None, None, COMPLIANCE))
     assert [type(one) for one in found] == [SignalsExchanged if loads_are_right else RowsExchanged]
     assert found[0].settings() == ONE.settings()
 

@@ -16,7 +16,7 @@ from truing.simulation.bench.causes.rows_exchanged import exchanged_rows, put_ri
 from truing.simulation.bench.six_upur.geometry import joint_centres
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
-from truing.stages.diagnosis.search import gathered_of
+from truing.stages.diagnosis.search import assembled_data
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def exchange(table, first, second, column):
 
 
 def gathered(table: pd.DataFrame, document):
-    return gathered_of({"signals": pa.Table.from_pandas(table)}, read_campaign(document))
+    return assembled_data({"signals": pa.Table.from_pandas(table)}, read_campaign(document))
 
 
 def predicted(found, effects=()):

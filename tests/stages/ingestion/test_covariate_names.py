@@ -20,7 +20,7 @@ from tests.cut_telescope import cut_telescope
 from tests.stages.line import run_line
 from truing.formats.shapes import CONFIGURATIONS, INTERFEROMETER, TableShape
 from truing.schemas.columns import COLUMNS
-from truing.schemas.covariates import listed, named, own_name, stand_in
+from truing.schemas.covariates import column_alias, listed, named, own_name
 from truing.simulation import inputs
 from truing.simulation.bench import load_steps as steps_of_loads
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
@@ -135,9 +135,9 @@ def test_the_program_s_own_names_are_kept_apart() -> None:
     of_steps = (inputs.ORDER, steps_of_loads.IN_RUN)
     of_drives = (CAME_FROM + "elevation_deg", *place_columns("platform"))
     for name in (*inputs.PER_ACTUATOR, inputs.ORDER, *of_steps, *of_drives):
-        assert stand_in(name) != name
-        assert own_name(stand_in(name)) == name
-        assert stand_in(stand_in(name)) == stand_in(name)
+        assert column_alias(name) != name
+        assert own_name(column_alias(name)) == name
+        assert column_alias(column_alias(name)) == column_alias(name)
 
 
 def test_names_with_blanks_and_quotes_come_back_as_they_were_written() -> None:

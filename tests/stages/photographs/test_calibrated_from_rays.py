@@ -23,7 +23,7 @@ from truing.calibration.question import Case, cases
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.pipeline.in_memory import call_stage
 from truing.simulation.mechanisms.structures.catalogue import structures
-from truing.stages.common.calibration_data import gather
+from truing.stages.common.calibration_data import assemble
 
 Array = NDArray[np.float64]
 Tables = dict[str, pa.Table]
@@ -115,7 +115,7 @@ def _calibrated(
     measured = _measured(campaign, tables, errors, common, rng)
     for stage in ("pose", "deformation"):
         measured |= call_stage(stage, measured, settings).artifacts  # type: ignore[arg-type]
-    gathered = gather(measured, settings)
+    gathered = assemble(measured, settings)
     (case,) = [case for case in cases(gathered, structures(gathered.machine)[:1]) if case.deformation == "matrix"]
     fit = maximum_likelihood(gathered, gathered.measured, case, np.ones(POSES, bool))
     assert fit.status == "ok"

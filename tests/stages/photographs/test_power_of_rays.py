@@ -20,7 +20,7 @@ from truing.schemas.faults import CampaignFaults
 from truing.simulation.cause import Effect
 from truing.simulation.detection_trials import concerned
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
-from truing.stages.diagnosis.ray_points import gather_rays
+from truing.stages.diagnosis.ray_points import assemble_rays
 from truing.stages.power import ray_plan_of
 from truing.stages.simulated_campaigns.plan import NEEDS, RayPlan
 
@@ -55,7 +55,7 @@ def test_channels_of_drawn_rays_are_off_by_noise_alone(adjusted: Any, plan: RayP
     by_known = (root[:, :, known] * (sigma / scale[known])).reshape(-1, len(known))[told]
     inverse = np.linalg.inv(np.eye(len(expected)) + by_known @ by_known.T)
     for _ in range(40):
-        found = gather_rays(plan.drawn([effect], rng), settings)[0].calibration.measured
+        found = assemble_rays(plan.drawn([effect], rng), settings)[0].calibration.measured
         off = found.values[..., 0].ravel()[told] - expected
         squares.append(off @ inverse @ off / len(off))
     assert abs(np.mean(squares) - 1.0) < 4.0 * np.sqrt(2 / (40 * told.sum()))

@@ -203,12 +203,12 @@ def test_a_run_that_fails_has_no_accuracy_and_the_other_has_its_own(tmp_path):
     bad = approaches(1)
     from_row(30, STEP_MM * 2**31)(bad)
     line = written(tmp_path, {"X": approaches(0), "Y": bad})
-    assert line.said["qa"].failed_checks == ("encoder-overflow run Y", "positions-against-targets run Y")
+    assert line.outcomes["qa"].failed_checks == ("encoder-overflow run Y", "positions-against-targets run Y")
     rows = line.tables["positioning"].to_pylist()
     assert {row["run"] for row in rows} == {"X"}
     alone = {(r["figure"], r["subject"]): r["value"] for r in rows}
     assert 4.0 < alone["A", None] < 30.0
-    assert "not evaluated: Run Y: positions jump by 214748 mm, 2^31 steps" in line.said["deformation"].figure
+    assert "not evaluated: Run Y: positions jump by 214748 mm, 2^31 steps" in line.outcomes["deformation"].figure
     told = [row for row in line.tables["uncertainty"].to_pylist() if row["result"] == "positioning" and row["subject"]]
     assert {row["subject"]: row["stated"] for row in told} == {"run X": True, "run Y": False}
 
@@ -229,7 +229,7 @@ def test_what_was_read_is_judged_and_not_what_the_temperature_makes_of_it(tmp_pa
     (tmp_path / "positioning.csv").write_text("\n".join([f"{HEAD},material_temperature_c", *lines]) + "\n")
     (tmp_path / "campaign.toml").write_text(TOML + "[interferometer.material]\naxis = { expansion_per_k = 1.15e-5 }\n")
     line = stage_line(tmp_path).call("ingest", "qa")
-    assert "copied-approaches run X" in line.said["qa"].failed_checks
+    assert "copied-approaches run X" in line.outcomes["qa"].failed_checks
     read = line.tables["positions"].column("position_read_mm").to_numpy()
     assert_close(np.sort(read), np.sort([row[3] for row in rows]), atol=1e-9)
 
@@ -238,4 +238,4 @@ def test_fahrenheit_is_no_temperature_of_an_axis(tmp_path):
     lines = [f"X,{t},{way},{cycle},{at:.6f},68.5" for t, way, cycle, at in approaches(0)]
     (tmp_path / "positioning.csv").write_text("\n".join([f"{HEAD},material_temperature_c", *lines]) + "\n")
     (tmp_path / "campaign.toml").write_text(TOML)
-    assert stage_line(tmp_path).call("ingest", "qa").said["qa"].failed_checks == ("axis-temperature run X",)
+    assert stage_line(tmp_path).call("ingest", "qa").outcomes["qa"].failed_checks == ("axis-temperature run X",)

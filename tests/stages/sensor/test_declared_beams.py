@@ -47,7 +47,7 @@ def test_displacements_and_compliance_are_the_platform_s_where_beams_are_declare
     errors, entries = case_errors(declared), entry_errors(declared)
     assert np.abs(errors).max() < 5.0
     assert np.mean(entries**2) < 1.0 + 4.0 * np.sqrt(2.0 / 36.0)
-    assert "corrected for the geometry of beams: dx by" in declared.said["pose"].figure
+    assert "corrected for the geometry of beams: dx by" in declared.outcomes["pose"].figure
     plain = _bench(tmp_path / "plain", "all", "")
     assert np.abs(case_errors(plain)).max() > 30.0
     assert np.abs(entry_errors(plain)).max() > 30.0

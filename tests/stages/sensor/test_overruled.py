@@ -19,7 +19,7 @@ from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.stages.common.recorded_signals import recorded
 from truing.stages.diagnosis.gathered import DiagnosisData
-from truing.stages.diagnosis.search import gathered_of
+from truing.stages.diagnosis.search import assembled_data
 
 LAYOUT = Layout("by-hand", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)
 WRONG_UM = 40.0
@@ -50,7 +50,7 @@ def ruled(folder: Path, home: Path, *rules: str) -> Path:
 
 
 def gathered(folder: Path) -> DiagnosisData:
-    return gathered_of(run_line(folder, "ingest")[0], settings_of(folder))
+    return assembled_data(run_line(folder, "ingest")[0], settings_of(folder))
 
 
 def residuals(tables: dict[str, Any]) -> pd.DataFrame:

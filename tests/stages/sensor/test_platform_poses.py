@@ -29,7 +29,7 @@ def test_displacements_are_the_true_ones_within_their_covariance(tmp_path):
     assert np.isfinite(errors).all()
     assert abs(_mean_square(errors) - 1.0) < 4 * np.sqrt(2 / (2 * 327))
     assert np.abs(errors).max() < 5.0
-    assert "109 of 109 load cases in all six components" in made[0].said["pose"].figure
+    assert "109 of 109 load cases in all six components" in made[0].outcomes["pose"].figure
 
 
 def test_ways_up_and_back_are_cases_of_their_own(tmp_path):
@@ -59,7 +59,7 @@ def test_gross_errors_are_kept_out_and_counted(faulty):
         found |= {(number, r.run, r.step, r.channel) for r in out.itertuples()}
         assert out["reason"].str.startswith("gross error").all()
         assert (out["weight"] == 0.0).all()
-        assert gross_errors(len(out), "reading") in one.said["pose"].left_out
+        assert gross_errors(len(out), "reading") in one.outcomes["pose"].left_out
         assert one.frame("displacement")["n_rejected"].sum() == len(out)
     assert len(true) > 20
     assert not found - true
@@ -73,7 +73,7 @@ def test_what_was_never_measured_stays_unknown_and_says_so(faulty):
     assert cases["cov_5_5"].isna().all()
     assert cases["cov_0_5"].isna().all()
     assert cases["dx_mm"].notna().mean() > 0.9
-    assert "never measured: rz" in faulty[0].said["pose"].figure
+    assert "never measured: rz" in faulty[0].outcomes["pose"].figure
 
 
 def test_own_channels_leave_the_other_components_of_a_load_open(tmp_path):
@@ -82,7 +82,7 @@ def test_own_channels_leave_the_other_components_of_a_load_open(tmp_path):
     under_z = cases[cases["fz_n"] != 0.0]
     assert under_z["dz_mm"].notna().all()
     assert under_z[["dx_mm", "dy_mm", "rx_rad", "ry_rad", "rz_rad"]].isna().all().all()
-    assert "fz dx dy rx ry rz" in made.said["pose"].figure
+    assert "fz dx dy rx ry rz" in made.outcomes["pose"].figure
 
 
 def test_drift_is_told_per_run_and_taken_out(tmp_path):
@@ -112,7 +112,7 @@ def test_noise_that_nobody_declared_comes_from_the_readings(tmp_path):
 def test_several_loads_at_once_are_cases_too(tmp_path):
     made = bench(tmp_path / "c", replace(layout(), programme=Programme(together=4)), 5, stages=POSE)
     assert abs(_mean_square(case_errors(made)) - 1.0) < 0.5
-    assert made.said["pose"].figure.endswith("in all six components")
+    assert made.outcomes["pose"].figure.endswith("in all six components")
 
 
 def test_coordinates_are_counted_from_the_unloaded_reading_that_a_run_begins_with(tmp_path):

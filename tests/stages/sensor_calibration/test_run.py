@@ -73,7 +73,7 @@ def test_whole_runs_are_held_out_and_the_printed_formula_is_judged_with_the_othe
     assert {"errors in both, forward, zero common, linear", "weighted, forward, zero common, squares"} <= set(
         held.index
     )
-    assert "held out whole runs" in six.said["calibrate"].figure
+    assert "held out whole runs" in six.outcomes["calibrate"].figure
 
 
 def test_error_classes_of_a_good_sensor_stay_within_what_noise_does(six):
@@ -174,7 +174,7 @@ def test_eight_channels_are_fitted_forward(tmp_path):
     back = _matrix(made)["value"].to_numpy().reshape(6, 8) @ _truth(made)
     scale = np.repeat([1e4, 5e3], 3)
     assert np.abs((back - np.eye(6)) * scale / scale[:, None]).max() < 2e-3
-    assert "either sign of the load" in made.said["calibrate"].figure
+    assert "either sign of the load" in made.outcomes["calibrate"].figure
     assert not made.frame("sensor_matrix")["matrix"].eq("G_B'").any()  # nobody stated a sensitivity
 
 

@@ -61,7 +61,7 @@ def given_common(layout: EquationLayout, pose: int, one: EliminatedPose, free: F
     kept_by_common = -one.kept[:, :-1]
     if d == 6:
         datum = _Datum.of(free, held)
-        kept, kept_by_common = datum.points(kept), datum.followed(kept_by_common)
+        kept, kept_by_common = datum.points(kept), datum.by_common(kept_by_common)
     turned = -one.root.transpose(0, 2, 1)
     follow = (turned @ one.reduced.reshape(b, d, k)).reshape(b * d, k)
     own_by_common = one.reduced_sides[:, :-1] + one.reduced @ kept_by_common
@@ -123,7 +123,7 @@ class _Datum:
         found[self.certain] = found[:, self.certain] = 0.0
         return found
 
-    def followed(self, by_common: Array) -> Array:
+    def by_common(self, by_common: Array) -> Array:
         """Derivatives of points (3 p, c) by the common unknowns in the datum, of those given."""
         found = by_common - self.freedoms @ (self.back @ by_common)
         found[self.certain] = 0.0
@@ -145,7 +145,7 @@ def _in_datum(one: PoseCovariance, free: Freedom, datum: _Datum) -> PoseCovarian
         datum.points(one.points),
         image_points,
         images,
-        datum.followed(one.points_by_common),
+        datum.by_common(one.points_by_common),
         one.images_by_common - of_images @ (datum.back @ one.points_by_common),
     )
 

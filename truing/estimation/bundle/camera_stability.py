@@ -24,7 +24,7 @@ class CameraStability:
     (Holm); NaN for poses that tell nothing. Of all: chi2 of no deviation with its degrees of freedom and its
     p-value."""
 
-    told: Mask
+    determined: Mask
     deviation_px: Array
     covariance_px2: Array
     chi2: Array

@@ -216,7 +216,7 @@ def _apart(found: AdjustedNetwork, stable: list[ImageStability]) -> Adjustment |
         return None
     split = replace(network, cameras=tuple(cameras), image_camera=image_camera)
     begin = replace(state, interior=np.array(interior))
-    factor = found.snooped.components.of_rays()
+    factor = found.screened.components.of_rays()
     try:
         return adjust(split, begin, adjusted.datum, used=adjusted.used, variance_factor=factor)
     except UndeterminedNetworkError:
@@ -229,7 +229,7 @@ def _over_sigma(found: AdjustedNetwork, apart: Adjustment, pose: int, numbers: I
     before, after = adjusted.state.points[numbers], apart.state.points[numbers]
     fit = umeyama(before, after, with_scale=bool(adjusted.defect[pose] == _SIMILARITY))
     shift = after - (fit.scale[0] * before @ fit.R[0].T + fit.t[0])
-    factor = found.snooped.covariance_factor
+    factor = found.screened.covariance_factor
     covariance = adjusted.covariance.points(pose) * (factor if np.isfinite(factor) else 1.0)
     blocks = covariance.reshape(len(numbers), 3, len(numbers), 3)
     variance = np.einsum("nini->n", blocks)

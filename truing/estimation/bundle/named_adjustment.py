@@ -68,7 +68,7 @@ class AdjustedNetwork:
     wide circles (P,) look over what is stated of them, NaN where either is not known; what rays say of known points."""
 
     named: NamedNetwork
-    snooped: ScreenedNetwork
+    screened: ScreenedNetwork
     eccentricity_px: Array
     unmatched: Index
     unmatched_reason: Names
@@ -79,7 +79,7 @@ class AdjustedNetwork:
     @property
     def adjustment(self) -> Adjustment:
         """The last adjustment."""
-        return self.snooped.adjustment
+        return self.screened.adjustment
 
 
 def adjust_network(

@@ -179,11 +179,11 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
         return None
     if not found or chosen is None or len(chosen) < FEWEST:
         return None
-    best = _settled(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
+    best = _refined_motion(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
     members = np.ravel(chosen)
     if len(members) > FEWEST:
         for turn, shift in _of_all(local[members], image[members]):
-            other = _settled(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
+            other = _refined_motion(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
             best = min(best, other, key=_bounded_misses)
     R, t, off, depth = best
     agrees = (depth > 0) & (off < limit)
@@ -211,7 +211,7 @@ def _bounded_misses(found: tuple[Array, Array, Array, Array]) -> float:
     return float(np.where(depth > 0, np.minimum(off, 3 * middle + 1e-12), 1e3).sum())
 
 
-def _settled(R: Array, t: Array, direction: Array, X: Array, limit: float) -> tuple[Array, Array, Array, Array]:
+def _refined_motion(R: Array, t: Array, direction: Array, X: Array, limit: float) -> tuple[Array, Array, Array, Array]:
     """Gauss-Newton on the points that agree, misses beyond the limit without weight: R, t with u = R^T X + t, the
     misses (n,) and depths (n,)."""
     for step in range(_RESECTION_STEPS + 1):
@@ -269,7 +269,9 @@ def relative_orientations(first: Array, second: Array, limit: float) -> list[Ima
     """
     if len(first) < FEWEST_COMMON:
         return []
-    found = [pair for R, t in _motions(first, second, limit) if (pair := _judged(R, t, first, second, limit))]
+    found = [
+        pair for R, t in _motions(first, second, limit) if (pair := _supporting_points(R, t, first, second, limit))
+    ]
     found.sort(key=lambda pair: -pair.agreeing)
     kept: list[ImagePair] = []
     for pair in found:
@@ -306,7 +308,7 @@ def _motions_of_a_plane(a: Array, b: Array, limit: float) -> list[tuple[Array, A
     return [(R, s * t.ravel()) for R, t in zip(turns, shifts, strict=True) for s in (1.0, -1.0)]
 
 
-def _judged(R: Array, t: Array, first: Array, second: Array, limit: float) -> ImagePair | None:
+def _supporting_points(R: Array, t: Array, first: Array, second: Array, limit: float) -> ImagePair | None:
     """Count the points that a motion explains, in front of both cameras; None where rays hardly meet."""
     base = np.linalg.norm(t)
     if not base > 1e-9:

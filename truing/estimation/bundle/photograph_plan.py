@@ -22,10 +22,10 @@ from truing.estimation.bundle.planning import (
     Stations,
     filling_distance,
     predict,
-    sees,
     shells,
     station_information,
     useful,
+    visible,
     weak_prior,
 )
 
@@ -43,7 +43,7 @@ class PlanOptions:
     are taken; distances, elevations, directions and rolls of the candidates; what a camera sees."""
 
     stations: int = 12
-    wanted_mm: float | None = None
+    target_sigma_mm: float | None = None
     nearest_mm: float | None = None
     farthest_mm: float | None = None
     elevation_deg: tuple[float, float] = (0.0, 80.0)
@@ -73,7 +73,7 @@ class PhotographPlan:
     prediction: PredictedPrecision
     curve: tuple[tuple[int, float, float], ...]
     candidates: int
-    wish: PlanOptions
+    options: PlanOptions
     reference: str | None
 
     @property
@@ -90,7 +90,7 @@ class PhotographPlan:
     @property
     def reaches(self) -> bool:
         """Whether every target is known as well as is wanted."""
-        wanted = self.wish.wanted_mm
+        wanted = self.options.target_sigma_mm
         return not self.undetermined and (wanted is None or self.worst_mm <= wanted)
 
 
@@ -102,7 +102,7 @@ def plan_photographs(
     nearest = 0.0 if wish.nearest_mm is None else 1e-3 * wish.nearest_mm
     farthest = np.inf if wish.farthest_mm is None else 1e-3 * wish.farthest_mm
     limits = CameraLimits(nearest, farthest, np.radians(wish.incidence_deg), wish.least_px)
-    seen = sees(planned.camera, planned.interior, stations, planned.layout, limits)
+    seen = visible(planned.camera, planned.interior, stations, planned.layout, limits)
     of_use = useful(seen)
     if len(of_use) < 2:
         raise ValueError(f"found {len(of_use)} of {stations.count:,} stations with four targets in view, expected more")
@@ -176,9 +176,9 @@ def _curve(
 
 def _enough(curve: tuple[tuple[int, float, float], ...], wish: PlanOptions, most: int) -> int:
     """The least number of stations that reaches what is wanted; all where none does, or nothing is."""
-    if wish.wanted_mm is None:
+    if wish.target_sigma_mm is None:
         return most
-    return next((number for number, worst, _ in curve if 1e3 * worst <= wish.wanted_mm), most)
+    return next((number for number, worst, _ in curve if 1e3 * worst <= wish.target_sigma_mm), most)
 
 
 def _with_the_better_worst(

@@ -110,7 +110,7 @@ def _looking(view: Array) -> Array:
     return np.stack([level, np.cross(view, level), view], axis=-1)
 
 
-def sees(camera: Camera, interior: Array, stations: Stations, layout: PlannedObject, limits: CameraLimits) -> Mask:
+def visible(camera: Camera, interior: Array, stations: Stations, layout: PlannedObject, limits: CameraLimits) -> Mask:
     """Which targets (K, P) each station sees: within the format, sharp, not too oblique, and large enough.
 
     Nothing is known of what stands in between.

@@ -265,7 +265,7 @@ class RayChannels:
 
     value: Array
     root: Array
-    told: Mask
+    determined: Mask
 
 
 def ray_channels(information: Array, score: Array) -> RayChannels:

@@ -93,14 +93,14 @@ def adjust_robustly(
     doubtful = np.zeros(network.rays.count, bool) if agrees is None else ~agrees
     while True:
         try:
-            found = _snooped(network, start, datum, possible, possible & ~doubtful, alpha, with_components)
+            found = _screened(network, start, datum, possible, possible & ~doubtful, alpha, with_components)
             return replace(found, held=held)
         except UndeterminedNetworkError as error:
             network, possible, more = relaxed(network, possible, error)
             held = (*held, *more)
 
 
-def _snooped(
+def _screened(
     network: Network,
     start: NetworkState,
     datum: Datum,

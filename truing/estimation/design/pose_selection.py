@@ -96,7 +96,7 @@ def bound_design(rows: NDArray, count: float, given: NDArray | None = None, gap:
     pool = _spanning(rows)
     for _ in range(len(rows)):
         weights, converged = _interior_point(rows[pool], count, before, gap / 2)
-        design = _judged(rows, pool, weights, count, before, gap)
+        design = _design_with_bound(rows, pool, weights, count, before, gap)
         if design.converged or not converged:
             return design
         outside = np.setdiff1d(np.arange(len(rows)), pool)
@@ -159,7 +159,9 @@ def _length(value: NDArray, step: NDArray) -> float:
     return min(1.0, _TO_BOUNDARY * float(np.min(-value[falling] / step[falling], initial=np.inf)))
 
 
-def _judged(rows: NDArray, pool: NDArray, w: NDArray, count: float, before: NDArray, gap: float) -> DesignBound:
+def _design_with_bound(
+    rows: NDArray, pool: NDArray, w: NDArray, count: float, before: NDArray, gap: float
+) -> DesignBound:
     """Return the design of weights on a pool with the bound over all candidates."""
     weights = np.zeros(len(rows))
     weights[pool] = w / w.sum()
@@ -363,7 +365,7 @@ def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iter
         steepest = max(float(np.abs(gradient).max()), 1e-300)
         move = region.project(x + min(length, _FARTHEST / steepest) * gradient, x) - x
         trial, reached, slope = _step(region, objective, x, move, gradient, min(past[-_MEMORY:]))
-        if trial is None or np.abs(move).max() <= _STILL or _settled(past):
+        if trial is None or np.abs(move).max() <= _STILL or _has_converged(past):
             status = SelectionStatus.CONVERGED
             break
         length = _spectral_length(trial - x, slope - gradient)
@@ -374,7 +376,7 @@ def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iter
     return AscentResult(inside, objective(inside)[0], status, len(past) - 1)
 
 
-def _settled(past: list[float]) -> bool:
+def _has_converged(past: list[float]) -> bool:
     """Return whether the best value has hardly grown over as many steps as may fall behind."""
     if len(past) <= 2 * _MEMORY:
         return False

@@ -60,7 +60,7 @@ class Fitted:
     shared: NDArray
     covariance: NDArray
 
-    def following(self, own: NDArray) -> NDArray:
+    def propagated(self, own: NDArray) -> NDArray:
         """Return how all unknowns (G, P) follow some of them (P,) per standard deviation, the others refitted."""
         covariance = self.covariance[:, own]
         return np.linalg.solve(np.linalg.cholesky(covariance[own]), covariance.T).T
@@ -68,7 +68,7 @@ class Fitted:
     def given(self, own: NDArray) -> NDArray:
         """Return the covariance (O, O) of the others were some of the unknowns known."""
         others = np.setdiff1d(np.arange(len(self.shared)), own)
-        follow = self.following(own)[others]
+        follow = self.propagated(own)[others]
         return self.covariance[np.ix_(others, others)] - follow @ follow.T
 
 
@@ -151,7 +151,7 @@ class ChosenPoses:
         """Return the number of measurements of all candidates together."""
         return sum(self.times)
 
-    def told(self, tell: Callable[[float], float]) -> ChosenPoses:
+    def with_values(self, tell: Callable[[float], float]) -> ChosenPoses:
         """Return the choice with its values in other terms."""
         return replace(self, values=tuple(tell(value) for value in self.values))
 
@@ -173,7 +173,7 @@ def candidates(fitted: Fitted, conditions: Any, instrument: PointInstrument) -> 
     return PoseCandidates(fitted, -found.residual, found.by_shared, basis)
 
 
-def told_apart(
+def discriminating_poses(
     rivals: tuple[PoseCandidates, PoseCandidates],
     own: tuple[NDArray, NDArray],
     odds: float,
@@ -187,14 +187,14 @@ def told_apart(
     """
     first, second = rivals
     gap = (first.predicted - second.predicted)[..., None]
-    effects = [rival.rows @ rival.fitted.following(which) for rival, which in zip(rivals, own, strict=True)]
+    effects = [rival.rows @ rival.fitted.propagated(which) for rival, which in zip(rivals, own, strict=True)]
     columns = first.freed(np.concatenate([gap, *effects], -1))
     others = np.setdiff1d(np.arange(first.rows.shape[2]), own[0])
     sight = first.sight(others, first.fitted.given(own[0]))
     turned = np.swapaxes(sight.rows, 1, 2)
     sums = [np.swapaxes(columns, 1, 2) @ columns, turned @ columns, sight.information]
     found = search(sums, _Odds(log_odds, len(own[0])), float(np.log(odds)), most)
-    return found.told(lambda value: float(np.exp(min(value, _LARGEST))))
+    return found.with_values(lambda value: float(np.exp(min(value, _LARGEST))))
 
 
 def narrowed(seen: PoseCandidates, direction: NDArray, factor: float, most: int) -> ChosenPoses:
@@ -207,7 +207,7 @@ def narrowed(seen: PoseCandidates, direction: NDArray, factor: float, most: int)
     now = float(direction @ covariance @ direction)
     along = direction @ sight.directions
     aim = _Sharpness(along, now - float(along @ along), now)
-    return search([sight.information], aim, -factor, most).told(lambda value: -value)
+    return search([sight.information], aim, -factor, most).with_values(lambda value: -value)
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ class Eliminated:
         return np.einsum("bm,bm->b", self.residual, self.residual)
 
     @property
-    def settled_pull(self) -> NDArray:
+    def closing_pull(self) -> NDArray:
         """Return the pull (B, n) that closes the linearised equations."""
         return _closing(self.rows, self.residual)
 
@@ -118,7 +118,7 @@ def project(measured: ImplicitModel, values: NDArray, pull: NDArray, weight: NDA
         found = linearise(measured, values, pull)
         if not weight @ found.unsettled > allowed:
             break
-        pull = found.settled_pull
+        pull = found.closing_pull
     return found
 
 
@@ -160,9 +160,9 @@ class Objective:
 
     def point(self, values: NDArray, pull: NDArray, allowed: float) -> Point:
         """Return the objective at values (P,), the deviations settled to what is allowed, from a pull (B, n)."""
-        return self.standing(project(self.measured, values, pull, self.weight, allowed))
+        return self.starting_point(project(self.measured, values, pull, self.weight, allowed))
 
-    def standing(self, at: Eliminated) -> Point:
+    def starting_point(self, at: Eliminated) -> Point:
         """Return the objective where a model was linearised."""
         return Point(self, at, float(self.weight @ at.chi_square + self.prior.cost(at.values)))
 
@@ -216,9 +216,9 @@ class Point:
         step = self._answer(self._slope, damping)
         return step, float(-step @ (2 * self._slope + self._information @ step))
 
-    def settled(self) -> Point:
+    def converged(self) -> Point:
         """Return the same with its deviations where they belong, as near as it matters."""
-        return self.objective.point(self.at.values, self.at.settled_pull, _STILL)
+        return self.objective.point(self.at.values, self.at.closing_pull, _STILL)
 
     def bend(self, straight: Point, step: NDArray, damping: float) -> NDArray | None:
         """Return by how much (P,) to bend a step, for what it met at its end; None where that is no small matter."""
@@ -261,19 +261,19 @@ class Descent:
 
 def descend(objective: Objective, start: Eliminated) -> Descent:
     """Return the least of an objective near where its model was linearised, the deviations settled there or not."""
-    point, damping, before = objective.standing(start), _Damping(), np.inf
+    point, damping, before = objective.starting_point(start), _Damping(), np.inf
     if not np.isfinite(point.cost):
         return Descent(point.at, point.cost, 0, SolverStatus.NOT_FINITE)
     sure = False
     for iteration in range(MAX_ITERATIONS):
         step, promise = point.step(damping.value)
-        stands = _stands(promise, before if damping.value == 0.0 else np.inf)
+        stands = _has_stalled(promise, before if damping.value == 0.0 else np.inf)
         trial = None if stands else _lower(point, step, promise, damping.value)
         if trial is not None:
             damping = damping.lowered((point.cost - trial.cost) / promise)
             point, before, sure = trial, promise, trial.unsettled <= _STILL
         elif not sure:
-            point, sure = point.settled(), True
+            point, sure = point.converged(), True
         elif stands:
             return Descent(point.at, point.cost, iteration, _ended(point, damping))
         else:
@@ -287,7 +287,7 @@ def _ended(point: Point, damping: _Damping) -> SolverStatus:
     return SolverStatus.CONVERGED if least else SolverStatus.STALLED
 
 
-def _stands(promise: float, before: float) -> bool:
+def _has_stalled(promise: float, before: float) -> bool:
     """Return whether a step that promises so little, after one that promised so much, is not worth taking."""
     return promise < _SETTLED or before / 2 < promise < NEAR
 

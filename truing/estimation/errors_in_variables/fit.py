@@ -107,11 +107,11 @@ class PoseFit:
         length = self.length
         return length / max(float(np.median(length)), np.finfo(float).tiny)
 
-    def judged(self) -> LeaveOneOutPrediction:
+    def leave_one_out(self) -> LeaveOneOutPrediction:
         """Return how each pose stands to the others, for weights that are 0 or 1."""
         jacobian = self.problem.jacobian
         follows = jacobian @ np.linalg.inv(self.normal) @ np.swapaxes(jacobian, 1, 2)
-        return judge(self.residual, follows, self.weight > 0)
+        return leave_one_out(self.residual, follows, self.weight > 0)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class LeaveOneOutPrediction:
         return self.p_value >= FALSE_ALARM / len(self.p_value)
 
 
-def judge(residual: NDArray, follows: NDArray, kept: NDArray) -> LeaveOneOutPrediction:
+def leave_one_out(residual: NDArray, follows: NDArray, kept: NDArray) -> LeaveOneOutPrediction:
     """Return how poses stand to the set that was fitted, kept (B,).
 
     residual (B, m) whitened; follows (B, m, m): the covariance that the fit's values bring into each pose's equations.
@@ -171,7 +171,7 @@ def agreeing(problem: LinearPoses) -> NDArray:
     """Return which poses (B,) agree."""
     kept = _nearest_half(problem)
     for k in range(2 * _FREE_ROUNDS + len(kept)):
-        passes = problem.fit(kept.astype(float)).judged().passes
+        passes = problem.fit(kept.astype(float)).leave_one_out().passes
         found = passes if k < _FREE_ROUNDS else passes & kept
         if np.array_equal(found, kept):
             break
@@ -188,7 +188,7 @@ def _nearest_half(problem: LinearPoses) -> NDArray:
     core = _nearest(_resistant(problem).length, enough)
     if problem.fit(core).trimmed(enough) > _SUSPICIOUS * enough * equations:
         core = _nearest_of_many(problem, core, enough)
-    judged = problem.fit(core).judged()
+    judged = problem.fit(core).leave_one_out()
     tested = np.maximum(judged.tested, 1)
     level = np.median(judged.surprise / chdtri(tested, 0.5))
     return (core > 0) | (chdtrc(tested, judged.surprise / level) >= FALSE_ALARM / poses)
@@ -268,7 +268,7 @@ class ErrorsInVariablesFit:
     def judgement(self) -> LeaveOneOutPrediction:
         """Return how each pose stands to the others, with the redundancy that is the freedom of its chi-square."""
         inverse = _inverse_where_determined(self.information + self.prior.information)[0]
-        return judge(self.residual, self.jacobian @ inverse @ np.swapaxes(self.jacobian, 1, 2), self.weight > 0)
+        return leave_one_out(self.residual, self.jacobian @ inverse @ np.swapaxes(self.jacobian, 1, 2), self.weight > 0)
 
     @property
     def noise_ratio(self) -> float:
@@ -313,7 +313,7 @@ def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) ->
     kept, iterations = _agreeing(at, prior) if robust else np.ones(len(at.residual), bool), 0
     for selection in range(_SELECTIONS):
         found = descend(Objective(measured, prior, kept.astype(float)), at)
-        at, iterations = _settled(measured, found.at, kept), iterations + found.iterations
+        at, iterations = _with_converged_deviations(measured, found.at, kept), iterations + found.iterations
         agree = _agreeing(at, prior) if robust else kept
         # late in the search no pose comes back, so that it ends
         agree = agree & kept if 2 * selection > _SELECTIONS else agree
@@ -325,12 +325,12 @@ def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) ->
     return _result(measured, replace(found, at=at, iterations=iterations), prior, kept)
 
 
-def _settled(measured: ImplicitModel, at: Eliminated, kept: NDArray) -> Eliminated:
+def _with_converged_deviations(measured: ImplicitModel, at: Eliminated, kept: NDArray) -> Eliminated:
     """Return the model with the deviations settled of poses that were not kept, as far as they do."""
     if kept.all():
         return at
     try:
-        return project(measured, at.values, at.settled_pull, np.ones(len(kept)), _NEARLY_SETTLED)
+        return project(measured, at.values, at.closing_pull, np.ones(len(kept)), _NEARLY_SETTLED)
     except np.linalg.LinAlgError:
         return at
 
@@ -353,7 +353,7 @@ def _result(measured: ImplicitModel, found: Descent, prior: Prior, kept: NDArray
     deficient = found.status == SolverStatus.CONVERGED and bool(np.isnan(covariance).any())
     return ErrorsInVariablesFit(
         values=at.values,
-        deviations=times(measured.covariance, at.settled_pull),
+        deviations=times(measured.covariance, at.closing_pull),
         weight=kept.astype(float),
         chi_square=at.chi_square,
         residual=at.residual,

@@ -264,7 +264,7 @@ def _refused(fit: PatchFit, level: Array, radius: Array) -> NDArray[np.str_]:
     contrast = np.abs(values[:, _CONTRAST])
     with np.errstate(invalid="ignore"):
         misfit = np.sqrt(fit.chi2 / np.maximum(fit.freedom, 1.0)) * level
-        clear = fit.settled & (contrast > 3.0 * level) & (misfit < 0.3 * contrast)
+        clear = fit.converged & (contrast > 3.0 * level) & (misfit < 0.3 * contrast)
         crossing = np.abs(np.sin(values[:, _NORMAL_1] - values[:, _NORMAL_2])) > 0.2
         sharp = values[:, _BLUR] < 0.6 * radius
         near = np.hypot(values[:, _X], values[:, _Y]) < 2.5

@@ -31,7 +31,7 @@ class PatchFit:
     covariance: Array
     chi2: Array
     freedom: Array
-    settled: Mask
+    converged: Mask
 
     @property
     def enlarged(self) -> Array:

@@ -218,7 +218,7 @@ def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> Mask:
     quiet = np.sqrt(noise.variance(np.maximum(ground, 0.0)))
     misfit = np.sqrt(fit.chi2 / np.maximum(fit.freedom, 1.0)) * quiet
     with np.errstate(invalid="ignore"):
-        good = fit.settled & (contrast > 4.0 * quiet) & (misfit < 0.15 * contrast)
+        good = fit.converged & (contrast > 4.0 * quiet) & (misfit < 0.15 * contrast)
         good &= values[:, BLUR] < 0.9 * edges.half_width
         good &= (np.abs(values[:, [FIRST, LAST]]) < 3.0).all(1)
     good &= np.linalg.norm(edges.end - edges.start, axis=1) >= _SHORTEST + 2.0 * _CLEAR

@@ -343,4 +343,4 @@ def budget_of_entries(found: list[Budget], loaded: Loaded, places: list[tuple[in
     for n, (i, j) in enumerate(places):
         for source, own in zip(found[i].sources, found[i].contributions, strict=True):
             table[sources.index(source), n] = own[j]
-    return Budget(sources, table).beside(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()
+    return Budget(sources, table).with_source(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()

@@ -48,7 +48,7 @@ def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Ar
     noise = _noise(batch, reading, sigma)
     rejected_of = _rejected(batch, np.stack([_padded(noise[rows, k], batch.width) for rows, k in pieces]))
     left, _ = batch.solved(np.where(batch.seen & ~rejected_of, 1.0, 0.0))
-    noise = _settled(batch, left, rejected_of, reading, sigma, noise)
+    noise = _with_estimated_noise(batch, left, rejected_of, reading, sigma, noise)
     residual, rejected = np.full(reading.shape, np.nan), np.zeros(reading.shape, bool)
     for piece, (rows, k) in enumerate(pieces):
         residual[rows, k], rejected[rows, k] = left[piece, : len(rows)], rejected_of[piece, : len(rows)]
@@ -115,7 +115,7 @@ class _Batch:
         return self.y.shape[1]
 
     @property
-    def judged(self) -> Mask:
+    def has_curve(self) -> Mask:
         """(M,) which pieces have a curve."""
         return self.terms > 0
 
@@ -157,7 +157,7 @@ def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:
     unit = np.where(spread > 0.0, spread, 1.0)
     scatter = batch.scatter(batch.robust(np.broadcast_to(unit[:, None], batch.y.shape))) * unit
     for k in range(reading.shape[1]):
-        own = scatter[(batch.channel == k) & batch.judged]
+        own = scatter[(batch.channel == k) & batch.has_curve]
         found = float(np.median(own)) if len(own) else np.nan
         if not found > 0.0:
             found = float(np.nanstd(reading[:, k])) or 1.0
@@ -165,10 +165,12 @@ def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:
     return noise
 
 
-def _settled(batch: _Batch, left: Array, rejected: Mask, reading: Array, sigma: Array, first: Array) -> Array:
+def _with_estimated_noise(
+    batch: _Batch, left: Array, rejected: Mask, reading: Array, sigma: Array, first: Array
+) -> Array:
     """The noise with what was not declared taken from all runs of a channel, gross errors left out."""
-    noise, kept = np.array(first), batch.seen & ~rejected & batch.judged[:, None]
-    spare = np.where(batch.judged, np.maximum(kept.sum(1) - batch.terms, 0), 0)
+    noise, kept = np.array(first), batch.seen & ~rejected & batch.has_curve[:, None]
+    spare = np.where(batch.has_curve, np.maximum(kept.sum(1) - batch.terms, 0), 0)
     squares = np.sum(np.where(kept, left, 0.0) ** 2, axis=1)
     for k in range(reading.shape[1]):
         own = (batch.channel == k) & (spare > 0)
@@ -187,7 +189,7 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
     from scipy.special import ndtri
 
     limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.seen.sum()), 1)))
-    judged = batch.seen & batch.judged[:, None]
+    judged = batch.seen & batch.has_curve[:, None]
     ways = [_from_robust_start(batch, sigma, limit, judged), _one_by_one(batch, sigma, limit, judged)]
     cost = [
         np.sum((_left(batch, kept, sigma) / sigma) ** 2 * kept, axis=1) + limit**2 * (judged & ~kept).sum(1)
@@ -200,7 +202,7 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
     left = _left(batch, kept, sigma)
     wide = _wide(batch, left, sigma, kept, limit)
     alone = np.abs(left - _around(np.where(batch.seen, left, np.nan))) >= wide * sigma
-    return judged & ~kept & alone & ~_lasting(np.where(judged & ~kept, np.sign(left), 0.0))
+    return judged & ~kept & alone & ~_in_long_runs(np.where(judged & ~kept, np.sign(left), 0.0))
 
 
 def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
@@ -279,7 +281,7 @@ def _around(left: Array) -> Array:
     return np.asarray(np.nanmedian(beside, axis=0))
 
 
-def _lasting(side: Array) -> Mask:
+def _in_long_runs(side: Array) -> Mask:
     """Which of signs (M, N) stand in a row of several alike that are not 0."""
     found = np.zeros(side.shape, bool)
     for shift in range(_LASTS):

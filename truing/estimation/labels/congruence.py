@@ -158,7 +158,7 @@ def find_hypotheses(cloud: Constellation, survey: Constellation, keep: int = 24)
     tried, best = 0, 0
     for seeds in _seed_batches(cloud, survey):
         tried += seeds[0]
-        for hypothesis in _judge(tree, cloud, survey, *_strongest(tree, cloud, survey, *seeds[1:])):
+        for hypothesis in _explained_by(tree, cloud, survey, *_strongest(tree, cloud, survey, *seeds[1:])):
             found.setdefault(hypothesis.match.tobytes(), hypothesis)
             best = max(best, hypothesis.n_consistent)
         if _chance_of_unseen(best, smaller, tried, 2 if survey.on_a_line else 3) < _UNSEEN:
@@ -333,7 +333,7 @@ def _seed_match(targets: NDArray, points: NDArray, n_survey: int) -> NDArray:
     return match
 
 
-def _judge(
+def _explained_by(
     tree: cKDTree,
     cloud: Constellation,
     survey: Constellation,

@@ -24,7 +24,7 @@ class PointSelection:
     exchanges: list[Exchange]
 
 
-def judged_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, order: NDArray) -> PointSelection:
+def select_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, order: NDArray) -> PointSelection:
     """Judge a body's points (B, T) by their residuals; shape (T, 3) m, order (B,) rank of the poses in time."""
     seen = found.seen & ~residuals.excluded
     sigma = _typical_sigma(found, residuals.values, seen)

@@ -94,7 +94,7 @@ def move(lane: NDArray, size: int, j: int) -> None:
 
 
 @inner
-def judge(lane: NDArray, size: int) -> int:
+def accept_trials(lane: NDArray, size: int) -> int:
     """Keep the trials that help, adapt every radius, and return how many lanes still move."""
     moving = 0
     for j in range(LANES):

@@ -156,7 +156,7 @@ def climb(lane: NDArray) -> None:
 
 
 @inner
-def judge(lane: NDArray) -> None:
+def certify_optimum(lane: NDArray) -> None:
     """Fill whether the rotation is proven to be the optimum: at rest, Hessian positive, nothing degenerate."""
     for j in range(LANES):
         S, R = get6(lane, _S, j), get9(lane, ROTATION, j)
@@ -181,7 +181,7 @@ def solve_rotations(lane: NDArray) -> None:
     climb(lane)
     climb(lane)
     orthogonalise(lane)
-    judge(lane)
+    certify_optimum(lane)
 
 
 @inner
@@ -355,7 +355,7 @@ def solve(
     fit = RigidFit(R, t, np.ones(count), covariance, np.zeros(count), rms, used, status, np.zeros(count, np.int64))
     unclear = np.flatnonzero(used < 0)
     if len(unclear):
-        _settle_unclear(fit, unclear, x, y, w, None if sigma is None else noise)
+        _refit_unclear(fit, unclear, x, y, w, None if sigma is None else noise)
     return fit
 
 
@@ -391,7 +391,7 @@ def available_processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _settle_unclear(fit: RigidFit, rows: NDArray, x: NDArray, y: NDArray, w: NDArray, noise: NDArray | None) -> None:
+def _refit_unclear(fit: RigidFit, rows: NDArray, x: NDArray, y: NDArray, w: NDArray, noise: NDArray | None) -> None:
     """Overwrite the rows (b,) of a fit by the plain closed form, which names what is degenerate or broken."""
     x, y, w = (a[rows] if len(a) > 1 else a for a in (x, y, w))
     sigma = None if noise is None else np.sqrt(noise[rows] if len(noise) > 1 else noise)

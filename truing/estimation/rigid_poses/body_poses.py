@@ -103,7 +103,7 @@ def fit_body(
         fitted = fit_by_itself(each, ~excluded, kept)
     fit, usable = fitted.fits[fitted.default], points.seen & fitted.frame & ~excluded
     used = fitted.agreed & fit.ok[:, None]
-    rejected = usable & ~fitted.agreed & fitted.judged[:, None] | points.seen & excluded
+    rejected = usable & ~fitted.agreed & fitted.has_consensus[:, None] | points.seen & excluded
     there = (points.seen & fitted.known)[..., None]
     residual = np.where(there, fit.residuals(np.nan_to_num(fitted.source), points.points), np.nan)
     why = _reasons(fit, residual, fitted, used, rejected)
@@ -156,7 +156,7 @@ class BodyFit:
     known: Mask
     frame: Mask
     agreed: Mask
-    judged: Mask
+    has_consensus: Mask
     noise_ratio: float
     weights: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
 
@@ -176,7 +176,7 @@ def fit_to_survey(points: PosePoints, survey: SurveyPoints, allowed: Mask, keep:
     cov_target = _noise(place, points, usable)
     fit, agreed, ratio = robust_poses(place, points.points, cov_source, cov_target, usable, keep=keep)
     fits, weights = _by_every_method(place, points.points, cov_source, cov_target, usable, (fit, agreed), frame)
-    return BodyFit(fits, source, cov_source, known, frame, agreed, _judged(fit, agreed), ratio, weights)
+    return BodyFit(fits, source, cov_source, known, frame, agreed, _has_consensus(fit, agreed), ratio, weights)
 
 
 def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
@@ -198,10 +198,10 @@ def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
     joint = generalised_procrustes(points.points, cov_target, agreed & fit.ok[:, None], shape=source)
     fits = {"procrustes": joint.poses}
     source = np.where(np.isfinite(joint.shape), joint.shape, source)
-    return BodyFit(fits, source, exact, known, known, agreed, _judged(fit, agreed), ratio)
+    return BodyFit(fits, source, exact, known, known, agreed, _has_consensus(fit, agreed), ratio)
 
 
-def _judged(fit: RigidFit, agreed: Mask) -> Mask:
+def _has_consensus(fit: RigidFit, agreed: Mask) -> Mask:
     return np.isin(fit.status, [str(FitStatus.OK), str(FitStatus.NO_CONSENSUS)]) & agreed.any(axis=1)
 
 

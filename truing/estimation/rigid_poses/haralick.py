@@ -51,7 +51,7 @@ def haralick(
     if not np.all(noise > 0):
         raise ValueError("sigma_source, sigma_target: found noise of 0 on both clouds, expected more")
     base = w / noise**2
-    robust, steps, settled = _settle(x, y, base, noise, tuning)
+    robust, steps, settled = _iterate_weights(x, y, base, noise, tuning)
     return _conclude(x, y, base, noise, robust, steps, settled, tuning)
 
 
@@ -87,7 +87,9 @@ def residual_scale(length: NDArray, used: NDArray) -> NDArray:
     return np.where(count > 2, (low + high) / 2, MEDIAN_LENGTH) / MEDIAN_LENGTH / share
 
 
-def _settle(x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float) -> tuple[NDArray, NDArray, NDArray]:
+def _iterate_weights(
+    x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float
+) -> tuple[NDArray, NDArray, NDArray]:
     """Return the weights (B, N), the number of iterations (B,) and whether the fits settled (B,)."""
     start = solve_weighted(x, y, base)
     robust, fitted = (base > 0).astype(np.float64), start.apply(x)

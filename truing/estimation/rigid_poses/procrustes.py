@@ -78,7 +78,7 @@ def _renewed(
     Renews agreed (B, N) on the way.
     """
     rows = np.flatnonzero(agreed.any(axis=1))
-    fit, agreed[rows] = _followed(shape, points[rows], mask[rows] & known, agreed[rows], sigma)
+    fit, agreed[rows] = _agreeing_motions(shape, points[rows], mask[rows] & known, agreed[rows], sigma)
     seen = mask[rows] & fit.ok[:, None]
     back = (points[rows] - fit.t[:, None]) @ fit.R
     renewed = shape.copy()
@@ -86,11 +86,11 @@ def _renewed(
         values = back[seen[:, k], k]
         # an odd number of values: the median is then one of them, not the middle between two places
         renewed[k] = np.median(values[: len(values) - 1 + len(values) % 2], axis=0)
-    onto, _ = _followed(renewed, shape[None], known[None], known[None], sigma)
+    onto, _ = _agreeing_motions(renewed, shape[None], known[None], known[None], sigma)
     return (onto.apply(renewed)[0] if onto.ok[0] else renewed), known | seen.any(axis=0)
 
 
-def _followed(
+def _agreeing_motions(
     shape: NDArray, points: NDArray, usable: NDArray, agreed: NDArray, sigma: float
 ) -> tuple[RigidFit, NDArray]:
     """Return the motions of the agreeing points, and which points (B, N) agree with them, taken in turns."""

@@ -94,7 +94,7 @@ def _whole(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     points = clouds.seen.sum(-1)
     # two sets of more than (n + 4) / 2 of n points share four, and with them the motion
     fewest = np.minimum(np.maximum(points, 3), (points + FEWEST + 1) // 2)
-    kept, _ = _settle(clouds, clouds.seen, fewest, tools)
+    kept, _ = _fixpoints(clouds, clouds.seen, fewest, tools)
     rest = np.flatnonzero(~kept.any(-1))
     status = np.full(len(kept), str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)
     status[rest] = tools.statuses(clouds[rest])
@@ -103,7 +103,7 @@ def _whole(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     return kept, status
 
 
-def _settle(clouds: Clouds, members: NDArray, fewest: NDArray, tools: Tools) -> tuple[NDArray, NDArray]:
+def _fixpoints(clouds: Clouds, members: NDArray, fewest: NDArray, tools: Tools) -> tuple[NDArray, NDArray]:
     """Return the fixpoints (B, N) that members lead to, none where fewer than fewest (B,) remain, and their cost.
 
     Only the worst go at first (down to a quarter of the largest squared residual): they bend all the others.
@@ -165,7 +165,7 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
             break
         seed = np.where(worth[rows], degree[rows], -1.0).argmax(-1)
         proposed = tools.grow(graph[rows], seed, best.kept[rows])
-        found, cost = _settle(clouds[rows], proposed, fewest[rows], tools)
+        found, cost = _fixpoints(clouds[rows], proposed, fewest[rows], tools)
         seeds[rows] &= ~found
         seeds[rows, seed] = False
         best.offer(rows, found, cost)
@@ -200,7 +200,7 @@ def _among_triples(
     found, cost = np.zeros_like(members), np.full(len(members), np.inf)
     for k in range(blocks):
         start = _near_best_triple(clouds, members, order[:, k:most:blocks])
-        settled, spent = _settle(clouds, start, fewest, tools)
+        settled, spent = _fixpoints(clouds, start, fewest, tools)
         more, size = settled.sum(-1), found.sum(-1)
         better = (more > size) | (more == size) & (spent < cost)
         found[better], cost[better] = settled[better], spent[better]

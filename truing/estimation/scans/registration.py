@@ -186,7 +186,7 @@ def _refined(scene: ScanPair, start: SurfaceFit) -> SurfaceFit:
 
 def _misfit(fit: SurfaceFit) -> float:
     """Return the mean cost of the scan's points, those that say nothing left out."""
-    return float(np.mean(fit.cost[fit.judged])) if np.any(fit.judged) else np.inf
+    return float(np.mean(fit.cost[fit.informative])) if np.any(fit.informative) else np.inf
 
 
 def _rivals(trial: ScanPair, fits: list[SurfaceFit], best: SurfaceFit) -> Iterator[NDArray]:
@@ -195,7 +195,7 @@ def _rivals(trial: ScanPair, fits: list[SurfaceFit], best: SurfaceFit) -> Iterat
     for fit in fits[1:]:
         if same_pose(_homogeneous(fit.R, fit.t), _homogeneous(best.R, best.t), 0.05 * trial.size):
             continue
-        both = fit.judged & fits[0].judged
+        both = fit.informative & fits[0].informative
         worse = fit.cost[both] - fits[0].cost[both]
         if np.sum(worse) * np.sqrt(independent) <= BEATEN * np.sqrt(np.sum((worse - worse.mean()) ** 2)):
             yield _homogeneous(fit.R, fit.t)
@@ -278,11 +278,11 @@ def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDAr
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         matched = list(_by_features(o3d, thin_reference, thin_scan, voxel))
     starts = [*matched, *_promising(o3d, thin_reference, fewer, _by_axes(reference, scan), voxel)]
-    settled = _settled(o3d, thin_reference, fewer, starts, voxel)
+    settled = _refined_starts(o3d, thin_reference, fewer, starts, voxel)
     turned = _promising(o3d, thin_reference, fewer, _symmetric(reference, settled[0][1]), voxel)
-    alike = _settled(o3d, thin_reference, fewer, turned, voxel)
+    alike = _refined_starts(o3d, thin_reference, fewer, turned, voxel)
     distinct = _distinct(sorted([*settled, *alike], key=lambda pair: pair[0]), voxel)[:keep]
-    final = _settled(o3d, thin_reference, thin_scan, [T for _, T in distinct], voxel)
+    final = _refined_starts(o3d, thin_reference, thin_scan, [T for _, T in distinct], voxel)
     return [T for cost, T in _distinct(final, voxel) if cost <= _NEARLY * final[0][0] + _LEAST_COST]
 
 
@@ -384,7 +384,9 @@ def _left_over(o3d: Any, scan: Any, reference: Any, T: NDArray, voxel: float) ->
     return round(float(result.fitness * (result.inlier_rmse / voxel) ** 2 + (1 - result.fitness) * 16.0), 9)
 
 
-def _settled(o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: float) -> list[tuple[float, NDArray]]:
+def _refined_starts(
+    o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: float
+) -> list[tuple[float, NDArray]]:
     """Settle every start: what it leaves, in voxels, and its pose, best first."""
     settled = []
     for start in starts:

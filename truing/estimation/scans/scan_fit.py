@@ -75,7 +75,7 @@ class SurfaceFit:
     free: NDArray  # (d, 6) motions (t, theta) that the surface does not resist
     used: NDArray  # (N,) which scan points lie over a smooth part of the reference, and near enough to enter
     cost: NDArray  # (N,) squared height over its noise, not above that at the gate; beside the surface, that
-    judged: NDArray  # (N,) whether the cost says anything: over the surface or beside it
+    informative: NDArray  # (N,) whether the cost says anything: over the surface or beside it
     rms: float  # m, of their heights
     scatter: float  # robust, of the heights over the surface, relative to what the noise explains
     noise_ratio: float  # the same with neighbouring errors added up; covariance is scaled by it where it is above 1
@@ -250,7 +250,7 @@ class Patches:
         """The patches of some rows."""
         return Patches(*(getattr(self, own.name)[rows] for own in fields(self)))
 
-    def followed_by(self, others: Patches) -> Patches:
+    def joined_with(self, others: Patches) -> Patches:
         """These patches and others."""
         pairs = ((getattr(self, own.name), getattr(others, own.name)) for own in fields(self))
         return Patches(*(np.concatenate(pair) for pair in pairs))
@@ -276,7 +276,7 @@ class Surface:
             self._row[missing] = np.arange(len(missing))
         elif len(missing):
             self._row[missing] = len(self._fitted.variance) + np.arange(len(missing))
-            self._fitted = self._fitted.followed_by(fit_patches(self.points, self.tree, missing))
+            self._fitted = self._fitted.joined_with(fit_patches(self.points, self.tree, missing))
         return self._fitted.at(self._row[anchors])
 
 

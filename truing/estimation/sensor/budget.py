@@ -103,7 +103,7 @@ def budget_of_matrix(made: Calibrated) -> tuple[Array, Budget]:
     }
     told = budget(parts)
     more = made.beyond_chance(np.diag(made.by_case.covariance), told.standard**2)
-    return calibration_matrix(made.fit, cov).value, told.beside(made.cases, more).filled()
+    return calibration_matrix(made.fit, cov).value, told.with_source(made.cases, more).filled()
 
 
 def budget_of_loads(made: Calibrated, loads: Array, axes: Index) -> tuple[Array, Budget]:
@@ -127,7 +127,7 @@ def budget_of_loads(made: Calibrated, loads: Array, axes: Index) -> tuple[Array,
     blocks = made.by_case.covariance.reshape(-1, width, len(table.load_names), width)
     by_case = np.einsum("nc,ncd,nd->n", signals, blocks[axes, :, axes], signals)
     more = made.beyond_chance(by_case, told.standard**2 - parts[reading])
-    return found.value[own[:2]], told.beside(made.cases, more).filled()
+    return found.value[own[:2]], told.with_source(made.cases, more).filled()
 
 
 def rms_of_held_out(made: Calibrated) -> tuple[Array, Budget] | None:

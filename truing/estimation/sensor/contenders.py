@@ -40,7 +40,7 @@ ONE_LOADS = "one load after the other"
 
 
 @dataclass(frozen=True)
-class HeldOut:
+class HeldOutPredictions:
     """A model's predictions of loads by fits that have not seen their case, and the fit to all rows.
 
     errors (N, W): predicted less applied, less the case's mean where every case has a zero of its own. squares,
@@ -63,17 +63,17 @@ class HeldOut:
 class CalibrationChoice:
     """Held-out predictions of every contender, which of them is chosen, and why others could not contend, by name."""
 
-    contenders: tuple[HeldOut, ...]
+    contenders: tuple[HeldOutPredictions, ...]
     choice: ContenderChoice
     refused: Mapping[str, str]
 
     @property
-    def chosen(self) -> HeldOut:
+    def chosen(self) -> HeldOutPredictions:
         """Return the contender that is chosen."""
         return self.contenders[self.choice.chosen]
 
 
-def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOut:
+def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOutPredictions:
     """Return the predictions of every load case by a fit to all others.
 
     Raises UndeterminedCalibrationError, naming the case, where the others do not determine the model, and ValueError
@@ -90,10 +90,10 @@ def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOut:
         found = predicted_loads(fit, table.rows(out))
         miss = found.value - table.loads[out]
         spread = _spread(fit, found, table.rows(out))
-        squares[place], freedom[place], density = _judged(miss, spread, model.zero == "case")
+        squares[place], freedom[place], density = _misfit(miss, spread, model.zero == "case")
         log_density += density
         errors[out] = miss - miss.mean(0) if model.zero == "case" else miss
-    return HeldOut(fit_calibration(table, model), errors, squares, freedom, log_density)
+    return HeldOutPredictions(fit_calibration(table, model), errors, squares, freedom, log_density)
 
 
 def covariance_by_case(table: LoadTable, model: CalibrationModel) -> MatrixEstimate:
@@ -145,7 +145,9 @@ def choose_calibration(table: LoadTable, models: Sequence[CalibrationModel]) -> 
     return CalibrationChoice(held, choose_model(contenders), refused)
 
 
-def _contending(table: LoadTable, models: Sequence[CalibrationModel]) -> tuple[tuple[HeldOut, ...], dict[str, str]]:
+def _contending(
+    table: LoadTable, models: Sequence[CalibrationModel]
+) -> tuple[tuple[HeldOutPredictions, ...], dict[str, str]]:
     held, refused = [], {}
     for model in models:
         try:
@@ -208,7 +210,7 @@ def _spread(fit: Calibration, found: Wrenches, table: LoadTable) -> _Spread:
     return _Spread(own, by @ (axes * np.sqrt(np.maximum(strength, 0.0))))
 
 
-def _judged(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, float, float]:
+def _misfit(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, float, float]:
     """Return chi-square, freedom and log density of errors (N, W), a zero being free or not.
 
     A fit with too few rows left over to tell its noise holds most errors for impossible: its density is zero.
@@ -229,7 +231,7 @@ def _judged(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, floa
     return squares, freedom, -0.5 * (squares + log_det + freedom * float(np.log(2 * np.pi)))
 
 
-def _smallest(held: Sequence[HeldOut]) -> NDArray:
+def _smallest(held: Sequence[HeldOutPredictions]) -> NDArray:
     """Return the covariance (W, W) of the errors of the contender whose errors are smallest by volume.
 
     Of those with rows enough to tell their noise: errors of the others lie in a few directions, and have no volume.

@@ -128,7 +128,9 @@ def _determines(rows: NDArray) -> bool:
     return bool(np.all(strength[:, 0] > _LEAST * strength[:, -1]))
 
 
-def judge_loads(loads: NDArray, candidates: NDArray, limits: LoadLimits, *, powers: Powers = "linear") -> LoadDesign:
+def load_efficiency(
+    loads: NDArray, candidates: NDArray, limits: LoadLimits, *, powers: Powers = "linear"
+) -> LoadDesign:
     """Return how good given loads (N, W) are beside the best among candidates (C, W); efficiency 0 where they do not
     determine the calibration."""
     value = sum_log_det(information_of(load_rows(loads, limits, powers=powers)))

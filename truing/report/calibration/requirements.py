@@ -49,7 +49,7 @@ def requirements(tables: Tables) -> ReportSection | None:
     if own["error"].notna().any() and own["requirement"].notna().any():
         words = "An interval that crosses the limit leaves it undecided: more or better poses would decide."
         figures.append((_requirement_bars(own, key), words))
-    listings = [_judged(own, key)]
+    listings = [_requirement_listing(own, key)]
     others = judged.drop(index=own.index)
     if len(others):
         listings.append(_others(others))
@@ -127,7 +127,7 @@ def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
     return own if len(own) else None
 
 
-def _judged(own: pd.DataFrame, key: Key) -> Listing:
+def _requirement_listing(own: pd.DataFrame, key: Key) -> Listing:
     idle = own["verdict"] == "not evaluated"
     if idle.any() and "message" in own:
         remarks: list[tuple[str, ...]] = [(cell(message),) for message in own["message"].where(idle, "")]

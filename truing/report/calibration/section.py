@@ -83,13 +83,13 @@ def _of_chosen(
     if failed:
         missed = ReasonCode.HELD_OUT_MISSED in failed and float(facts.get("heldout_ratio", 0.0)) > BY_A_FACTOR
         code = ReasonCode.HELD_OUT_MISSED if missed else next(iter(failed))
-        said = f"{who[:1].upper()}{who[1:]} fails a test ({failed[code].asked}). {failed[code].says}"
+        said = f"{who[:1].upper()}{who[1:]} fails a test ({failed[code].question}). {failed[code].statement}"
         return _failed(said, code, misfit, facts)
     if all(test.holds is None for test in tests):
         return _calibrated(
-            RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {tests[0].says}"
+            RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {tests[0].statement}"
         )
-    passed = "; ".join(test.asked for test in tests if test.holds)
+    passed = "; ".join(test.question for test in tests if test.holds)
     return _calibrated(RelationState.OK, ReasonCode.FITS, f"{who[:1].upper()}{who[1:]} fits: {passed}.", misfit)
 
 

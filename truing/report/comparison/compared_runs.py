@@ -59,7 +59,7 @@ class RunComparison:
     numbers: pd.DataFrame
     between: tuple[RunTransition, ...]
 
-    def judged(self, step: int) -> pd.DataFrame:
+    def assessed(self, step: int) -> pd.DataFrame:
         """The numbers of the run after a step (0 is from the first run to the second) that were judged."""
         own = self.numbers[self.numbers["place"] == step + 2]
         return own[own["z"].notna() | own["changed"]]
@@ -91,13 +91,13 @@ def unit_of(row: Any, size: float) -> tuple[float, str]:
     return shown_in(row.parameter, row.unit)
 
 
-def told(row: Any) -> str:
+def value_text(row: Any) -> str:
     """A number with its sigma, in the unit that suits it."""
     factor, unit = unit_of(row, max(abs(row.value), row.sigma if row.sigma == row.sigma else 0.0))
     return with_uncertainty(factor * row.value, factor * row.sigma, unit)
 
 
-def told_change(row: Any) -> str:
+def change_text(row: Any) -> str:
     """By how much a number changed: of what changed beyond chance, were the changed ones the only ones."""
     change, sigma = (
         (row.change, row.sigma_change) if row.change == row.change else (row.difference, row.sigma_difference)
@@ -134,12 +134,12 @@ def quality(found: RunComparison) -> ReportSection:
     """How many checks of each verdict, and every check that was not passed in each of the runs."""
     counts = [_counts(run.tables) for run in found.runs]
     totals = [(verdict, *(str(own[verdict]) for own in counts)) for verdict in _ORDER]
-    told: dict[tuple[str, str], dict[int, tuple[str, str]]] = {}
+    checks: dict[tuple[str, str], dict[int, tuple[str, str]]] = {}
     for place, run in enumerate(found.runs):
         qa = filled(run.tables, "qa")
         for r in () if qa is None else qa.itertuples():
-            told.setdefault((r.check, r.subject or ""), {})[place] = _check(r)
-    differing = {key: own for key, own in told.items() if _LOOKED_AT & {verdict for verdict, _ in own.values()}}
+            checks.setdefault((r.check, r.subject or ""), {})[place] = _check(r)
+    differing = {key: own for key, own in checks.items() if _LOOKED_AT & {verdict for verdict, _ in own.values()}}
     rows = [(*key, *(own.get(k, _MISSING)[1] for k in range(len(found.runs)))) for key, own in differing.items()]
     marks = [_mark({verdict for verdict, _ in own.values()}, "fail", "warn", "none") for own in differing.values()]
     labels = tuple(run.label for run in found.runs)
@@ -192,8 +192,8 @@ def accuracy(found: RunComparison) -> ReportSection | None:
     required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in own} for own in judged.values()]
     marks = ["none"] * len(rows) + [_mark(own, "fail", "warn", "pass") for own in required]
     heads = ("", *(run.label for run in found.runs))
-    told = [(name, *(words for _, words in own)) for name, own in judged.items()]
-    listing = Listing(heads, (*rows, *told), tuple(marks))
+    chosen = [(name, *(words for _, words in own)) for name, own in judged.items()]
+    listing = Listing(heads, (*rows, *chosen), tuple(marks))
     lead = "By the calibration that each run recommends; a requirement is shown with what 95 of 100 poses stay below."
     return ReportSection("accuracy", "Accuracy and requirements side by side", lead, listings=(listing,))
 
@@ -231,8 +231,8 @@ def error_classes(found: RunComparison) -> ReportSection | None:
 
 
 def _worst(table: pd.DataFrame) -> dict[tuple[str, str], str]:
-    told = table.dropna(subset=["value"])
-    largest = told.loc[told.groupby(["error_class", "load"], sort=False)["value"].idxmax()]
+    sized = table.dropna(subset=["value"])
+    largest = sized.loc[sized.groupby(["error_class", "load"], sort=False)["value"].idxmax()]
     return {
         (r.error_class, r.load): with_uncertainty(r.value, r.sigma, sign(r.unit))
         + (f" in {r.indicated}" if r.indicated != r.load else "")

@@ -13,13 +13,13 @@ from truing.report.comparison.compared_runs import (
     RunComparison,
     accuracy,
     called,
+    change_text,
     error_classes,
     quality,
     quality_words,
     requirement_words,
-    told,
-    told_change,
     unit_of,
+    value_text,
 )
 from truing.report.diagnosis.pulls import pull_figure
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, common_look, label, style
@@ -57,7 +57,7 @@ def comparison_head(found: RunComparison) -> PageHead:
     steps = range(len(found.between))
     said = [*_change_verdicts(found), *(effect for step in steps for effect in _effect_verdicts(found, step))]
     said += [*requirement_words(found), *quality_words(found)]
-    judged = sum(len(found.judged(step)) for step in steps)
+    judged = sum(len(found.assessed(step)) for step in steps)
     changed = int(found.numbers["changed"].sum())
     tiles = (("runs", str(len(found.runs))), ("numbers compared", f"{judged:,}"), ("changed", str(changed)))
     title = " → ".join(run.label for run in found.runs) if len(found.runs) < 4 else f"{len(found.runs)} runs"
@@ -68,10 +68,10 @@ def _change_verdicts(found: RunComparison) -> list[Verdict]:
     """What changed, step by step; one sentence where nothing did."""
     steps = range(len(found.between))
     loud = [("found", _step_words(found, step)) for step in steps if has_changed(found, step)]
-    still = [step for step in steps if not has_changed(found, step) and len(found.judged(step))]
+    still = [step for step in steps if not has_changed(found, step) and len(found.assessed(step))]
     said = loud
     if still:
-        judged = [len(found.judged(step)) for step in still]
+        judged = [len(found.assessed(step)) for step in still]
         numbers = count(judged[0], "number") if len(set(judged)) == 1 else f"{min(judged)} to {max(judged)} numbers"
         where = f" ({', '.join(map(found.pair, still))})" if loud or len(still) < len(steps) else ""
         said = [*loud, ("pass", f"Nothing has changed beyond chance{where}: {numbers} compared from run to run.")]
@@ -82,18 +82,18 @@ def _change_verdicts(found: RunComparison) -> list[Verdict]:
 
 def _why_words(found: RunComparison, step: int) -> str:
     """Why numbers of a step were not judged."""
-    what = "some numbers were not judged" if len(found.judged(step)) else "no number was judged"
+    what = "some numbers were not judged" if len(found.assessed(step)) else "no number was judged"
     return f"{what}: {'; '.join(found.between[step].why)}."
 
 
 def has_changed(found: RunComparison, step: int) -> bool:
     """Whether anything changed from a run to the next."""
-    return found.between[step].rebuilt or bool(found.judged(step)["changed"].any())
+    return found.between[step].rebuilt or bool(found.assessed(step)["changed"].any())
 
 
 def _step_words(found: RunComparison, step: int) -> str:
     """Which numbers changed beyond chance, and by how much."""
-    judged = found.judged(step)
+    judged = found.assessed(step)
     changed = _largest_first(judged[judged["changed"]])
     if found.between[step].rebuilt:
         more = f" Beyond chance by themselves: {_named(changed)}." if len(changed) else ""
@@ -108,7 +108,7 @@ def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
 
 
 def _named(changed: pd.DataFrame) -> str:
-    most = "; ".join(f"{called(r)} by {told_change(r)}{_instead(r)}" for r in changed.head(_NAMED).itertuples())
+    most = "; ".join(f"{called(r)} by {change_text(r)}{_instead(r)}" for r in changed.head(_NAMED).itertuples())
     return most + (f"; and {len(changed) - _NAMED} more" if len(changed) > _NAMED else "")
 
 
@@ -147,15 +147,17 @@ def comparison_sections(found: RunComparison) -> list[ReportSection]:
 def _changes(found: RunComparison) -> ReportSection:
     steps = range(len(found.between))
     lead = f"Each run against the one before, {_JUDGED[_is_mechanism(found)]}. {_RATE}"
-    rows = [(step, r) for step in steps for r in found.judged(step).itertuples() if r.changed]
+    rows = [(step, r) for step in steps for r in found.assessed(step).itertuples() if r.changed]
     listing = Listing(
         ("from, to", "number", "changed by", "in sigma", "or instead", "value now"),
-        tuple((found.pair(step), called(r), told_change(r), _jump(r), cell(r.instead), told(r)) for step, r in rows),
+        tuple(
+            (found.pair(step), called(r), change_text(r), _jump(r), cell(r.instead), value_text(r)) for step, r in rows
+        ),
         ("fail",) * len(rows),
         "What changed: the fewest numbers whose changes explain all differences" if _is_mechanism(found) else "",
         held_by=_HELD_BY,
     )
-    judged = any(len(found.judged(step)) for step in steps)
+    judged = any(len(found.assessed(step)) for step in steps)
     changed = any(has_changed(found, step) for step in steps)
     state = "changed" if changed else "pass" if judged else "not evaluated"
     said = tuple((_mark(found, step), _step(found, step)) for step in steps)
@@ -172,7 +174,7 @@ def _pulls(found: RunComparison) -> Iterator[tuple[object, str]]:
     """Of each step of a mechanism in which something changed: every number in standard deviations, and the changes."""
     for step in range(len(found.between)):
         if has_changed(found, step) and _is_mechanism(found):
-            judged = found.judged(step)
+            judged = found.assessed(step)
             jumps = judged.assign(jump=judged["change"] / judged["sigma_change"])
             title = label(f"{found.pair(step)}, in standard deviations")
             caption = "Numbers that are told only together may change without leaving the band each by itself."
@@ -181,17 +183,17 @@ def _pulls(found: RunComparison) -> Iterator[tuple[object, str]]:
 
 
 def _mark(found: RunComparison, step: int) -> str:
-    return "found" if has_changed(found, step) else "pass" if len(found.judged(step)) else "none"
+    return "found" if has_changed(found, step) else "pass" if len(found.assessed(step)) else "none"
 
 
 def _step(found: RunComparison, step: int) -> str:
-    if not len(found.judged(step)):
+    if not len(found.assessed(step)):
         return f"{found.pair(step)}: {_why_words(found, step)}"
     own = found.numbers[found.numbers["place"] == step + 2]
     words = (
         _step_words(found, step)
         if has_changed(found, step)
-        else f"{found.pair(step)}: none of {count(len(found.judged(step)), 'number')} changed."
+        else f"{found.pair(step)}: none of {count(len(found.assessed(step)), 'number')} changed."
     )
     left = own[own["z"].isna() & ~own["changed"]]
     reasons = "; ".join(f"{n} {why}" for why, n in left["reason"].value_counts().items())
@@ -237,7 +239,7 @@ def _numbers(found: RunComparison) -> ReportSection | None:
     for _, own in found.numbers.groupby(keys, sort=False, dropna=False):
         by_place = {r.place: r for r in own.itertuples()}
         first = next(iter(by_place.values()))
-        cells = [told(by_place[k]) if k in by_place else "–" for k in range(1, len(found.runs) + 1)]
+        cells = [value_text(by_place[k]) if k in by_place else "–" for k in range(1, len(found.runs) + 1)]
         rows.append((called(first), *cells, _largest(own), _reasons(own)))
         marks.append("fail" if own["changed"].any() else "")
     heads = ("number", *(run.label for run in found.runs), "largest z", "left out")
@@ -285,7 +287,7 @@ def _caption(changed: pd.DataFrame) -> str:
     for r in changed.itertuples():
         together = cell(r.instead)
         why = f": told only together with {together}, so that the change is surer than its bar" if together else ""
-        said.append(f"{called(r)} changed by {told_change(r)}{why}.")
+        said.append(f"{called(r)} changed by {change_text(r)}{why}.")
     return f"Ringed: {' '.join(said)}" if said else ""
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.findings import subject_words
-from truing.report.diagnosis.judged import accepted_of, judged
+from truing.report.diagnosis.judged import accepted_of, assessed_causes
 from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, missed_by
 from truing.report.numbers import count, p_value, rough, sign
 from truing.report.page import Listing, ReportSection
@@ -65,7 +65,7 @@ def _untested(rows: list[Any], why: str, words: str) -> str:
 
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Whether the last model holds as a whole, and leaves what noise leaves; None where nothing was diagnosed."""
-    rows = judged(tables)
+    rows = assessed_causes(tables)
     if not rows:
         return None
     found = [row for row in accepted_of(rows) if not row.is_noise]

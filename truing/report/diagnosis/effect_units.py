@@ -57,7 +57,7 @@ def handy_unit(parameter: str, unit: str, size: float) -> tuple[float, str]:
     return _OTHERS.get(unit, (1.0, unit))
 
 
-def told_size(parameter: str, value: object, sigma: float | None, unit: str) -> str:
+def size_text(parameter: str, value: object, sigma: float | None, unit: str) -> str:
     """``13.2 ± 0.4 um/mm``: a parameter in its handy unit; text and counts as they are."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return "" if value is None else str(value)

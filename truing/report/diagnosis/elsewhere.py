@@ -33,7 +33,7 @@ def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
     if unknown := [row.name for row in rows if row.left_out_by == NONE]:
         said.append(
             "The campaign has no three series, runs, days or regions that could be left out as a whole, and "
-            f"{of.whole}s drawn from among the others cannot tell whether {listed(unknown)} holds elsewhere. "
+            f"{of.single}s drawn from among the others cannot tell whether {listed(unknown)} holds elsewhere. "
             f"{_to_measure(of)}"
         )
     return said
@@ -42,7 +42,7 @@ def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
 def _of_blocks(row: AssessedCause, of: PartNames) -> str:
     """What a finding does to blocks that are predicted from the others."""
     gain = row.left_out_gain or 0.0
-    parts = f"each of the {row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.whole])} that tell of it"
+    parts = f"each of the {row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.single])} that tell of it"
     if abs(gain) < math.log(EQUAL_ODDS):
         return f"With {parts} left out in turn, the others do not tell whether {row.name} holds there ({_odds(gain)})."
     more = "more" if gain > 0.0 else "less"
@@ -61,6 +61,6 @@ def _to_measure(of: PartNames) -> str:
     if of is READINGS:
         return "To tell, apply the loads in three runs or more, or in four ranges of loads, at least four steps each."
     return (
-        f"To tell, measure at least four {of.whole}s on each of three days, or in each quarter of the workspace; those "
-        "under What to measure next serve."
+        f"To tell, measure at least four {of.single}s on each of three days, or in each quarter of the workspace; "
+        "those under What to measure next serve."
     )

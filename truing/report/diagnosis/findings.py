@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from truing.report.diagnosis.effect_units import plain_size, told_size
+from truing.report.diagnosis.effect_units import plain_size, size_text
 from truing.report.numbers import plain, two_decimals, with_uncertainty
 
 UNNAMED = ", and no cause of the catalogue explains it"
@@ -222,7 +222,7 @@ def _significance(value: Mapping[str, Any]) -> float:
 
 
 def _size(name: str, value: Mapping[str, Any]) -> str:
-    return f"{name} = {told_size(name, value['value'], value.get('sigma'), value.get('unit') or '')}"
+    return f"{name} = {size_text(name, value['value'], value.get('sigma'), value.get('unit') or '')}"
 
 
 def scatter_explanation(clause: str, p_value: float, doubt: str = "") -> str:

@@ -90,7 +90,7 @@ def _lead(missed: list[_Missed], of: PartNames, rows: list[AssessedCause]) -> st
         return "Nothing says how far predictions miss."
     said = [_of_role(one) for one in missed]
     if not any(row.held_out[0] is not None for row in rows):
-        said.append(f"No {of.whole} was held out, so nothing here was predicted before it was seen.")
+        said.append(f"No {of.single} was held out, so nothing here was predicted before it was seen.")
     return " ".join(said)
 
 
@@ -183,7 +183,7 @@ def _plain(tables: Tables) -> Drawn:
     if errors is None:
         return []
     words = "The same measurement by calibrations that know no cause but a deforming platform, geometry fitted to each."
-    return [(_beside_calibrations(errors), words)]
+    return [(_errors_of_calibrations(errors), words)]
 
 
 def _calibrations(tables: Tables) -> Listing:
@@ -288,7 +288,7 @@ def _joins(places: np.ndarray, table: pd.DataFrame) -> go.Scatter:
     return go.Scatter(x=x, y=y, mode="lines", line=line, opacity=0.4, hoverinfo="skip", showlegend=False)
 
 
-def _beside_calibrations(errors: pd.DataFrame) -> go.Figure:
+def _errors_of_calibrations(errors: pd.DataFrame) -> go.Figure:
     """Rms error of position of each calibration (column ``called``), fitted and held-out poses apart."""
     roles = errors["role"].replace("reference", "calibration")
     squares = errors["position_error_um"].astype(float) ** 2

@@ -71,12 +71,12 @@ class AssessedCause(Claim):
         return f"{kind}, {subject_words(self.subject)}" if self.subject else kind
 
 
-def judged(tables: Tables) -> list[AssessedCause]:
+def assessed_causes(tables: Tables) -> list[AssessedCause]:
     """All candidates by rank; none where the diagnosis was not evaluated."""
     table = filled(tables, "diagnosis")
     if table is None:
         return []
-    return [_judged(row) for row in table.sort_values("rank").to_dict("records")]
+    return [_assessed_cause(row) for row in table.sort_values("rank").to_dict("records")]
 
 
 def accepted_of(rows: list[AssessedCause]) -> list[AssessedCause]:
@@ -84,7 +84,7 @@ def accepted_of(rows: list[AssessedCause]) -> list[AssessedCause]:
     return [row for row in rows if row.verdict in (FOUND, SUSPECTED)]
 
 
-def _judged(row: Mapping[Any, Any]) -> AssessedCause:
+def _assessed_cause(row: Mapping[Any, Any]) -> AssessedCause:
     return AssessedCause(
         rank=int(row["rank"]),
         cause=str(row["cause"]),

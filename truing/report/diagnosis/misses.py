@@ -35,7 +35,7 @@ class PartNames:
     ``built``: what has a tolerance, with the question whether it keeps that, and the answer that it does.
     """
 
-    whole: str
+    single: str
     fitted: str
     held_out: str
     held_out_errors: str

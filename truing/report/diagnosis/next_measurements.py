@@ -39,17 +39,19 @@ _SERVED = {
 _CAPTION = "Not testable here, and what would show it"
 
 
-def following(rows: list[AssessedCause], tables: Tables) -> ReportSection:
+def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     """What is asked for, by need, and a table of configurations or runs for each purpose that was computed."""
     steps = next_steps(rows, tables)
-    asked = tuple(("next", f"{_upper(step.purpose)}: {step.said}") for step in steps if step.need != Need.TESTABLE)
+    asked = tuple(
+        ("next", f"{_upper(step.purpose)}: {step.short_text}") for step in steps if step.need != Need.TESTABLE
+    )
     untested = tuple((step.purpose, step.words) for step in steps if step.need == Need.TESTABLE)
     listings = _computed(tables)
     if untested:
         listings += (Listing(("cause", "what to measure"), untested, (), _CAPTION, True, "next_measurements.parquet"),)
     lead = _lead(steps, tables)
     state = "" if listings or (asked and compared(tables) is READINGS) else "not evaluated"
-    return ReportSection("next", _TITLE, lead, listings=listings, said=asked, state=state)
+    return ReportSection("next", _TITLE, lead, listings=listings, statements=asked, state=state)
 
 
 def _lead(steps: list[NextStep], tables: Tables) -> str:

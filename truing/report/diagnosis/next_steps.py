@@ -11,7 +11,7 @@ import pandas as pd
 
 from truing.report.calibration.requirements import chosen_requirements, interval_words
 from truing.report.diagnosis.judged import NOT_TESTABLE, RIVAL, SUSPECTED, AssessedCause, accepted_of
-from truing.report.diagnosis.shortcomings import measurements_to_tell
+from truing.report.diagnosis.shortcomings import decisive_measurements
 from truing.report.numbers import about, count, printed
 from truing.report.section_verdict import verdict_rows
 from truing.report.tables import Tables, cell, filled
@@ -43,14 +43,14 @@ class NextStep:
     unit: str = ""
 
     @property
-    def said(self) -> str:
+    def short_text(self) -> str:
         """The shortest words."""
         return self.short or self.words
 
 
 def next_steps(rows: list[AssessedCause], tables: Tables) -> list[NextStep]:
     """Return all that could be measured next, the most urgent need first."""
-    told = [NextStep(Need.RIVAL, *both) for both in measurements_to_tell(rows, tables)]
+    told = [NextStep(Need.RIVAL, *both) for both in decisive_measurements(rows, tables)]
     steps = [*_requirements(tables), *told, *_findings(rows, tables), *_untested(rows)]
     once = {(step.need, step.words): step for step in steps}
     return sorted(once.values(), key=lambda step: step.need.rank)

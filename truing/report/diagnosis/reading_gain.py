@@ -14,7 +14,7 @@ from truing.report.diagnosis.misses import READINGS, channels_of, rms_with_inter
 from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, style
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing
-from truing.report.tables import LOAD_UNITS, SEVERAL, axes_of, goes_back, loaded_by_run
+from truing.report.tables import LOAD_UNITS, SEVERAL, axes_of, is_unloading, loaded_by_run
 
 _HEADS = (
     *("channel", "runs", "readings", "noise alone leaves"),
@@ -123,7 +123,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
         own = _under(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
             for back, symbol in ((False, "triangle-up"), (True, "triangle-down")):
-                part = own[goes_back(own, axis) == back]
+                part = own[is_unloading(own, axis) == back]
                 figure.add_trace(
                     go.Scatter(
                         x=part[axis],
@@ -211,7 +211,7 @@ def _unit(misses: pd.DataFrame, channel: str) -> str:
 
 def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     """Channel and load axis of what is missed most beside the noise."""
-    sizes = {(c, a): _telling(_under(misses, c, a), a) for c in channels_of(misses) for a in axes_of(misses)}
+    sizes = {(c, a): _channel_misfit(_under(misses, c, a), a) for c in channels_of(misses) for a in axes_of(misses)}
     known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
     telling = [key for key in known if sizes[key] > _TELLING]
     return (telling if len(telling) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
@@ -239,7 +239,7 @@ def _first_of_runs(own: pd.DataFrame) -> NDArray[np.int64]:
     return np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
 
 
-def _telling(own: pd.DataFrame, axis: str) -> float:
+def _channel_misfit(own: pd.DataFrame, axis: str) -> float:
     """How far a channel is missed beside the noise; of loads at once what goes with this one."""
     size = _over_noise(own, "before")
     if not (loaded_by_run(own) == SEVERAL).any():

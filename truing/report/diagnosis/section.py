@@ -14,14 +14,14 @@ from truing.report.absorption import absorbed_by, swallowed
 from truing.report.calibration.calibrations import shown_calibration
 from truing.report.deformation_section import coefficient_map
 from truing.report.diagnosis.adequacy import adequacy
-from truing.report.diagnosis.effect_units import handy_unit, stem, told_size
+from truing.report.diagnosis.effect_units import handy_unit, size_text, stem
 from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.findings import DOUBTS
 from truing.report.diagnosis.gain import gained
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import RIVAL, SUSPECTED, AssessedCause, accepted_of, judged
-from truing.report.diagnosis.next_measurements import following
+from truing.report.diagnosis.judged import RIVAL, SUSPECTED, AssessedCause, accepted_of, assessed_causes
+from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.unwritten_loads import unwritten_loads
 from truing.report.diagnosis.words import certainty, counted, lower
@@ -43,7 +43,7 @@ def diagnosis(tables: Tables) -> ReportSection | None:
     """What was found and how sure, the evidence, the gain, the geometry, what stays hidden, and what to do next."""
     if "diagnosis" not in tables:
         return None
-    rows = judged(tables)
+    rows = assessed_causes(tables)
     if not rows:
         why = why_no_diagnosis(tables)
         return ReportSection("diagnosis", _TITLE, why[:1].upper() + why[1:])
@@ -53,7 +53,7 @@ def diagnosis(tables: Tables) -> ReportSection | None:
     told += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
     listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
     parts = tuple(part for part in (adequacy(tables), *_parts(rows, found, tables)) if part is not None)
-    return ReportSection("diagnosis", _TITLE, counted(rows, tables), (), listings, said=tuple(told), parts=parts)
+    return ReportSection("diagnosis", _TITLE, counted(rows, tables), (), listings, statements=tuple(told), parts=parts)
 
 
 def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[ReportSection | None]:
@@ -65,7 +65,7 @@ def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables
         _swallowed(tables) if any(row.cause.startswith("platform-deformation") for row in found) else None,
         unwritten_loads(rows, tables),
         hidden(rows, tables),
-        following(rows, tables),
+        requested_measurements(rows, tables),
         changes(tables),
     ]
 
@@ -192,7 +192,7 @@ def _parameters(row: AssessedCause) -> Listing:
 
 
 def _cells(size: ParameterSize) -> tuple[str, str, str]:
-    told = printed(told_size(size.name, size.value, size.sigma, size.unit))
+    told = printed(size_text(size.name, size.value, size.sigma, size.unit))
     number = with_uncertainty(size.number, size.sigma) if size.number is not None else _text(size.value)
     return told, number, sign(size.unit)
 

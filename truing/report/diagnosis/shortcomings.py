@@ -55,7 +55,7 @@ _LOOKS_BACK = re.compile(
 )
 
 
-def measurements_to_tell(rows: list[AssessedCause], tables: Tables) -> Iterator[tuple[str, str]]:
+def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator[tuple[str, str]]:
     """Yield by what the final model falls short, and what would tell why, the worst first; nothing where it holds."""
     table, verdict = filled(tables, "adequacy"), verdict_rows(with_verdict(tables)).get("adequacy")
     if table is None or verdict is None or not rows:
@@ -66,7 +66,7 @@ def measurements_to_tell(rows: list[AssessedCause], tables: Tables) -> Iterator[
     if any(row.is_noise and row.verdict in (FOUND, SUSPECTED) for row in rows):  # which asks for repeats itself
         failed = failed[failed["test"] != _NOISE]
     for row in failed.itertuples():
-        told.setdefault(_telling(row, epochs), shortcoming_words(row))
+        told.setdefault(_decisive_measurement(row, epochs), shortcoming_words(row))
     if not (table["state"] == "fails").any() and verdict.reason_code in _OF_VERDICT:
         why, then = _OF_VERDICT[verdict.reason_code]
         told[f"{epochs[2]} {then}"] = why
@@ -74,7 +74,7 @@ def measurements_to_tell(rows: list[AssessedCause], tables: Tables) -> Iterator[
         yield why, words
 
 
-def _telling(row: Any, epochs: tuple[str, str, str, str]) -> str:
+def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
     """What tells why one test of the final model fails."""
     _, several, again, anew = epochs
     if row.test == CAUSES_LEFT:

@@ -46,7 +46,7 @@ def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
 
 def _acted(rows: list[AssessedCause], tables: Tables) -> str:
     steps = load_steps(tables)
-    return "; beside ".join(beside for row in accepted_of(rows) for beside in _beside(row, steps))
+    return "; beside ".join(beside for row in accepted_of(rows) for beside in _other_load_text(row, steps))
 
 
 def _taken_in(tables: Tables) -> bool:
@@ -55,7 +55,7 @@ def _taken_in(tables: Tables) -> bool:
     return choice is not None and bool((choice["figure"] == "loads_as_diagnosed").any())
 
 
-def _beside(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
+def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
     """``the z load up to 108 N·m about y and 72 N·m about x``; nothing of other causes, or of all loads in common."""
     axis = re.fullmatch(r"load ([fm][xyz])", row.subject)
     if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:

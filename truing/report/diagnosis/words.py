@@ -10,7 +10,15 @@ from truing.belonging.relation import RelationState
 from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
-from truing.report.diagnosis.judged import NOT_TESTABLE, REJECTED, RIVAL, SUSPECTED, AssessedCause, accepted_of, judged
+from truing.report.diagnosis.judged import (
+    NOT_TESTABLE,
+    REJECTED,
+    RIVAL,
+    SUSPECTED,
+    AssessedCause,
+    accepted_of,
+    assessed_causes,
+)
 from truing.report.diagnosis.next_steps import next_steps
 from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.numbers import count, printed, rough
@@ -44,7 +52,7 @@ _ASKED = (
 
 def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """What the search for causes came to: found, suspected, nothing with what was tested, or not tested."""
-    rows = judged(tables)
+    rows = assessed_causes(tables)
     if not rows:
         apart = "belonging" in before and before["belonging"].state == RelationState.FAILS
         code = ReasonCode.WITHHELD if apart else ReasonCode.NOT_EVALUATED
@@ -76,7 +84,7 @@ def _diagnosed(state: RelationState, code: ReasonCode, said: str, causes: int | 
 
 def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """That no simulation was tested, where none relates what was recorded; None where one does, or is not known."""
-    relations = {row.relation for row in judged(tables)} - {""}
+    relations = {row.relation for row in assessed_causes(tables)} - {""}
     if not relations or any(Relation(name).is_simulated for name in relations):
         return None
     recorded = recorded_readings(tables)
@@ -85,7 +93,7 @@ def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Secti
         return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_READINGS, said)
     names = listed_shortly(recorded)
     said = f"Whether the machine moves as its readings say was not tested: no [mechanism] relates {names} to the "
-    said += f"measured poses. {_bodies_words(judged(tables))}"
+    said += f"measured poses. {_bodies_words(assessed_causes(tables))}"
     return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_MECHANISM, said)
 
 
@@ -96,7 +104,7 @@ def _bodies_words(rows: list[AssessedCause]) -> str:
 
 def diagnosis_details(tables: Tables) -> list[Verdict]:
     """What stands behind the diagnosis at the head of the page: rivals, loads that nobody wrote down, what to do."""
-    rows = judged(tables)
+    rows = assessed_causes(tables)
     found = accepted_of(rows)
     if not rows:
         return []
@@ -110,16 +118,16 @@ def _found_words(found: list[AssessedCause], tables: Tables) -> str:
     brings = gain(found, tables)
     sure = [row for row in [*effects, *noise] if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
-    said = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _further(sure)] if sure else []
+    said = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _more_findings(sure)] if sure else []
     if doubted:
         names = "; ".join(lower(clause(row, tables)) for row in doubted[:_TOLD])
-        said.append(f"Suspected, not found: {names}{_further(doubted)}")
+        said.append(f"Suspected, not found: {names}{_more_findings(doubted)}")
     modelling = "modelling it" if len(effects) == 1 else f"modelling {'both' if len(effects) == 2 else 'all of it'}"
     told = ". ".join(said)
     return f"{told}; {modelling} {brings}." if brings else f"{told}."
 
 
-def _further(rows: list[AssessedCause]) -> str:
+def _more_findings(rows: list[AssessedCause]) -> str:
     more = len(rows) - _TOLD
     return f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""
 
@@ -219,7 +227,7 @@ def _next(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
     if not steps:
         return []
     first, where = steps[0], " The table is under What to measure next." if steps[0].short else ""
-    return [("next", f"Next: {lower(first.said)}{where}")]
+    return [("next", f"Next: {lower(first.short_text)}{where}")]
 
 
 def certainty(row: AssessedCause) -> str:

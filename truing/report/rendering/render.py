@@ -38,7 +38,7 @@ class _Figure:
     caption: str
     title: str
     subtitle: str
-    spoken: str  # what it shows, for those who do not see it
+    description: str  # what it shows, for those who do not see it
     height_px: int
     data: str  # JSON, safe in a script element
     step_of: str  # what is chosen by its slider: "pose"

@@ -36,7 +36,7 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
     motion = _motions(tables, [body, *legs["body"].unique()], poses)
     place, shift = _points(own, residuals, poses)
     theirs, their_shift = _points(legs, tables["residuals"], poses)
-    _seen_from(theirs, their_shift, legs, body, motion)
+    _in_frame_of(theirs, their_shift, legs, body, motion)
     whole, targets = np.concatenate([place, theirs], axis=1), _both(own, legs)
     moved = np.concatenate([shift, their_shift], axis=1)
     numbers, lower, upper = _joints(tables, body, motion, len(poses))
@@ -54,7 +54,7 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
         legs=numbers,
         lower=lower,
         upper=upper,
-        said=_said(tables, poses, numbers),
+        captions=_pose_captions(tables, poses, numbers),
     )
 
 
@@ -116,7 +116,7 @@ def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
     return found
 
 
-def _seen_from(
+def _in_frame_of(
     places: NDArray[np.float64], shifts: NDArray[np.float64], targets: pd.DataFrame, body: str, motion: _Motions
 ) -> None:
     """Put places and shifts (S, N, 3) of other bodies' targets into the frame of this one."""
@@ -188,7 +188,7 @@ def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[n
     return np.sqrt(seen**2 + np.nan_to_num(placed) ** 2)
 
 
-def _said(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
+def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
     """Per pose and leg: how far its attachment shifts and its actuator moves."""
     shifts = filled(tables, "deformation")
     if shifts is None or not legs:
@@ -242,7 +242,7 @@ def load_scene(tables: Tables) -> DrawnScene | None:
         lower=np.broadcast_to(lower, place.shape),
         upper=place,
         arrow=_arrows(known, float(np.ptp(upper, axis=0).max())),
-        said=_said_of_loads(place, shift, np.broadcast_to(along, place.shape), covariance, numbers),
+        captions=_load_captions(place, shift, np.broadcast_to(along, place.shape), covariance, numbers),
         all_legs=True,
         ringed="upper joint",
     )
@@ -293,7 +293,7 @@ def _words_of_loads(
     )
 
 
-def _said_of_loads(
+def _load_captions(
     place: NDArray[np.float64],
     shift: NDArray[np.float64],
     along: NDArray[np.float64],

@@ -41,7 +41,7 @@ class DrawnScene:
     lower: NDArray[np.float64] | None = None
     upper: NDArray[np.float64] | None = None
     arrow: NDArray[np.float64] | None = None
-    said: tuple[tuple[str, ...], ...] = ()
+    captions: tuple[tuple[str, ...], ...] = ()
     all_legs: bool = False  # legs are drawn also where none is chosen
     ringed: str = "target at an attachment"  # what the points in the ring are
 
@@ -159,7 +159,7 @@ def held(scene: DrawnScene) -> dict[str, Any]:
         "legs": list(scene.legs),
         "joints": [_listed(_joints(scene, step)) for step in range(len(scene.labels))],
         "arrow": [] if scene.arrow is None else _listed(scene.arrow),
-        "said": [list(said) for said in scene.said],
+        "said": [list(said) for said in scene.captions],
         "allLegs": scene.all_legs,
         "scale": round_gain(scene.extent / 10.0),
         "colours": {"chosen": RED, "other": "rgba(122,122,122,0.5)"},

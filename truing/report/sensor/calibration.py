@@ -71,15 +71,15 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     tests = _tests(choice) if filled(tables, "sensor_matrix") is not None else []
     evaluated = [test for test in tests if test.holds is not None]
     if choice is None or not evaluated:
-        why = tests[0].says if tests else _why(tables)
+        why = tests[0].statement if tests else _why(tables)
         said = f"Calibration not tested: {why}"
         return SectionVerdict("calibration", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
     chosen = _chosen(choice)
     failed = [test for test in evaluated if not test.holds]
     if not failed:
-        said = f"The calibration {chosen} fits: {'; '.join(test.asked for test in evaluated)}."
+        said = f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}."
         return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, said)
-    said = f"The calibration {chosen} fails a test ({failed[0].asked}). {failed[0].says}"
+    said = f"The calibration {chosen} fails a test ({failed[0].question}). {failed[0].statement}"
     own = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
     ratio = max(filter(None, (_ratio(own, what) for what in ("heldout", "verification"))))
     state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION

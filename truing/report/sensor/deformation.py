@@ -56,7 +56,7 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     tests = _tests(tables)
     evaluated = [test for test in tests if test.holds is not None]
     if not evaluated:
-        return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, tests[0].says)
+        return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, tests[0].statement)
     failed = [test for test in evaluated if not test.holds]
     first = (failed or evaluated)[0]
     said = _lead(tables, compliance)

@@ -43,7 +43,7 @@ def positioning(tables: Tables) -> ReportSection | None:
     shown = tuple(listing for listing in listings if listing.rows)
     drawn = tuple((deviations(own), _CAPTION) for own in _few_runs(targets))
     said = tuple(("fail", why) for why in withheld)
-    return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, said=said)
+    return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, statements=said)
 
 
 def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:

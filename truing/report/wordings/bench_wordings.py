@@ -5,7 +5,17 @@ from __future__ import annotations
 import re
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.wordings.claim import Claim, ParameterSize, Wording, largest, listed, only, positive, sure_of, told
+from truing.report.wordings.claim import (
+    Claim,
+    ParameterSize,
+    Wording,
+    largest,
+    listed,
+    only,
+    positive,
+    size_in_words,
+    sure_of,
+)
 
 _ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
 _ALL_CHANNELS = "all linear channels"
@@ -61,7 +71,7 @@ def _where(claim: Claim, otherwise: str) -> str:
 
 def _towards(size: ParameterSize) -> str:
     """``12.0 ± 0.1 mm towards +x``."""
-    return f"{told(positive(size))} towards {_direction(size)}"
+    return f"{size_in_words(positive(size))} towards {_direction(size)}"
 
 
 def _all_towards(sizes: list[ParameterSize]) -> str:
@@ -78,7 +88,7 @@ def _eccentric(claim: Claim) -> str:
         return f"{load_words(axis)} brings a force along{': ' if sizes else ''}{_all_towards(sizes)}"
     who, verb = (load_words(axis), "acts") if axis else ("the forces", "act")
     if len(sizes) == 1:
-        return f"{who} {verb} {told(positive(sizes[0]))} beside the origin, towards {_direction(sizes[0])}"
+        return f"{who} {verb} {size_in_words(positive(sizes[0]))} beside the origin, towards {_direction(sizes[0])}"
     return f"{who} {verb} beside the origin{': ' if sizes else ''}{_all_towards(sizes)}"
 
 
@@ -102,7 +112,7 @@ def _imbalance(claim: Claim) -> str:
         return f"the units that drive {who} are out of balance"
     what, component = shown.name.split("_")[:2]
     brought = f"a parasitic {what} {'about' if what == 'moment' else 'along'} {component}"
-    size = told(positive(shown))
+    size = size_in_words(positive(shown))
     if shown.name.endswith("_growth"):
         return f"{who} brings {brought} that grows out of proportion, by {size} at the largest load"
     if shown.name.endswith("_asymmetry"):
@@ -162,7 +172,8 @@ def _drag(claim: Claim) -> str:
         return f"the deflection {_under_loads(claim)} drags behind the load, without load too"
     turns, threshold = "", claim.size("threshold")
     if threshold is not None and threshold.number:
-        turns = f", and turns round over {told(ParameterSize('width', 2.0 * threshold.number, None, '1'))} of the range"
+        width = size_in_words(ParameterSize("width", 2.0 * threshold.number, None, "1"))
+        turns = f", and turns round over {width} of the range"
     return (
         f"the deflection {_under_loads(claim)} drags behind the load by {size} of its largest, without load too{turns}"
     )
@@ -182,7 +193,7 @@ def _through_zero(claim: Claim) -> str:
 def _creep(claim: Claim) -> str:
     size, more = only(claim, "fraction")
     tau = claim.size("tau")
-    pace = f", with a time constant of {told(tau)}" if tau is not None else ""
+    pace = f", with a time constant of {size_in_words(tau)}" if tau is not None else ""
     of = f", by {size} of its deflection" if size else ""
     return f"the sensor {'creeps on' if more else 'creeps back'} under {_loads(claim)}{of}{pace}"
 
@@ -198,7 +209,7 @@ def _unloaded(claim: Claim) -> str:
 
 
 def _warm(claim: Claim) -> str:
-    each = [f"{_OF_COLUMN[s.name][1]} by {told(s)}" for s in claim.sizes if s.name in _OF_COLUMN]
+    each = [f"{_OF_COLUMN[s.name][1]} by {size_in_words(s)}" for s in claim.sizes if s.name in _OF_COLUMN]
     columns = claim.fact("columns") or ()
     plain = [words for column, words in _OF_COLUMN.values() if column in columns]
     return f"{_where(claim, 'every linear channel')} follows {' and '.join(each or plain) or 'the temperature'}"
@@ -211,7 +222,9 @@ def _warm_room(claim: Claim) -> str:
 def _tilted(claim: Claim) -> str:
     size, _ = only(claim, "angle")
     tilts = sure_of(tuple(one for one in claim.sizes if one.name.startswith("tilt_")))
-    towards = f": {' and '.join(f'{told(positive(one))} towards {_way(one)}' for one in tilts)}" if tilts else ""
+    towards = (
+        f": {' and '.join(f'{size_in_words(positive(one))} towards {_way(one)}' for one in tilts)}" if tilts else ""
+    )
     return f"the beam of {_where(claim, 'a channel')} stands{f' {size}' if size else ''} off its axis{towards}"
 
 
@@ -236,7 +249,7 @@ def _shift_beam(claim: Claim) -> str:
 
 def _dead_path(claim: Claim) -> str:
     size = claim.size("dead_path")
-    long = f" of {told(size)}" if size is not None else ""
+    long = f" of {size_in_words(size)}" if size is not None else ""
     return f"{_where(claim, 'every linear channel')} carries a dead path{long} that is not compensated for the air"
 
 
@@ -246,7 +259,9 @@ def _slip(claim: Claim) -> str:
     shift = claim.size("shift")
     if shift is not None:
         who = _where(claim, "a counter")
-        return f"the zero of {who} shifts by {told(shift)}{since}, which is no whole number of half wavelengths"
+        return (
+            f"the zero of {who} shifts by {size_in_words(shift)}{since}, which is no whole number of half wavelengths"
+        )
     if count is None or count.number is None:
         return f"{_where(claim, 'a counter')} jumps by whole half wavelengths{since}"
     number = int(count.number)
@@ -262,9 +277,9 @@ def _shifted(claim: Claim) -> str:
     run = _parts(claim).get("run", "")
     several = next((word for word in ("displacements", "signals") if word in claim.subject.split()), "")
     if not several:
-        by = f" by {told(size)}" if size is not None else ""
+        by = f" by {size_in_words(size)}" if size is not None else ""
         return f"the zero of {_where(claim, 'a channel')} shifts{by}{since}"
-    most = f", {size.name.removeprefix('shift_')} by {told(size)}" if size is not None else ""
+    most = f", {size.name.removeprefix('shift_')} by {size_in_words(size)}" if size is not None else ""
     return f"the zeros of all {several} shift together in run {run}{since}{most}"
 
 
@@ -303,8 +318,10 @@ def _curved(claim: Claim) -> str:
     term, _, signal = size.name.partition("_v")
     of = f" of v{signal}" if signal else ""
     if term in ("quadratic", "cubic"):
-        return f"{said}, with a {term} part{of} of {told(size)}"
-    return f"{said}, by products of loads: {term.replace('_', '·')} makes {told(size)}{of} at the largest loads"
+        return f"{said}, with a {term} part{of} of {size_in_words(size)}"
+    return (
+        f"{said}, by products of loads: {term.replace('_', '·')} makes {size_in_words(size)}{of} at the largest loads"
+    )
 
 
 def _straighten(claim: Claim) -> str:

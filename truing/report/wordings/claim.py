@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from truing.report.diagnosis.effect_units import stem, told_size
+from truing.report.diagnosis.effect_units import size_text, stem
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import rough
 
@@ -111,9 +111,9 @@ class Wording:
     advice: str | Callable[[Claim], str]
 
 
-def told(size: ParameterSize) -> str:
+def size_in_words(size: ParameterSize) -> str:
     """``0.210 ± 0.010 %``."""
-    return told_size(size.name, size.value, size.sigma, size.unit)
+    return size_text(size.name, size.value, size.sigma, size.unit)
 
 
 def positive(size: ParameterSize) -> ParameterSize:
@@ -129,7 +129,7 @@ def largest(sizes: tuple[ParameterSize, ...]) -> ParameterSize | None:
 def only(claim: Claim, kind: str) -> tuple[str, bool]:
     """The largest size of a kind without its sign, empty where there is none, and whether it is positive."""
     size = largest(claim.sizes_of(kind))
-    return ("", True) if size is None else (told(positive(size)), (size.number or 0.0) > 0.0)
+    return ("", True) if size is None else (size_in_words(positive(size)), (size.number or 0.0) > 0.0)
 
 
 def sure_of(sizes: tuple[ParameterSize, ...]) -> list[ParameterSize]:
@@ -152,7 +152,11 @@ def by_most(claim: Claim, kind: str) -> str:
     size = largest(sizes)
     if size is None:
         return ""
-    return f", by {told(size)}" if len(sizes) == 1 else f", most {_leg_of(size, claim.subject)} ({told(size)})"
+    return (
+        f", by {size_in_words(size)}"
+        if len(sizes) == 1
+        else f", most {_leg_of(size, claim.subject)} ({size_in_words(size)})"
+    )
 
 
 def by(words: str) -> str:
@@ -169,7 +173,7 @@ def with_sizes(said: str, claim: Claim) -> str:
     """A clause, and how large it is: its parameters, or where these are many, how far it moves what was measured."""
     if len(claim.sizes) > _TOLD and claim.largest_motion is not None:
         return said + moves(claim)
-    sizes = ", ".join(f"{size.name} {told(size)}" for size in claim.sizes[:_TOLD])
+    sizes = ", ".join(f"{size.name} {size_in_words(size)}" for size in claim.sizes[:_TOLD])
     return f"{said}: {sizes}" if sizes else said
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 
-from truing.report.diagnosis.effect_units import told_size
+from truing.report.diagnosis.effect_units import size_text
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import rough, with_uncertainty
-from truing.report.wordings.claim import Claim, Wording, by, by_most, largest, listed, only, told, with_sizes
+from truing.report.wordings.claim import Claim, Wording, by, by_most, largest, listed, only, size_in_words, with_sizes
 from truing.report.wordings.followed import columns_words, product_words
 from truing.schemas.covariates import own_name
 
@@ -72,7 +72,7 @@ def _in_plane(claim: Claim) -> str:
     if size is None:
         return said
     _, axis, leg = size.name.split("_")
-    return f"{said}, most at leg {leg} along the platform's {axis} ({told(size)})"
+    return f"{said}, most at leg {leg} along the platform's {axis} ({size_in_words(size)})"
 
 
 def _driver(claim: Claim) -> str:
@@ -81,7 +81,7 @@ def _driver(claim: Claim) -> str:
 
 
 def _base(claim: Claim) -> str:
-    sizes = ", ".join(f"{s.name.replace('_', ' ')} {told(s)}" for s in claim.sizes if s.number is not None)
+    sizes = ", ".join(f"{s.name.replace('_', ' ')} {size_in_words(s)}" for s in claim.sizes if s.number is not None)
     return f"the base deforms with {_driver(claim)}{': ' if sizes else ''}{sizes}"
 
 
@@ -106,7 +106,7 @@ def _backlash(claim: Claim) -> str:
 
 def _periodic(claim: Claim) -> str:
     pitch = largest(claim.sizes_of("pitch"))
-    over = f", with a pitch of {told(pitch)}" if pitch is not None else ""
+    over = f", with a pitch of {size_in_words(pitch)}" if pitch is not None else ""
     return f"{_actuators(claim)} {_verb(claim, 'errs', 'err')} periodically{by_most(claim, 'amplitude')}{over}"
 
 
@@ -132,14 +132,14 @@ def _gives_way(claim: Claim) -> str:
 
 def _flexures(claim: Claim) -> str:
     size = largest(claim.sizes_of("flexure_length"))
-    long = f": {told(size)} long as beam theory has it" if size is not None else ""
+    long = f": {size_in_words(size)} long as beam theory has it" if size is not None else ""
     return f"the flexures shift the joints as they bend{long}"
 
 
 def _scale(claim: Claim) -> str:
     per_k = claim.size("scale_per_k")
     if per_k is not None or claim.fact("form") not in (None, "constant"):
-        return f"measured lengths change with temperature{by(told(per_k)) if per_k is not None else ''}"
+        return f"measured lengths change with temperature{by(size_in_words(per_k)) if per_k is not None else ''}"
     size, large = only(claim, "scale")
     if not size:
         return "measured lengths are off by one factor"
@@ -147,7 +147,7 @@ def _scale(claim: Claim) -> str:
 
 
 def _heat(claim: Claim) -> str:
-    sizes = {size.name.removeprefix("alpha").lstrip("_"): told(size) for size in claim.sizes}
+    sizes = {size.name.removeprefix("alpha").lstrip("_"): size_in_words(size) for size in claim.sizes}
     who = "base, platform and legs grow"
     if claim.fact("form") == "bodies":
         who = f"body {claim.subject} grows" if claim.subject else "all bodies grow alike"
@@ -242,7 +242,7 @@ def _moved(claim: Claim) -> str:
         return f"{who} sits elsewhere{_since(claim)}"
     apart = math.hypot(*(size.number or 0.0 for size in parts))
     sigma = max(size.sigma or 0.0 for size in parts)
-    return f"{who} sits {told_size('dx', apart, sigma or None, parts[0].unit)} from its place{_since(claim)}"
+    return f"{who} sits {size_text('dx', apart, sigma or None, parts[0].unit)} from its place{_since(claim)}"
 
 
 def _look_at_target(claim: Claim) -> str:
@@ -335,11 +335,11 @@ def _sags(claim: Claim) -> str:
     one, body = claim.fact("one"), claim.fact("body") or claim.subject or "a body"
     if one:
         size = claim.size(f"{one}_sag")
-        return f"target {one} on {body} sags with gravity{by(told(size)) if size is not None else ''}"
+        return f"target {one} on {body} sags with gravity{by(size_in_words(size)) if size is not None else ''}"
     if claim.fact("form") == "free":
         return with_sizes(f"the targets on {body} shift with the direction of gravity in its frame", claim)
     size = largest(tuple(size for size in claim.sizes if size.name.endswith("_sag")))
-    most = f", most {size.name.removesuffix('_sag')} ({told(size)})" if size is not None else ""
+    most = f", most {size.name.removesuffix('_sag')} ({size_in_words(size)})" if size is not None else ""
     return f"the targets on {body} sag with gravity, each by its own{most}"
 
 
@@ -351,7 +351,7 @@ def _turn_over(claim: Claim) -> str:
 def _bursts(claim: Claim) -> str:
     """When all points scattered more, and how much."""
     size = claim.size("noise_ratio")
-    more = f"{told(size)} times as much" if size is not None else "more"
+    more = f"{size_in_words(size)} times as much" if size is not None else "more"
     if claim.fact("run") not in (None, ""):
         own = str(claim.fact("channel"))
         several = own in ("displacements", "signals")

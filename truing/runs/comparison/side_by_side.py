@@ -20,7 +20,7 @@ from truing.runs.comparison.steps import (
     matrix_step,
     mechanism_numbers,
     mechanism_step,
-    not_judged,
+    not_assessed,
     sensor_numbers,
     sensor_step,
 )
@@ -111,7 +111,7 @@ def _steps(before: Run, now: Run, old: pd.DataFrame, new: pd.DataFrame) -> Itera
         yield (
             matrix_step(*matrices)
             if _matrix_model(before) == _matrix_model(now)
-            else not_judged(f"G_B is made otherwise ({_matrix_model(before)}, then {_matrix_model(now)})")
+            else not_assessed(f"G_B is made otherwise ({_matrix_model(before)}, then {_matrix_model(now)})")
         )
 
 
@@ -119,16 +119,16 @@ def _of_models(before: Run, now: Run) -> RunStep:
     first, second = before.model, now.model
     absent = [run.campaign for run, model in ((before, first), (now, second)) if model is None]
     if first is None or second is None:
-        return not_judged(f"{' and '.join(absent)} left no extended model")
+        return not_assessed(f"{' and '.join(absent)} left no extended model")
     if (start := now.folder / ARTIFACTS["start"].file).is_file():
-        return not_judged(_begun(tomllib.loads(start.read_text(encoding="utf-8")), now))
+        return not_assessed(_begun(tomllib.loads(start.read_text(encoding="utf-8")), now))
     if isinstance(first, ExtendedModel) and isinstance(second, ExtendedModel):
         return mechanism_step(first, second)
     if isinstance(first, ExtendedSensor) and isinstance(second, ExtendedSensor):
         return sensor_step(first, second, _simulated(now))
     if isinstance(first, ExtendedAxis) and isinstance(second, ExtendedAxis):
-        return not_judged("models of single axes are not held against each other yet")
-    return not_judged("they are of other machines")
+        return not_assessed("models of single axes are not held against each other yet")
+    return not_assessed("they are of other machines")
 
 
 def _begun(start: dict[str, Any], now: Run) -> str:

@@ -18,7 +18,7 @@ from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import ExtendedModel, identified_geometry, name_and_leg
 from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.prior import mechanism_prior
-from truing.simulation.reported_numbers import TOLD, ReportedNumbers, figures, told_numbers
+from truing.simulation.reported_numbers import TOLD, ReportedNumbers, figures, reported_numbers
 from truing.simulation.targets import shape_unknowns
 
 # In so many comparisons of campaigns between which nothing changed a change is told.
@@ -45,12 +45,12 @@ class RunStep:
     rebuilt: bool = False
 
 
-def not_judged(why: str) -> RunStep:
+def not_assessed(why: str) -> RunStep:
     """Return the step between two runs whose numbers cannot be held against each other."""
     return RunStep(pd.DataFrame(columns=[*NAMES, "z", "changed"]), why)
 
 
-def held_at_zero(shared: NDArray, covariance: NDArray, own: NDArray, effects: list[NDArray]) -> NDArray:
+def shift_without_effects(shared: NDArray, covariance: NDArray, own: NDArray, effects: list[NDArray]) -> NDArray:
     """Return as a covariance (n, n) by what numbers at ``own`` (n,) would move, were each effect not in the model.
 
     shared (G,) with covariance (G, G); effects: the places of each one's parameters. What one campaign found, and
@@ -110,21 +110,21 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     their own.
     """
     if stated := _stated_otherwise(before.model, now.model):
-        return not_judged(stated)
+        return not_assessed(stated)
     own_keys, lasting = ({c.key for c in one.model.causes if c.is_persistent} for one in (now, before))
     common = tuple(c for c in before.model.causes if c.key in own_keys & lasting)
     earlier = mechanism_prior(before, _surveyed(now), common)
     then_at, now_at = (earlier.places(one.model) for one in (before, now))
     apart = earlier.frames + sum(
-        held_at_zero(one.shared, one.covariance, own, _of_others(one.model, common))
+        shift_without_effects(one.shared, one.covariance, own, _of_others(one.model, common))
         for one, own in ((before, then_at), (now, now_at))
     )
     value, covariance = now.shared[now_at], now.covariance[np.ix_(now_at, now_at)]
     found = compare(earlier.mean, earlier.covariance, value, covariance, earlier.shared, apart)
-    told = told_numbers(earlier, now.model, now.shared, now.covariance)
+    told = reported_numbers(earlier, now.model, now.shared, now.covariance)
     columns = {**told.columns, **figures(earlier, told, found, value, covariance, LEVEL)}
-    if len(found.told) == 0:
-        return not_judged("neither campaign tells more of the machine than its tolerances")
+    if len(found.observable) == 0:
+        return not_assessed("neither campaign tells more of the machine than its tolerances")
     known = _known(told, earlier.covariance, np.linalg.inv(earlier.shared)) & ~np.isnan(columns["z"])
     return _step(columns, known)
 
@@ -202,7 +202,7 @@ def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray)
     told, never larger.
     """
     if not np.allclose(before.nominal, now.nominal, rtol=1e-6, atol=0.0):
-        return not_judged("their campaign.toml name another sensor, as simulated")
+        return not_assessed("their campaign.toml name another sensor, as simulated")
     keys = {c.key for c in before.causes if c.is_persistent} & {c.key for c in now.causes if c.is_persistent}
     (old, sigma_old), (new, sigma_new) = (_common(one, keys) for one in (before, now))
     limit = np.full(len(old), np.inf)
@@ -249,7 +249,7 @@ def _common(found: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
     every = np.concatenate([found.compliance.ravel(), *(effect.values for effect in found.effects)])
     rest = [cause for cause in sorted(found.causes, key=_key) if cause.key not in keys and cause.is_persistent]
     own, others = found.places(_kept(found, keys)), [np.r_[found.layout[cause.key]] for cause in rest]
-    spread = found.covariance[np.ix_(own, own)] + held_at_zero(every, found.covariance, own, others)
+    spread = found.covariance[np.ix_(own, own)] + shift_without_effects(every, found.covariance, own, others)
     return every[own], np.sqrt(np.diag(spread))
 
 

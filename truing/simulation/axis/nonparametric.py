@@ -66,9 +66,9 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
         """Return the encoder, the instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return what it depends on, as the rows of an axis name it."""
-        return tuple(COMMAND if column == SINCE_TURN else column for column in super().follows(legs))
+        return tuple(COMMAND if column == SINCE_TURN else column for column in super().inputs(legs))
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns, beside the command, without which it cannot be predicted."""
@@ -78,7 +78,7 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
     def candidates(self, scene: AxisScene) -> Sequence[NonparametricAxisEffect]:
         """Return everything that what can be told apart may depend on, as far as its readings allow."""
         found: list[NonparametricAxisEffect] = []
-        for bare, count in self._told_apart(scene):
+        for bare, count in self._distinguishable(scene):
             for columns, form, degree in _dependences(scene.rows):
                 if count >= PER_FUNCTION * degree:
                     settings = dependence(columns, partial(_range_of, scene.rows), form, degree)
@@ -87,7 +87,7 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
 
     def channel_candidates(self, scene: AxisScene) -> Sequence[ChannelCandidates[NonparametricAxisEffect]]:
         """Return every stretch of time in which something that can be told apart may stand off."""
-        elements = [bare for bare, _ in self._told_apart(scene)]
+        elements = [bare for bare, _ in self._distinguishable(scene)]
         first, last = _stretches(scene.rows)
         if not len(first) or not elements:
             return ()
@@ -141,7 +141,7 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
     def _amplitude(self) -> tuple[str, float, float]:
         return *self.unit, self.plausible
 
-    def _told_apart(self, scene: AxisScene) -> Iterator[tuple[NonparametricAxisEffect, int]]:
+    def _distinguishable(self, scene: AxisScene) -> Iterator[tuple[NonparametricAxisEffect, int]]:
         """Yield the effect for each element that readings tell from the others, and how many rows would show it."""
         known: list[NDArray] = []
         for element in shown_elements(scene.axis, ELEMENTS):

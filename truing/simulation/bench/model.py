@@ -37,10 +37,10 @@ class BenchForwardPass(Trace[ReadingCause, ReadingState]):
 
     def from_wrench(self, slopes: NDArray, cause: ReadingCause | None = None) -> NDArray:
         """Return how readings (B, K, P) follow changes of the wrench (B, 6, P), upstream of all or after a cause."""
-        for effect, state in self.downstream(cause, Step.DRIVE):
+        for effect, state in self.subsequent_effects(cause, Step.DRIVE):
             slopes = effect.cause.passed_on(slopes, state, effect.values)
         signals = self.rows @ slopes
-        if not self.downstream(None, Step.STRUCTURE):
+        if not self.subsequent_effects(None, Step.STRUCTURE):
             return self.from_motion(self.compliance @ slopes, signals)
         return self.from_deflection(self.compliance[..., None] * slopes[:, None], signals)
 
@@ -48,7 +48,7 @@ class BenchForwardPass(Trace[ReadingCause, ReadingState]):
         self, slopes: NDArray, signals: NDArray | None = None, cause: ReadingCause | None = None
     ) -> NDArray:
         """Return how readings (B, K, P) follow changes of the deflection (B, 6, 6, P), and of the signals (B, S, P)."""
-        for effect, state in self.downstream(cause, Step.STRUCTURE):
+        for effect, state in self.subsequent_effects(cause, Step.STRUCTURE):
             slopes = effect.cause.passed_on(slopes, state, effect.values)
         motion = slopes.sum(2)
         if signals is None:
@@ -61,7 +61,7 @@ class BenchForwardPass(Trace[ReadingCause, ReadingState]):
 
     def from_readings(self, slopes: NDArray, cause: ReadingCause | None = None) -> NDArray:
         """Return what becomes of changes of the readings (B, K, P)."""
-        for effect, state in self.downstream(cause, Step.INSTRUMENT):
+        for effect, state in self.subsequent_effects(cause, Step.INSTRUMENT):
             slopes = effect.cause.passed_on(slopes, state, effect.values)
         return slopes
 
@@ -227,21 +227,21 @@ class BenchModel(ChannelModel[ReadingCause]):
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted readings (B, K, 1), SI, at shared (G,) and local (B, H) unknowns."""
-        return self._with_zeros(self._passage(shared, local).state.readings, shared)[..., None]
+        return self._with_zeros(self._forward_pass(shared, local).state.readings, shared)[..., None]
 
     def wrenches(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the wrenches (B, 6) that truly act, N and N m, at shared (G,) and local (B, H) unknowns."""
-        return self._passage(shared, local).state.wrench
+        return self._forward_pass(shared, local).state.wrench
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return readings and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
-        passage = self._passage(shared, local)
+        passage = self._forward_pass(shared, local)
         points = self._with_zeros(passage.state.readings, shared)[..., None]
         slopes = self._by_shared(shared, passage)[:, :, None] if by_shared else None
         return self._prediction(shared, points, slopes, passage.from_wrench(self._load_errors)[:, :, None])
 
     def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[ReadingCause, NDArray], NDArray]:
-        return self._passage(shared, local).of_cause
+        return self._forward_pass(shared, local).of_cause
 
     @property
     def _has_two_models(self) -> bool:
@@ -294,7 +294,7 @@ class BenchModel(ChannelModel[ReadingCause]):
             return gains
         return gains[:, None] * self._mixed(response.forces, shared) if len(gains) else np.zeros((0, _AXES))
 
-    def _passage(self, shared: NDArray, local: NDArray) -> BenchForwardPass:
+    def _forward_pass(self, shared: NDArray, local: NDArray) -> BenchForwardPass:
         """Return how the loads pass the chain with the effects in force."""
         response = self._response(shared)
         rows = self._rows(shared, response)
@@ -334,7 +334,7 @@ class BenchModel(ChannelModel[ReadingCause]):
         if self.known.signals and self.known.gains.are_of_legs:
             rows = self._gains(shared)[:, None] * self._mixed(response.forces, shared)
             signals = np.einsum("nsj,bj->bsn", rows, wrench)
-        if not passage.downstream(None, Step.STRUCTURE):
+        if not passage.subsequent_effects(None, Step.STRUCTURE):
             motion = np.moveaxis(wrench @ np.swapaxes(response.compliance, -1, -2), 0, -1)
             return passage.from_motion(motion, signals)
         deflection = np.moveaxis(response.compliance, 0, -1) * wrench[:, None, :, None]

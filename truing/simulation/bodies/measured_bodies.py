@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
-from truing.estimation.labels.judged_points import PointSelection, judged_points
+from truing.estimation.labels.judged_points import PointSelection, select_points
 from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, with_declared_noise
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, log_so3, rigid_motions
@@ -90,7 +90,7 @@ def measured_body(
     shape (k, 3), m, with its covariance (k, 3, 3) where it was surveyed; order (B,) rank of the poses in time; noise of
     a coordinate, m, where points carry none.
     """
-    judged = judged_points(residuals, points, shape, order)
+    judged = select_points(residuals, points, shape, order)
     right, trusted = _put_right(points, residuals, judged)
     fit = umeyama(shape, right, trusted.astype(float))
     if fit.ok.sum() < _FEWEST_POSES:
@@ -189,7 +189,7 @@ class MeasuredBodies:
     frame for the campaign."""
 
     bodies: list[BodyTargets]
-    stands: list[BodyPlaces]
+    body_places: list[BodyPlaces]
     lead: int
 
     @classmethod
@@ -242,7 +242,7 @@ class MeasuredBodies:
             if reference not in names:
                 return {}
             seen = self.bodies[names.index(reference)].ok
-            down = self.stands[names.index(reference)].R @ down
+            down = self.body_places[names.index(reference)].R @ down
         found = {}
         for body in self.bodies:
             known = seen & body.ok
@@ -254,7 +254,7 @@ class MeasuredBodies:
 
     def conditions(self, covariates: Mapping[str, Array], poses: tuple[int | str, ...]) -> BodyConditions:
         """Return where each body was found in the model's frame: that of the leading body, else as measured."""
-        R, t = np.stack([one.R for one in self.stands], 1), np.stack([one.t for one in self.stands], 1)
+        R, t = np.stack([one.R for one in self.body_places], 1), np.stack([one.t for one in self.body_places], 1)
         if self.lead >= 0:
             back = np.swapaxes(R[:, self.lead], 1, 2)[:, None]
             t = (back @ (t - t[:, [self.lead]])[..., None])[..., 0]
@@ -262,7 +262,7 @@ class MeasuredBodies:
         time = covariates.get("time_s")
         known = time is not None and bool(np.isfinite(time).all())
         span = (float(np.min(time)), float(np.max(time))) if time is not None and known else None
-        level = np.stack([one.level for one in self.stands], 1)
+        level = np.stack([one.level for one in self.body_places], 1)
         return BodyConditions(np.zeros((len(poses), 0)), dict(covariates), poses, span, R, t, level)
 
     def epochs(self, conditions: BodyConditions, rows: Mask) -> Epochs:
@@ -291,12 +291,12 @@ def frame_is_common(body: BodyTargets, order: Array) -> bool:
     return bool(np.median(steps) < _STEP * body.sigma)
 
 
-def not_standing(body: BodyTargets) -> BodyPlaces:
+def free_body(body: BodyTargets) -> BodyPlaces:
     """Stand a body nowhere: it need not stand still."""
     return BodyPlaces(0, np.zeros(len(body.ok), np.int64), np.eye(6), body.R, body.t)
 
 
-def standing_at(body: BodyTargets, level: Index, order: Array) -> BodyPlaces:
+def fixed_body(body: BodyTargets, level: Index, order: Array) -> BodyPlaces:
     """Stand a body at the middle of what was found at each of its places, of which each pose has one (B,)."""
     R, t, middle = body.R.copy(), body.t.copy(), body.shape.mean(0)
     centre = body.t + body.R @ middle

@@ -195,7 +195,7 @@ class BodyModel(RecordedModel):
         """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
         slopes = np.zeros((*recording.state.points.shape, self.shared_size))
         turn = recording.state.turn
-        follows = moved_by_shape(recording.passage.before_recording(), turn.shape)
+        follows = moved_by_shape(recording.forward_pass.before_recording(), turn.shape)
         slopes[..., self.layout["shape"]] = (turn + turn @ follows) @ self.known.survey.modes
         for body, own, slope in self._by_pose(shared, local, recording):
             for level in range(self.known.levels[body]):
@@ -258,7 +258,7 @@ class BodyModel(RecordedModel):
 
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         """Return what is recorded of the bodies with the effects in force."""
-        passage = self._passage(shared)
+        passage = self._forward_pass(shared)
         places = self._places(passage)
         kind = np.result_type(places, shared, local)
         points, turn = np.empty(places.shape, kind), np.empty((*places.shape, 3), kind)
@@ -271,7 +271,7 @@ class BodyModel(RecordedModel):
             turn[:, own] = R[:, None]
         return record(passage, self.targets, _NO_FRAMES, self.effects(shared), points, turn)
 
-    def _passage(self, shared: NDArray) -> ForwardPass:
+    def _forward_pass(self, shared: NDArray) -> ForwardPass:
         """Return where the targets sit on their bodies, and which effects brought them there."""
         none = self.conditions.readings
         shape = self.known.shape + self.known.survey.modes @ shared[self.layout["shape"]]
@@ -295,7 +295,7 @@ class BodyModel(RecordedModel):
 
     def _by_pose(self, shared: NDArray, local: NDArray, recording: Recording) -> Iterator[tuple[int, NDArray, NDArray]]:
         """Yield each body, its targets, and how these (B, k, 3, 6) follow a shift and a rotation vector of its pose."""
-        turn, places = recording.state.turn, self._places(recording.passage)
+        turn, places = recording.state.turn, self._places(recording.forward_pass)
         for body, centre in enumerate(self._centres):
             own = self.channel_groups == body
             arms = np.einsum("bkij,bkj->bki", turn[:, own], places[:, own] - centre)
@@ -309,7 +309,7 @@ class BodyModel(RecordedModel):
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is Step.STRUCTURE and len(effect.values):
-                slope = cause.change(recording.passage.at(cause), effect.values).fields.get("moved", _NOT_MOVED)
+                slope = cause.change(recording.forward_pass.at(cause), effect.values).fields.get("moved", _NOT_MOVED)
                 own = np.flatnonzero(np.any(slope != 0.0, (0, 2, 3)))  # few targets of many
                 motion = recording.state.turn[:, own] @ (slope[:, own] * self.effect_sigma(cause))
                 by_shared[:, own, :, self.layout[cause.key]] = motion

@@ -127,7 +127,7 @@ def acts_on_poses(cause: PointCause) -> bool:
     return cause.step is not Step.INSTRUMENT and not concerns_targets(cause)
 
 
-def lasting(extended_model: ExtendedModel) -> ExtendedModel:
+def persistent_part(extended_model: ExtendedModel) -> ExtendedModel:
     """Return the model with those effects alone that do not end with the campaign it was fitted to."""
     smaller = extended_model.model.with_causes([one for one in extended_model.model.causes if one.is_persistent])
     kept = np.concatenate([np.arange(part.start, part.stop) for part in _parts(extended_model.model, smaller)])

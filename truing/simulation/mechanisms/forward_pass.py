@@ -38,12 +38,12 @@ class ForwardPass(Trace[PointCause, State]):
 
     def before_recording(self, cause: PointCause | None = None) -> tuple[Met, ...]:
         """Return the effects of drive and structure, or those of them that act after a cause."""
-        return self.downstream(cause, Step.DRIVE, Step.STRUCTURE)
+        return self.subsequent_effects(cause, Step.DRIVE, Step.STRUCTURE)
 
     @cached_property
     def answer(self) -> Change:
         """Return what the effects of the structure make of a twist of the platform, per component of it, m and rad."""
-        structure = self.downstream(None, Step.STRUCTURE)
+        structure = self.subsequent_effects(None, Step.STRUCTURE)
         if not any(POSE in effect.cause.reads for effect, _ in structure):
             return Change({}, 6)
         shifted = np.broadcast_to(np.eye(3, 6), (1, 3, 6))
@@ -104,7 +104,7 @@ def carried(change: Change, met: Sequence[Met]) -> Change:
     return Change(fields, change.size)
 
 
-def settled(passage: ForwardPass, change: Change) -> tuple[Change, NDArray]:
+def structure_response(passage: ForwardPass, change: Change) -> tuple[Change, NDArray]:
     """Return a change at the end of the structure, with what its effects make of the pose's motion, and the twist.
 
     The twist (B, 6, P) of the platform is exact.

@@ -21,8 +21,8 @@ from truing.simulation.mechanisms.forward_pass import (
     carried,
     moved_by_shape,
     passed,
-    settled,
     simulate,
+    structure_response,
 )
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import (
@@ -39,7 +39,7 @@ from truing.simulation.mechanisms.recording import (
     leg_frames,
     positions,
     record,
-    turns,
+    target_rotations,
 )
 from truing.simulation.mechanisms.state import State
 from truing.simulation.mechanisms.weight import Weight, platform_gravity
@@ -295,7 +295,7 @@ class MechanismModel(RecordedModel):
 
     def state(self, shared: NDArray, local: NDArray) -> State:
         """Return the chain's state for shared (G,) and local (B, H) unknowns, before instruments."""
-        return self._passage(shared, local).state
+        return self._forward_pass(shared, local).state
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
@@ -308,7 +308,7 @@ class MechanismModel(RecordedModel):
         """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
         slopes = np.zeros((*recording.state.points.shape, self.shared_size))
         for part, change, cause in self._changes(shared, recording):
-            met = recording.passage.before_recording(cause)
+            met = recording.forward_pass.before_recording(cause)
             slopes[..., part] = recording.motion(change, met)
         self._fill_shape(slopes, shared, recording)
         slopes = recording.recorded(slopes)
@@ -320,7 +320,7 @@ class MechanismModel(RecordedModel):
         """Return the points' derivatives (B, K, 3, H) by the local unknowns."""
         slopes = np.zeros((*recording.state.points.shape, self.local_size))
         if (reading := self._reading_change) is not None:
-            slopes[..., : reading.size] = recording.motion(reading, recording.passage.before_recording())
+            slopes[..., : reading.size] = recording.motion(reading, recording.forward_pass.before_recording())
         self._fill_rolls(slopes, recording)
         slopes = recording.recorded(slopes)
         self._fill_pose_errors(slopes)
@@ -333,7 +333,7 @@ class MechanismModel(RecordedModel):
         channel is what a cause after all those in force would change: of the drive for rho, of the structure else.
         """
         recording, count = self._recording(shared, local), self.nominal.count
-        structure = recording.passage.downstream(None, Step.STRUCTURE)
+        structure = recording.forward_pass.subsequent_effects(None, Step.STRUCTURE)
         found = {}
         for name in ("rho", "delta_bz", *self.nominal.closure.geometry):
             shape = (1, count, 3) if name in "abu" else (1, count)
@@ -353,17 +353,17 @@ class MechanismModel(RecordedModel):
     def pose_derivatives(self, shared: NDArray, local: NDArray) -> tuple[NDArray, NDArray]:
         """Return the platform's twist per shared (B, 6, G) and per local (B, 6, H) unknown."""
         recording = self._recording(shared, local)
-        passage = recording.passage
+        passage = recording.forward_pass
         by_shared = np.zeros((len(passage.state.rho), 6, self.shared_size))
         by_local = np.zeros((len(passage.state.rho), 6, self.local_size))
         for part, change, cause in self._changes(shared, recording):
             met = passage.before_recording(cause)
-            by_shared[..., part] = settled(passage, carried(change, met))[1]
+            by_shared[..., part] = structure_response(passage, carried(change, met))[1]
         if (reading := self._reading_change) is not None:
-            by_local[..., : reading.size] = settled(passage, carried(reading, passage.before_recording()))[1]
+            by_local[..., : reading.size] = structure_response(passage, carried(reading, passage.before_recording()))[1]
         return by_shared, by_local
 
-    def _passage(self, shared: NDArray, local: NDArray) -> ForwardPass:
+    def _forward_pass(self, shared: NDArray, local: NDArray) -> ForwardPass:
         """Return how the readings pass drive and structure."""
         stands, read = (self.conditions.readings + self._actuators(local) * own for own in self._reading_sigma)
         shape, legs = self.shape(shared), self.legs(shared)
@@ -385,12 +385,12 @@ class MechanismModel(RecordedModel):
         return passed(start, self.effects(shared))
 
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
-        passage = self._passage(shared, local)
+        passage = self._forward_pass(shared, local)
         roll = np.zeros(self.conditions.readings.shape, local.dtype)
         roll[:, self.known.ridden] = local[:, self._rolls] * FREE_ANGLE_RAD
         frames = leg_frames(passage.state, self.nominal_direction, roll, self._seats(shared)[0])
         state = passage.state
-        points, turn = positions(state, self.targets, frames), turns(state, self.targets, frames)
+        points, turn = positions(state, self.targets, frames), target_rotations(state, self.targets, frames)
         return record(passage, self.targets, frames, self.effects(shared), points, turn)
 
     def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice, Change, PointCause | None]]:
@@ -400,7 +400,7 @@ class MechanismModel(RecordedModel):
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is not Step.INSTRUMENT:
-                change = cause.change(recording.passage.at(cause), effect.values)
+                change = cause.change(recording.forward_pass.at(cause), effect.values)
                 scaled = {name: slope * self.effect_sigma(cause) for name, slope in change.fields.items()}
                 yield self.layout[cause.key], Change(scaled, change.size), cause
 
@@ -426,7 +426,7 @@ class MechanismModel(RecordedModel):
     def _fill_shape(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         """Fill in the derivatives by the bodies' shapes and by the seats of the legs' survey frames."""
         turn = recording.state.turn
-        follows = turn @ moved_by_shape(recording.passage.before_recording(), turn.shape)
+        follows = turn @ moved_by_shape(recording.forward_pass.before_recording(), turn.shape)
         by_shared[..., self.layout["shape"]] = (turn + follows) @ self.known.survey.modes
         seat_rotation, offset = self._seats(shared)
         pulls = self._part(shared, "seat").reshape(-1, 6)

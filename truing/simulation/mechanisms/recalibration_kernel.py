@@ -27,10 +27,10 @@ from truing.estimation.least_squares.simd_batches import (
     STEP,
     TRIAL,
     X,
+    accept_trials,
     add_row,
     clear_sums,
     covariance_column,
-    judge,
     prepare_covariance,
     propose,
     start,
@@ -183,7 +183,7 @@ def solve_rows(
             evaluate(poses, slots, follows, numbers, leg, full, lane)
             for j in range(len(some)):
                 ends[some[j], size + _ITERATIONS] += 1.0 if lane[STATE * LANES + j] < ARRIVED else 0.0
-            if judge(lane, size) == 0:
+            if accept_trials(lane, size) == 0:
                 break
         store_covariance(lane, some, size, covariance)
         store(lane, some, size, ends)

@@ -20,7 +20,7 @@ from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_s
 from truing.simulation.cause import OBSERVED, Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.forward_pass import ForwardPass, Met, carried, settled
+from truing.simulation.mechanisms.forward_pass import ForwardPass, Met, carried, structure_response
 from truing.simulation.mechanisms.legs.kinematics import (
     attachment_change,
     attachments,
@@ -76,7 +76,7 @@ def leg_frames(state: State, nominal: NDArray, roll: NDArray, seats: NDArray | N
     return LegFrames(lower, rotation if seats is None else rotation @ seats, z)
 
 
-def turns(state: State, targets: Targets, frames: LegFrames) -> NDArray:
+def target_rotations(state: State, targets: Targets, frames: LegFrames) -> NDArray:
     """Return the rotations (B, K, 3, 3) from the axes of each target's survey to the base frame."""
     kind = np.result_type(state.R, frames.rotation)
     turn = np.broadcast_to(np.eye(3, dtype=kind), (len(state.rho), len(targets.body), 3, 3)).copy()
@@ -125,7 +125,7 @@ def motion(passage: ForwardPass, nominal: NDArray, change: Change) -> MotionDeri
     """Return the motion of all bodies that a change at the end of the structure brings about; exact."""
     state = passage.state
     legs, R = state.legs, state.R
-    change, twist = settled(passage, change)
+    change, twist = structure_response(passage, change)
     arms = attachments(legs, state.delta_bz) @ np.swapaxes(R, -1, -2)
     attachment = attachment_change(legs, R, change) + point_motion(twist, arms)
     lower = np.broadcast_to(legs.closure.lower_change(legs, state.rho, change), attachment.shape)
@@ -159,7 +159,7 @@ def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: Mot
     arms = np.einsum("bkij,bkj->bki", frames.rotation[:, ridden], places[:, on_leg])
     result[:, on_leg] = bodies.lower[:, ridden] + _turned(bodies.turn[:, ridden], arms)
     if bodies.moved is not None:
-        result += turns(state, targets, frames) @ bodies.moved
+        result += target_rotations(state, targets, frames) @ bodies.moved
     return result
 
 
@@ -172,23 +172,23 @@ def _turned(rotation: NDArray, arms: NDArray) -> NDArray:
 class Recording:
     """What was recorded: how the state passed all of the chain, and where the legs stood."""
 
-    passage: ForwardPass
+    forward_pass: ForwardPass
     targets: Targets
     frames: LegFrames
 
     @property
     def state(self) -> State:
         """Return the state with its points and turns as recorded."""
-        return self.passage.state
+        return self.forward_pass.state
 
     def motion(self, change: Change, met: Sequence[Met]) -> NDArray:
         """Return how the targets move (B, K, 3, P), m, base frame, by a change that goes on to meet these effects."""
-        bodies = motion(self.passage, self.state.nominal_direction, carried(change, met))
+        bodies = motion(self.forward_pass, self.state.nominal_direction, carried(change, met))
         return target_motion(self.state, self.targets, self.frames, bodies)
 
     def recorded(self, motions: NDArray, cause: PointCause | None = None) -> NDArray:
         """Return motions of the points (B, K, 3, P) as recorded: by all instruments, or those after a cause."""
-        for effect, state in self.passage.downstream(cause, Step.INSTRUMENT):
+        for effect, state in self.forward_pass.subsequent_effects(cause, Step.INSTRUMENT):
             motions = effect.cause.recorded(motions, state, effect.values)
         return motions
 
@@ -217,7 +217,7 @@ def designs(recording: Recording, cause: PointCause, scale: NDArray) -> dict[str
     The index within a pathway is leg, or 3 leg + axis; of what is observed, 3 target + axis.
     """
     found: dict[str, NDArray] = {}
-    for name, slope in cause.change(recording.passage.at(cause), np.zeros(len(scale))).fields.items():
+    for name, slope in cause.change(recording.forward_pass.at(cause), np.zeros(len(scale))).fields.items():
         slope = slope * scale
         if name == "moved":
             slope = recording.turn @ slope
@@ -313,7 +313,7 @@ class RecordedModel(EffectsModel[PointCause]):
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is Step.INSTRUMENT and len(effect.values):
-                slope = cause.change(recording.passage.at(cause), effect.values).fields["points"] * self.effect_sigma(
-                    cause
-                )
+                slope = cause.change(recording.forward_pass.at(cause), effect.values).fields[
+                    "points"
+                ] * self.effect_sigma(cause)
                 by_shared[..., self.layout[cause.key]] = recording.recorded(slope, cause)

@@ -36,7 +36,7 @@ class RayModel(ChannelModel[RayCause]):
     @classmethod
     def of(cls, rays: RayPoses) -> Self:
         """Return the model of some poses, in which everything that was estimated of what they share is open."""
-        return cls(rays, tuple(n for n, p in enumerate(rays.parameters) if p.sigma != 0.0 and rays.tells[n]))
+        return cls(rays, tuple(n for n, p in enumerate(rays.parameters) if p.sigma != 0.0 and rays.determinable[n]))
 
     @cached_property
     def _common(self) -> NDArray:

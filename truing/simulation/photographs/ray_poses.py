@@ -78,10 +78,12 @@ class RayPoses:
 
     def owners(self, kind: str) -> tuple[str, ...]:
         """Return the things of a kind that any pose tells of."""
-        return tuple(dict.fromkeys(p.owner for n, p in enumerate(self.parameters) if p.kind == kind and self.tells[n]))
+        return tuple(
+            dict.fromkeys(p.owner for n, p in enumerate(self.parameters) if p.kind == kind and self.determinable[n])
+        )
 
     @cached_property
-    def tells(self) -> NDArray:
+    def determinable(self) -> NDArray:
         """Return which numbers (T,) any pose tells anything of."""
         return np.any(self.root != 0.0, (0, 1))
 

@@ -101,7 +101,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         """Return the channel."""
         return whose(self.channel)
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the tables that it depends on."""
         plain = tuple(column.removeprefix(UNLOADING).removeprefix(SO_FAR).removeprefix(WAY) for column in self.columns)
         return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in plain))
@@ -141,7 +141,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
     def functions(self, steps: LoadSteps) -> NDArray:
         """Return the functions' values (B, m)."""
         if self.form == MEMORY:
-            return _remembered(steps, self.columns[0])
+            return _previous_loads(steps, self.columns[0])
         if self.form == REST:
             return np.exp(-steps.since_break_s / self.half_ranges[0])[:, None]
         if self.form in (POLYNOMIAL, WAVES):
@@ -295,7 +295,7 @@ def _values_of(steps: LoadSteps, column: str) -> NDArray:
     return np.asarray(steps.covariates[column], float)
 
 
-def _remembered(steps: LoadSteps, load: str) -> NDArray:
+def _previous_loads(steps: LoadSteps, load: str) -> NDArray:
     """Return a load (B, 2) over its largest, one and two steps before in the run; zero before its start."""
     share = steps.share[:, LOADS.index(load)]
     once = np.where(steps.rank >= 1, share[steps.before], 0.0)

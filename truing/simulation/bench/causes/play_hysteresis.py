@@ -48,7 +48,7 @@ class PlayHysteresis(LoadCause):
         """Return thresholds from half a step of the loads on, from rest and exercised, for each axis whose load turns
         back, and for all axes."""
         steps = scene.steps
-        axes = [axis for axis in seen_axes(scene) if _turns(steps, AXES.index(axis)) >= _TURNS]
+        axes = [axis for axis in seen_axes(scene) if _reversals(steps, AXES.index(axis)) >= _TURNS]
         if not axes:
             return ()
         least = min(max(_LEAST, _OF_A_STEP * _usual_step(steps)), _LARGEST / _THRESHOLDS)
@@ -131,7 +131,7 @@ def _at_largest(steps: LoadSteps, deflection: NDArray) -> NDArray:
     return np.asarray(whole[None])
 
 
-def _turns(steps: LoadSteps, axis: int) -> int:
+def _reversals(steps: LoadSteps, axis: int) -> int:
     """Return how often a load turns back within a run."""
     way = steps.direction[:, axis]
     return int(np.sum(way * way[steps.before] < 0.0))

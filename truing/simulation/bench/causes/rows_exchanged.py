@@ -136,7 +136,7 @@ def put_right(steps: RecordedSteps, exchanges: Sequence[RowsExchanged]) -> Recor
     return replace(steps, load=load)
 
 
-def told_by_readings(
+def confirmed_by_readings(
     exchanged: tuple[RowsExchanged, ...], steps: RecordedSteps, sensor: UncertainSensor
 ) -> tuple[RowsExchanged, ...]:
     """Return the exchanges, those of signals alone where readings at the two steps agree with the loads as noted."""

@@ -82,7 +82,9 @@ class SignalNonlinear(ReadingCause):
             for signal, those in chosen
             for powers, loads in forms
         ]
-        return [one for one in found if one.size <= min(_MOST_PARAMETERS, _told(scene, one) // _ROWS_PER_PARAMETER)]
+        return [
+            one for one in found if one.size <= min(_MOST_PARAMETERS, _reading_count(scene, one) // _ROWS_PER_PARAMETER)
+        ]
 
     @property
     def size(self) -> int:
@@ -140,7 +142,7 @@ class SignalNonlinear(ReadingCause):
         return found
 
 
-def _told(scene: BenchScene, cause: SignalNonlinear) -> int:
+def _reading_count(scene: BenchScene, cause: SignalNonlinear) -> int:
     """Return how many readings there are of a cause's signals."""
     return int(scene.recorded[:, [name in cause.signals for name in scene.steps.channels]].sum())
 

@@ -41,7 +41,7 @@ class _LegGeometry:
 
 
 def plan_of(joints: JointCentres) -> _LegGeometry:
-    """Return what `stand` needs of one sensor; raises LinAlgError where six legs do not hold the platform."""
+    """Return what `platform_errors` needs of one sensor; raises LinAlgError where six legs do not hold the platform."""
     arrays = (joints.leg, joints.arm, outward(joints.lower), outward(joints.arm))
     leg, arm, below, above = (array.T[..., None] for array in arrays)
     return _LegGeometry(leg, arm, below, above, np.linalg.inv(influence_matrix(joints)), joints.length[:, None])
@@ -52,10 +52,10 @@ def assembled(joints: JointCentres, errors: NDArray) -> NDArray:
 
     NaN where the legs do not close.
     """
-    return stand(plan_of(joints), np.ascontiguousarray(np.transpose(errors, (2, 1, 0)))).T
+    return platform_errors(plan_of(joints), np.ascontiguousarray(np.transpose(errors, (2, 1, 0)))).T
 
 
-def stand(plan: _LegGeometry, errors: NDArray) -> NDArray:
+def platform_errors(plan: _LegGeometry, errors: NDArray) -> NDArray:
     """Return platform errors (6, N) of sensors with errors (5, 6, N), m, in the order of `assembly.SOURCES`."""
     above, below, low, middle, installed = errors
     wanted = plan.length + low - middle + installed
@@ -173,7 +173,7 @@ def sampled_errors(
 
     def fill(start: int, stream: np.random.Generator) -> None:
         for block in _blocks(start, min(start + _STREAM, count)):
-            found[block] = stand(plan, _drawn(widths, block.stop - block.start, stream, bounded)).T
+            found[block] = platform_errors(plan, _drawn(widths, block.stop - block.start, stream, bounded)).T
 
     starts = range(0, count, _STREAM)
     with ThreadPoolExecutor(workers) as pool:

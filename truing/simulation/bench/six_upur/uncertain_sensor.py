@@ -87,10 +87,10 @@ class UncertainSensor:
             return 0
         if self.elastic is not None and self._is_elastic:
             return (1 + _LEGS) * len(self.elastic.parts.names)
-        return 1 if self._alike is None else 1 + _LEGS
+        return 1 if self._equal_legs is None else 1 + _LEGS
 
     @cached_property
-    def _alike(self) -> NDArray | None:
+    def _equal_legs(self) -> NDArray | None:
         """Return the legs' stiffnesses (6, 6, 6), SI, that a given compliance speaks of, if it speaks of legs."""
         if (
             self.joints is None
@@ -98,7 +98,7 @@ class UncertainSensor:
             or np.linalg.matrix_rank(self._given((6, 6)), hermitian=True) < _LEGS
         ):
             return None
-        return alike_legs(np.linalg.inv(self._given((6, 6))), self.joints)
+        return equal_legs(np.linalg.inv(self._given((6, 6))), self.joints)
 
     @cached_property
     def legs(self) -> LegElasticity | None:
@@ -193,11 +193,11 @@ class UncertainSensor:
 
     def _softened(self, stiffness: NDArray) -> NDArray:
         """Return a given compliance (..., 6, 6) with other elastic parameters (..., stiffness_size)."""
-        if self._alike is None or not stiffness.shape[-1]:
+        if self._equal_legs is None or not stiffness.shape[-1]:
             softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)
             return self._given((6, 6)) * softer[..., None, None]
         stiffer = np.exp(self._each_leg(stiffness[..., None])[..., 0])
-        return np.asarray(np.linalg.inv(np.einsum("...l,lij->...ij", stiffer, self._alike)))
+        return np.asarray(np.linalg.inv(np.einsum("...l,lij->...ij", stiffer, self._equal_legs)))
 
     def _lengthened(self) -> NDArray | None:
         """Return the legs' compliances (30, 6, 6, 6) with each length error as a tiny imaginary part."""
@@ -230,7 +230,7 @@ class UncertainSensor:
 
     def _displaced(self, G: NDArray) -> NDArray:
         """Return a given compliance (..., 6, 6) with the legs where they have influence G (..., 6, 6)."""
-        if self._alike is None or self.joints is None:
+        if self._equal_legs is None or self.joints is None:
             return self._given(G.shape)
         back = influence_matrix(self.joints) @ np.linalg.inv(G)
         return np.asarray(np.swapaxes(back, -1, -2) @ self._given((6, 6)) @ back)
@@ -294,7 +294,7 @@ _KINDS = 5  # along, across, twist, bend, and across by bending
 _NEARLY_PASSIVE = 1e-2  # of the platform's own: a leg that gives energy by more is none
 
 
-def alike_legs(stiffness: NDArray, joints: JointCentres) -> NDArray:
+def equal_legs(stiffness: NDArray, joints: JointCentres) -> NDArray:
     """Return the stiffness (6, 6, 6), SI, about the platform's origin, of legs that add up to a given one (6, 6)."""
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     scaled = scale[:, None] * scale

@@ -18,10 +18,10 @@ from truing.simulation.bodies.causes.terms import (
     CAME_FROM,
     TIMES,
     counted,
+    named_term,
     place_columns,
     proposed_terms,
     runs_with_time,
-    told_term,
 )
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
@@ -173,7 +173,7 @@ class BodyDeformation(BodyCause):
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the pattern, and what it follows."""
         found = super().reported(*self._free_of_motion(values, covariance), legs)
-        return (*found, ReportedParameter("driver", " ".join(map(told_term, self.terms)), None, ""))
+        return (*found, ReportedParameter("driver", " ".join(map(named_term, self.terms)), None, ""))
 
     def _functions(self, state: State) -> NDArray:
         """Return the terms' values (B, m)."""

@@ -61,7 +61,7 @@ def runs_with_time(scene: PointScene, terms: tuple[str, ...]) -> bool:
     return all(abs(np.corrcoef(time, values)[0, 1]) > _SAME_COURSE for values in columns if values is not None)
 
 
-def told_term(term: str) -> str:
+def named_term(term: str) -> str:
     """Return a term with the laboratory's names of its columns."""
     return TIMES.join(
         f"{CAME_FROM if column.startswith(CAME_FROM) else ''}{own_name(column.removeprefix(CAME_FROM))}"

@@ -105,7 +105,7 @@ class NonlinearPlatformDeformation(PerLeg):
     def candidates(self, scene: PointScene) -> Sequence[NonlinearPlatformDeformation]:
         """Return every form for every choice of legs whose displacements tell the terms apart."""
         moved = scene.readings - scene.rho0
-        telling = {form: _telling(moved, max(form)) for form in _FORMS}
+        telling = {form: _legs_resolving_power(moved, max(form)) for form in _FORMS}
         every = tuple(range(1, scene.legs + 1))
         return [
             NonlinearPlatformDeformation(chosen, form)
@@ -132,15 +132,17 @@ class NonlinearPlatformDeformation(PerLeg):
         return Change({"delta_bz": rows}, rows.shape[-1])
 
 
-def _telling(moved: NDArray, power: int) -> frozenset[int]:
+def _legs_resolving_power(moved: NDArray, power: int) -> frozenset[int]:
     """Return the legs, from 1, whose displacements (B, L), m, tell a power from lower ones: by what these leave of it.
 
     Displacements on three levels, as many as a cubic term would need beside them, show a straight line for it.
     """
-    return frozenset(leg for leg, column in enumerate(moved.T, start=1) if np.any(column) and _tells(column, power))
+    return frozenset(
+        leg for leg, column in enumerate(moved.T, start=1) if np.any(column) and _resolves_power(column, power)
+    )
 
 
-def _tells(column: NDArray, power: int) -> bool:
+def _resolves_power(column: NDArray, power: int) -> bool:
     x = column / np.max(np.abs(column))
     lower = np.linalg.qr(x[:, None] ** np.arange(power))[0]
     rest = x**power - lower @ (lower.T @ x**power)

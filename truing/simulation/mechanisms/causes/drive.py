@@ -159,9 +159,9 @@ class PeriodicError(PerLeg):
             sigma = np.sqrt(np.maximum(np.diag(by_both @ covariance[part, part] @ by_both.T), 0.0))
             amplitudes.append(ReportedParameter(f"amplitude_{leg}", size / _MM, float(sigma[0]) / _MM, "mm"))
             phases.append(ReportedParameter(f"phase_{leg}", phase, min(float(sigma[1]), math.pi), "rad"))
-        return (*amplitudes, self._told_pitch(values, covariance), *phases)
+        return (*amplitudes, self._reported_pitch(values, covariance), *phases)
 
-    def _told_pitch(self, values: NDArray, covariance: NDArray) -> ReportedParameter:
+    def _reported_pitch(self, values: NDArray, covariance: NDArray) -> ReportedParameter:
         if self.aliased:
             return ReportedParameter("pitch", self.pitch_mm, self.pitch_mm, "mm")
         if not self.free:
@@ -230,7 +230,7 @@ def distinct_pitches(moved: NDArray) -> list[float]:
     """
     first = 1 / LONGEST_M + pitch_spacing(moved) / 2
     frequencies = np.linspace(first, 1 / SHORTEST_M, grid_size(moved))[:MOST_PITCHES]
-    alike = _alike(_spans(2 * np.pi * frequencies[:, None, None] * moved))
+    alike = _has_same_span(_spans(2 * np.pi * frequencies[:, None, None] * moved))
     kept: list[int] = []
     for wave in range(len(frequencies)):
         if not alike[wave, kept].any():
@@ -246,7 +246,7 @@ def _spans(turns: NDArray) -> NDArray:
     return directions * (sizes > 0.05 * np.sqrt(turns.shape[1]))[:, :, None]
 
 
-def _alike(spans: NDArray) -> NDArray:
+def _has_same_span(spans: NDArray) -> NDArray:
     """Return (F, F) whether the span (F, L, B, 2) of the row lies within that of the column, leg by leg."""
     waves, _, poses, _ = spans.shape
     alike = np.ones((waves, waves), bool)

@@ -142,7 +142,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         """Return the weight: all legs are likelier than a single one, and that than a pair."""
         return super().prior(scene) * (choice_share(len(self.legs), scene.legs) if scene.legs else 1.0)
 
-    def follows(self, legs: int) -> tuple[str, ...]:
+    def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the configurations that it depends on."""
         concerned = self._concerned(legs)
         if self.form == ALL_DRIVES:
@@ -158,7 +158,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         if not self._is_of_legs:
             return ()
         looks_back = any(column in (*LOOKING_BACK, ORDER) for column in self.columns)
-        return tuple(dict.fromkeys((*self.follows(legs), *([TIME] if looks_back else []))))
+        return tuple(dict.fromkeys((*self.inputs(legs), *([TIME] if looks_back else []))))
 
     def alike(self, legs: int) -> tuple[int, ...]:
         """Return the amplitudes of the legs concerned: of several functions those of the last."""

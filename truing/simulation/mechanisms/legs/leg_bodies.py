@@ -92,8 +92,8 @@ class LegBodies:
         origin = self.t + parts[..., :3]
         value = np.stack([near + origin - joints.lower, far + origin - joints.upper], -2)
         ends = np.stack([-joints.lower_slope, along[..., None] * length_slope[..., None, :] - joints.upper_slope], -3)
-        by_pose = [beside(arm.shape, np.eye(3), -skew(arm) @ turn) for arm in (near, far)]
-        by_seat = [beside(far.shape, R, size[..., None, None] * (R @ slope)) for size in (0.0 * length, length)]
+        by_pose = [concatenated(arm.shape, np.eye(3), -skew(arm) @ turn) for arm in (near, far)]
+        by_seat = [concatenated(far.shape, R, size[..., None, None] * (R @ slope)) for size in (0.0 * length, length)]
         return _in_place(self.leg, closing, value, ends, np.stack(by_pose, -3), np.stack(by_seat, -3))
 
     def _free(self) -> NDArray:
@@ -191,7 +191,7 @@ def joints_of(leg: NDArray, machine: Machine, p: NDArray, R: NDArray, rho: NDArr
     bent = axis * shift_change(machine, rho, change)[..., None, :]
     upper_parts = (np.eye(3), -skew(arms), axis * machine.deformation[..., None, :], moved + bent)
     lower_parts = (np.zeros((3, 6)), driven, legs.closure.lower_change(legs, rho, change))
-    slopes = (beside(upper.shape, *parts)[..., leg, :, :] for parts in (lower_parts, upper_parts))
+    slopes = (concatenated(upper.shape, *parts)[..., leg, :, :] for parts in (lower_parts, upper_parts))
     return Joints(leg, lower[..., leg, :], upper[..., leg, :], *slopes)
 
 
@@ -200,6 +200,6 @@ def stacked(closing: Closing) -> NDArray:
     return np.concatenate([closing.by_twist, closing.by_rho, closing.by_parameter], -1)
 
 
-def beside(shape: tuple[int, ...], *parts: NDArray) -> NDArray:
+def concatenated(shape: tuple[int, ...], *parts: NDArray) -> NDArray:
     """Return derivatives (*shape, D) from parts (..., d) beside each other, each of which broadcasts to the shape."""
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], -1)

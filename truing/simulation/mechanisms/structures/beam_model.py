@@ -164,7 +164,7 @@ class BeamModel:
         driven = Change({"rho": np.eye(legs.count), "delta_bz": machine.deformation}, legs.count)
         by_rho = _moved(legs, R, rho, bend, driven)
         by_parameter = _moved(legs, R, rho, bend, shifting(machine, rho, change))
-        by_parameter = by_parameter + _straight_changed(legs, reference, R, bend, change)
+        by_parameter = by_parameter + _by_nominal_flexures(legs, reference, R, bend, change)
         return Closing(bend.value, by_twist, by_rho, by_parameter)
 
 
@@ -193,7 +193,7 @@ def _moved(legs: Legs, R: NDArray, rho: NDArray, bend: LegBending, change: Chang
     return legs.closure.length_change(legs, change) - np.einsum("...li,...lip->...lp", bend.pull, apart)
 
 
-def _straight_changed(legs: Legs, reference: ReferencePose, R: NDArray, bend: LegBending, change: Change) -> NDArray:
+def _by_nominal_flexures(legs: Legs, reference: ReferencePose, R: NDArray, bend: LegBending, change: Change) -> NDArray:
     """Return the derivative (B, L, P) of the closing by directions and lengths of the straight flexures."""
     moved = reference_change(legs, reference, change)
     on_platform = moved.z - np.cross(moved.twist[..., None, 3:, :], reference.z[..., None], axis=-2)

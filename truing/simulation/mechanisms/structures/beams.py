@@ -130,7 +130,7 @@ def assembled_change(chain: Chain) -> NDArray:
     return np.concatenate([np.stack(lengths, -3), joint[..., _SECTIONS, :, :], tube[..., _SECTIONS, :, :]], -3)
 
 
-def followed(stiffness: NDArray) -> NDArray:
+def recovery_matrix(stiffness: NDArray) -> NDArray:
     """Return T (..., 24, 12): displacements of all nodes where the ends a', b' are moved and no load acts between."""
     inner = stiffness[..., _INNER[:, None], _INNER]
     fixed = stiffness[..., _INNER[:, None], _ENDS]
@@ -143,7 +143,7 @@ def followed(stiffness: NDArray) -> NDArray:
 def condensed(stiffness: NDArray) -> NDArray:
     """Return K_c - K_f' K_u^-1 K_f (..., 12, 12) over a', b' of an assembled chain (eq. 25-27)."""
     ends = stiffness[..., _ENDS, :]
-    return ends @ followed(stiffness)
+    return ends @ recovery_matrix(stiffness)
 
 
 def condensed_change(stiffness: NDArray, change: NDArray) -> NDArray:
@@ -151,7 +151,7 @@ def condensed_change(stiffness: NDArray, change: NDArray) -> NDArray:
 
     T' dK T: moving the nodes between the ends does no work to first order, as no load acts on them.
     """
-    follow = followed(stiffness)[..., None, :, :]
+    follow = recovery_matrix(stiffness)[..., None, :, :]
     return np.swapaxes(follow, -1, -2) @ change @ follow
 
 

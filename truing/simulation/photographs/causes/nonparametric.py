@@ -48,7 +48,7 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
         ranges = {column: middle_and_half(values) for column, values in columns.items()}
         found: list[NonparametricRayEffect] = []
         for place, number in enumerate(rays.parameters):
-            if number.name not in _PLAUSIBLE or number.kind not in (CAMERA, BAR) or not rays.tells[place]:
+            if number.name not in _PLAUSIBLE or number.kind not in (CAMERA, BAR) or not rays.determinable[place]:
                 continue
             count = int(rays.poses_of(number.kind, number.owner).sum())
             owner = {"owner_kind": number.kind, "owner": number.owner, "name": number.name, "unit": number.unit}
