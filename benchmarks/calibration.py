@@ -17,10 +17,10 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from benchmarks.timing import interleaved, pin, run_pinned
-from truing.calibration.every_case import screened
+from truing.calibration.calibration_input import CalibrationData
+from truing.calibration.calibration_question import cases
 from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
-from truing.calibration.measured import CalibrationData
-from truing.calibration.question import cases
+from truing.calibration.model_cases import screened
 from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaigns
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.simulation.mechanisms.structures.catalogue import structures

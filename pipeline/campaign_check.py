@@ -11,11 +11,11 @@ from typing import Any
 
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, identity_faults, open_campaign
 from truing.pipeline.campaign_run import CampaignRun, detached_run
+from truing.pipeline.console import RunConsole
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import second_folder
 from truing.pipeline.stage_order import RAW_READERS, is_optional, stage_module
 from truing.pipeline.starter import unconfirmed
-from truing.pipeline.voice import RunConsole
 from truing.schemas.faults import CampaignFaults, Fault
 
 _MOST_ROWS = 300_000  # of object points that a look beforehand compares with their readings; `run` compares all

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import truing
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
 from truing.pipeline.freshness import Evidence, Freshness, StageStatus
-from truing.pipeline.ledger import DigestCache, Entry, MadeFrom, Manifest, digest_of, read_manifest
+from truing.pipeline.manifest import DigestCache, Entry, MadeFrom, Manifest, digest_of, read_manifest
 from truing.pipeline.problems import EnvironmentProblem
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.source_digest import SourceTree

@@ -437,7 +437,7 @@ def compare(
 
 
 def _end(*actions: Callable[[], ExitCode]) -> None:
-    from truing.pipeline.endings import end_all
-    from truing.pipeline.voice import RunConsole
+    from truing.pipeline.console import RunConsole
+    from truing.pipeline.exit_status import end_all
 
     raise typer.Exit(end_all(list(actions), RunConsole(quiet=False)))

@@ -10,10 +10,10 @@ import pyarrow as pa
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import CampaignFolder, open_campaign
+from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_file, read_given, table_bytes
 from truing.pipeline.in_memory import bench_tables
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.voice import RunConsole
 from truing.pipeline.whole_file import write_atomically
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault

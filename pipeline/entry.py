@@ -50,8 +50,8 @@ def _call() -> None:
 
 def _end_interrupted(error: Interrupted) -> int:
     """Interrupted before any action began, as while libraries load."""
-    from truing.pipeline.endings import end_interrupted
-    from truing.pipeline.voice import RunConsole
+    from truing.pipeline.console import RunConsole
+    from truing.pipeline.exit_status import end_interrupted
 
     return end_interrupted(error, RunConsole(quiet=False))
 

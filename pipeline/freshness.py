@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truing.pipeline.campaign_folder import CampaignFolder, relative_name
-from truing.pipeline.ledger import DigestCache, Entry, MadeFrom, Manifest, canonical
+from truing.pipeline.manifest import DigestCache, Entry, MadeFrom, Manifest, canonical
 from truing.pipeline.source_digest import SourceTree
 from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS, bare
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from truing.formats.file_search import is_raw_file
 from truing.formats.source import OF_IMAGES
 from truing.pipeline.campaign_folder import FILE, is_safe_name
+from truing.pipeline.console import RunConsole
 from truing.pipeline.init_entries import (
     bodies_and_targets,
     common_glob,
@@ -28,7 +29,6 @@ from truing.pipeline.init_entries import (
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.starter import guess_lines
-from truing.pipeline.voice import RunConsole
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault
 

@@ -17,16 +17,16 @@ from truing.formats.photographs import list_photographs
 from truing.formats.source import CampaignFiles
 from truing.pipeline.artifacts import table_of
 from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
+from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_file, leave_tables, read_given
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_beside_run, note_owner
-from truing.pipeline.voice import RunConsole
 from truing.report.plan_page import plan_head, plan_sections
 from truing.report.rendering.render import render_page
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.stages.image_tables.known_beforehand import cameras_table, read_cameras, read_image_targets, read_scale_bars
+from truing.stages.image_tables.prior_knowledge import cameras_table, read_cameras, read_image_targets, read_scale_bars
 from truing.stages.ingestion.tables import read_survey
 from truing.stages.photograph_planning.plan_tables import sentences, tables
 from truing.stages.photograph_planning.planned_network import planned_network

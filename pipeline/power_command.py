@@ -17,15 +17,15 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
 from truing.pipeline.artifacts import table_of
 from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
+from truing.pipeline.console import RunConsole
 from truing.pipeline.executor import Workforce, results
 from truing.pipeline.given_files import check_file, leave_tables
 from truing.pipeline.in_memory import bench_tables, call_stage
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_beside_run, note_owner
-from truing.pipeline.voice import RunConsole
+from truing.report.diagnosis.detectable_sizes import size_words
 from truing.report.diagnosis.findings import subject_words
-from truing.report.diagnosis.hidden import size_words
 from truing.report.power_page import (
     SIZE_HEADS,
     alarm_words,
@@ -52,7 +52,7 @@ from truing.simulation.detection_trials import (
     trials,
 )
 from truing.stages import power
-from truing.stages.common.why_not import NO_DRAWING
+from truing.stages.common.missing_data import NO_DRAWING
 from truing.stages.diagnosis.ray_points import assemble_rays
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
 from truing.stages.diagnosis.search import (

@@ -11,12 +11,12 @@ import pyarrow as pa
 from truing import __version__
 from truing.pipeline.artifacts import Stamp, Unreadable, read_artifact, write_table
 from truing.pipeline.campaign_folder import FILE, identity_faults, open_campaign
+from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_file, read_given, table_bytes
-from truing.pipeline.ledger import digest_of
+from truing.pipeline.manifest import digest_of
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import campaign_of
 from truing.pipeline.stage_order import OF_SECOND_CAMPAIGNS
-from truing.pipeline.voice import RunConsole
 from truing.pipeline.whole_file import write_atomically
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault

@@ -11,11 +11,11 @@ from pathlib import Path
 from truing import __version__
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_folder
-from truing.pipeline.ledger import DigestCache, Manifest, read_manifest
+from truing.pipeline.manifest import DigestCache, Manifest, read_manifest
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
-from truing.pipeline.voice import RunConsole
 from truing.pipeline.whole_file import write_atomically
 from truing.report.comparison.compared_runs import ComparedRun, RunComparison, RunTransition
 from truing.report.comparison.page import comparison_head, comparison_sections

@@ -12,8 +12,9 @@ from pathlib import Path
 from truing.pipeline.campaign_check import check_before_photographs, check_campaign
 from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign, run_folder_of
 from truing.pipeline.campaign_run import CampaignRun, detached_run, open_run
-from truing.pipeline.endings import KEPT, defects_logged, end, end_all
+from truing.pipeline.console import Recorder, RunConsole
 from truing.pipeline.executor import Workforce, processors, results
+from truing.pipeline.exit_status import KEPT, defects_logged, end, end_all
 from truing.pipeline.freshness import Freshness
 from truing.pipeline.problems import ExitCode, gravest
 from truing.pipeline.run_folder import occupied
@@ -27,7 +28,6 @@ from truing.pipeline.stage_order import (
     needed_for,
     stage_module,
 )
-from truing.pipeline.voice import Recorder, RunConsole
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import meant

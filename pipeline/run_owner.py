@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from truing.pipeline.campaign_folder import FILE, CampaignFolder, run_folder_of
 from truing.pipeline.campaign_run import CampaignRun, open_run
-from truing.pipeline.ledger import Owner, digest_of
+from truing.pipeline.manifest import Owner, digest_of
 from truing.pipeline.problems import EnvironmentProblem
 from truing.pipeline.run_folder import occupied
 from truing.schemas.artifacts import ARTIFACTS

@@ -16,7 +16,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-from truing.pipeline.ledger import TICK_NS, DigestCache
+from truing.pipeline.manifest import TICK_NS, DigestCache
 
 _NAME = "truing"
 _BESIDE = ("schemas", "stages", "pipeline")  # packages of `truing` whose folders stand beside its own in a checkout

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from truing.schemas.checks_of_axes import OF_AXES, OF_POSITIONS
-from truing.schemas.checks_of_loads import OF_LOADS
-from truing.schemas.checks_of_points import OF_PHOTOGRAPHS, OF_POINTS
+from truing.schemas.axis_checks import OF_AXES, OF_POSITIONS
 from truing.schemas.faults import Fault
+from truing.schemas.load_checks import OF_LOADS
 from truing.schemas.near_names import meant, nearest
+from truing.schemas.point_checks import OF_PHOTOGRAPHS, OF_POINTS
 from truing.schemas.quality_check import CheckLimits, Checks
 from truing.schemas.sections import Acceptance, SetLimits
 

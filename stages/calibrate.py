@@ -49,11 +49,11 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     if settings.campaign.kind == "interferometer":
         from truing.stages.calibration.sensor import calibrate_sensor as calibrated
         from truing.stages.calibration.sensor import nothing_of_sensor as nothing
-        from truing.stages.repeats.of_loads import repeats_of_loads as repeats
+        from truing.stages.repeats.load_repeats import repeats_of_loads as repeats
     else:
         from truing.stages.calibration.run import calibrate_mechanism as calibrated
         from truing.stages.calibration.run import nothing_calibrated as nothing
-        from truing.stages.repeats.of_poses import repeats_of_poses as repeats
+        from truing.stages.repeats.pose_repeats import repeats_of_poses as repeats
     if why := withheld(tables):
         return nothing(why)
     found = calibrated(tables, settings, progress)

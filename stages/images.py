@@ -39,9 +39,9 @@ def run(
     """
     from truing.formats.faultlog import FaultLog
     from truing.report.numbers import reasons
-    from truing.stages.image_tables.known_beforehand import read_known, regrouped
     from truing.stages.image_tables.measured_rays import read_rays
     from truing.stages.image_tables.photographs import read_photographs, refused_words
+    from truing.stages.image_tables.prior_knowledge import read_known, regrouped
 
     log = FaultLog()
     small = read_known(source, settings, log)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from truing.schemas.artifacts import ARTIFACTS
-from truing.stages.common.why_not import NO_BODIES
+from truing.stages.common.missing_data import NO_BODIES
 from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:

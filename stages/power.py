@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from truing.inference.selection import Settings
     from truing.schemas.campaign import Campaign
-    from truing.stages.diagnosis.gathered import DiagnosisData
+    from truing.stages.diagnosis.diagnosis_data import DiagnosisData
     from truing.stages.simulated_campaigns.plan import CampaignPlan, RayPlan, ReadingPlan
 
     Plan = CampaignPlan | ReadingPlan | RayPlan

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from truing.stages.common.why_not import (
+from truing.stages.common.missing_data import (
     HELD_OUT,
     LEAST_POSES,
     LEAST_TARGETS,

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from truing.stand_in_library import missing_functions, provide_stand_in
+from truing.stub_library import missing_functions, provide_stub_library
 
 _LIBUSB = "libusb-1.0.so.0"
 # Graphics libraries that Open3D links, and the names of the functions that each defines.
@@ -59,7 +59,7 @@ def _provide_graphics(package: Path) -> None:
     if absent and platform.machine() == "x86_64":
         for library in package.glob("libOpen3D.so*"):
             for soname in absent:
-                provide_stand_in(soname, missing_functions(library, _GRAPHICS[soname]))
+                provide_stub_library(soname, missing_functions(library, _GRAPHICS[soname]))
 
 
 def _loads(library: str) -> bool:

@@ -34,7 +34,7 @@ from truing.simulation.mechanisms.causes.warmth import APART
 
 if TYPE_CHECKING:
     from truing.simulation.mechanisms.model import MechanismModel
-    from truing.stages.diagnosis.gathered import DiagnosisData
+    from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 DOCS = Path(__file__).resolve().parents[1]
 CAMPAIGN = DOCS.parent / "sample_data" / "telescope"

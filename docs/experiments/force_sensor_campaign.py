@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from docs.experiments.marked_tables import renew, table
+from truing.report.diagnosis.assessed_causes import assessed_causes
+from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.effect_units import size_text
-from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import assessed_causes
-from truing.report.diagnosis.misses import reading_misses, root_mean_square
-from truing.report.diagnosis.unwritten_loads import unwritten_loads
+from truing.report.diagnosis.load_corrections import unwritten_loads
+from truing.report.diagnosis.prediction_errors import reading_misses, root_mean_square
 from truing.report.head import build_head
 from truing.report.numbers import plain, printed, with_uncertainty
 from truing.report.tables import CHANNELS, LOADS, WHY_NOT

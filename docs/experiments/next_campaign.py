@@ -24,7 +24,7 @@ from tests.blind.generator.layout import Geometry
 from tests.stages.two_campaigns import fitted, gathered, longer, measured, model_text
 from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain
 from truing.simulation.mechanisms.extended_model import identified_geometry
-from truing.stages.diagnosis.earlier_campaign import changes_table, started
+from truing.stages.diagnosis.prior_campaign import changes_table, started
 
 PAGE = Path(__file__).resolve().parents[1] / "next-campaign.md"
 MACHINES = 8

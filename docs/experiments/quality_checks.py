@@ -2,7 +2,7 @@
 
     python -m docs.experiments.quality_checks
 
-writes them from their declarations in schemas/checks_of_points.py, checks_of_photographs.py and checks_of_loads.py.
+writes them from their declarations in schemas/point_checks.py and schemas/load_checks.py.
 """
 
 from __future__ import annotations

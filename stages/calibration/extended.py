@@ -22,7 +22,7 @@ from truing.calibration.accuracy import (
     errors_at,
     identifiable,
 )
-from truing.calibration.measured import CalibrationData, MeasuredPlatform
+from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
 from truing.inference.pulls import pulls
 from truing.simulation.mechanisms.extended_model import ExtendedModel, name_and_leg, read_model, some_of
 from truing.stages.calibration.model_rows import accuracy_rows, add_correlations, add_figures, requirement_rows

@@ -21,9 +21,9 @@ from truing.calibration.accuracy import (
     fit_figures,
     nominal_errors,
 )
+from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.calibration.knowledge import absorbed, observe_legs, observe_model
-from truing.calibration.measured import CalibrationData, MeasuredPlatform
 from truing.estimation.design.observability import Observability, choose_identifiable, indices, inseparable
 from truing.estimation.held_out import ContenderChoice
 from truing.simulation.mechanisms.structures.catalogue import departure, structures

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from truing.belonging.relation import RelationState
 from truing.calibration.accuracy import AssessedCalibration, Extended, choice, doubts, shortcoming
-from truing.calibration.every_case import (
+from truing.calibration.calibration_input import CalibrationData
+from truing.calibration.calibration_question import Case, cases
+from truing.calibration.model_cases import (
     LEAST_LEGS,
     OFF,
     ScreenedPoses,
@@ -19,8 +21,6 @@ from truing.calibration.every_case import (
     calibrations,
     screened_poses,
 )
-from truing.calibration.measured import CalibrationData
-from truing.calibration.question import Case, cases
 from truing.estimation.rotation import log_so3
 from truing.report.numbers import count as counted
 from truing.report.numbers import listed
@@ -40,8 +40,8 @@ from truing.stages.calibration.model_rows import (
 )
 from truing.stages.common.applied_findings import applied_findings
 from truing.stages.common.calibration_data import assemble
+from truing.stages.common.missing_data import HELD_OUT, why_no_calibration, why_too_few_poses
 from truing.stages.common.rows import Rows
-from truing.stages.common.why_not import HELD_OUT, why_no_calibration, why_too_few_poses
 from truing.stages.declaration import Outcome, Progress
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from truing.arrays import Mask
 from truing.stages.common.axis_columns import columns_of, command_sigma
-from truing.stages.common.why_not import HELD_OUT, NO_BODIES, NO_CALIBRATION
+from truing.stages.common.missing_data import HELD_OUT, NO_BODIES, NO_CALIBRATION
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from truing.belonging.relation import RecordSlip, RelationTest
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.checks_of_axes import OF_POSITIONS
+from truing.schemas.axis_checks import OF_POSITIONS
 from truing.schemas.quality_checks import WITHHOLDING
 
 

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from truing.calibration.measured import (
+from truing.calibration.calibration_input import (
     CalibrationData,
     Deformation,
     MeasuredPlatform,

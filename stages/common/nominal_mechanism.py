@@ -14,8 +14,8 @@ from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import unit
 from truing.simulation.mechanisms.structures.beams import section
 from truing.simulation.mechanisms.structures.structure import BeamSection, Machine
+from truing.stages.common.missing_data import NO_CHOICE
 from truing.stages.common.point_arrays import pose_vectors
-from truing.stages.common.why_not import NO_CHOICE
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.simulation.cause import Cause
-    from truing.stages.diagnosis.gathered import DiagnosisData
+    from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 _ACCEPTED = (FOUND, SUSPECTED)  # verdicts whose effects the extended model holds
 

@@ -14,8 +14,8 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.declaration import Outcome
 from truing.stages.diagnosis.applied import applied_model, choices_table
 from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
-from truing.stages.diagnosis.left_tables import left_out_table
 from truing.stages.diagnosis.ray_findings import with_rays
+from truing.stages.diagnosis.residual_tables import left_out_table
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
 from truing.stages.diagnosis.search import rule_of, rule_with_rays
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import CauseDiagnosis, Settings
     from truing.schemas.campaign import Campaign
-    from truing.stages.diagnosis.gathered import DiagnosisData, ReportedRms
+    from truing.stages.diagnosis.diagnosis_data import DiagnosisData, ReportedRms
     from truing.stages.diagnosis.ray_findings import RayFindings
 
 # Fewer platform targets off the attachments leave their shifts free by a plane.

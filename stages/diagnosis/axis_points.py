@@ -19,8 +19,8 @@ from truing.simulation.axis.rows import AxisRows
 from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
 from truing.stages.common.blocks import chosen, groupings_of, labels_of
-from truing.stages.diagnosis.gathered import Channels, DiagnosisData, InstrumentResults
-from truing.stages.diagnosis.left_tables import errors_by_role, identified_table
+from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, InstrumentResults
+from truing.stages.diagnosis.residual_tables import errors_by_role, identified_table
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel

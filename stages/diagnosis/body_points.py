@@ -31,6 +31,12 @@ from truing.simulation.bodies.model import BodyModel, KnownBodies
 from truing.simulation.inputs import approach, order_in_time
 from truing.simulation.targets import shape_unknowns
 from truing.stages.common.blocks import chosen, groupings_of, labels_of, readings_of, repeats_of
+from truing.stages.common.missing_data import (
+    HELD_OUT,
+    NO_BODY_TO_DIAGNOSE,
+    why_reference_unseen,
+    why_too_few_determined,
+)
 from truing.stages.common.point_arrays import (
     default_motions,
     number_column,
@@ -41,9 +47,8 @@ from truing.stages.common.point_arrays import (
     roles_of,
     survey_points,
 )
-from truing.stages.common.why_not import HELD_OUT, NO_BODY_TO_DIAGNOSE, why_reference_unseen, why_too_few_determined
-from truing.stages.diagnosis.gathered import DiagnosisData, InstrumentResults
-from truing.stages.diagnosis.left_tables import prediction_table
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
+from truing.stages.diagnosis.residual_tables import prediction_table
 
 if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis

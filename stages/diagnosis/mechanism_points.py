@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.estimation.labels.judged_points import select_points
+from truing.estimation.labels.point_selection import select_points
 from truing.estimation.rigid_poses.points import with_declared_noise
 from truing.inference.observations import Frames
 from truing.report.numbers import count as counted
@@ -23,6 +23,7 @@ from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
 from truing.simulation.mechanisms.weight import Weight
 from truing.simulation.targets import BASE, FREE_DIRECTION, FREE_LENGTH_M, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.blocks import chosen, groupings_of, labels_of, repeats_of
+from truing.stages.common.missing_data import HELD_OUT, why_no_diagnosis_of_mechanism
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import (
     default_motions,
@@ -34,11 +35,10 @@ from truing.stages.common.point_arrays import (
     survey_points,
 )
 from truing.stages.common.pose_conditions import pose_conditions
-from truing.stages.common.why_not import HELD_OUT, why_no_diagnosis_of_mechanism
-from truing.stages.diagnosis.earlier_campaign import changes_table
-from truing.stages.diagnosis.gathered import DiagnosisData, InstrumentResults
-from truing.stages.diagnosis.left_tables import prediction_table, pull_tables
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.next_measurement import next_of
+from truing.stages.diagnosis.prior_campaign import changes_table
+from truing.stages.diagnosis.residual_tables import prediction_table, pull_tables
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel

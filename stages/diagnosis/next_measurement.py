@@ -24,7 +24,7 @@ from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import about, count, rough
 from truing.report.wordings.catalogue import cause_words, confirming
 from truing.report.wordings.claim import Advice, AdviceKind
-from truing.report.wordings.followed import columns_words
+from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name
 from truing.schemas.needs import Need

@@ -30,7 +30,7 @@ from truing.stages.common.point_arrays import number_column
 from truing.stages.common.point_errors import point_errors
 from truing.stages.common.ray_statistics import effects_on_points
 from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
-from truing.stages.diagnosis.gathered import DiagnosisData
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 from truing.stages.diagnosis.ray_points import assemble_rays, scale_height
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table, ranked_table
 from truing.stages.diagnosis.search import decided_of_rays, rule_of_rays

@@ -16,11 +16,11 @@ from truing.schemas.verdict import Relation
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
 from truing.stages.common.blocks import chosen, groupings_of, labels_of, readings_of
+from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.point_arrays import default_motions, number_column, pose_ids, positions
 from truing.stages.common.ray_statistics import information_and_score, shared_numbers
-from truing.stages.common.why_not import HELD_OUT
 from truing.stages.diagnosis.body_points import known_of_poses
-from truing.stages.diagnosis.gathered import RAYS, DiagnosisData, InstrumentResults
+from truing.stages.diagnosis.diagnosis_data import RAYS, DiagnosisData, InstrumentResults
 
 if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis

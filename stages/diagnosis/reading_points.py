@@ -36,10 +36,10 @@ from truing.stages.common.declared_optics import declared_optics
 from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.overruled import decided, excluded_words, without_excluded
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
-from truing.stages.diagnosis.earlier_campaign import changes_table
-from truing.stages.diagnosis.gathered import Channels, DiagnosisData, InstrumentResults
-from truing.stages.diagnosis.left_tables import errors_by_role, identified_table, plain_number, sensor_pull_tables
+from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.next_measurement import next_loads_of
+from truing.stages.diagnosis.prior_campaign import changes_table
+from truing.stages.diagnosis.residual_tables import errors_by_role, identified_table, plain_number, sensor_pull_tables
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pyarrow as pa
 
+from truing.report.diagnosis.assessed_causes import REMAINDER
 from truing.report.diagnosis.findings import (
     Facts,
     explanation,
@@ -18,16 +19,15 @@ from truing.report.diagnosis.findings import (
     noise_explanation,
     scatter_explanation,
 )
-from truing.report.diagnosis.judged import REMAINDER
 from truing.report.wordings.catalogue import cause_words, clause, confirming, own_clause
 from truing.report.wordings.claim import Advice, Claim, ParameterSize
-from truing.report.wordings.followed import remainder_advice, remainder_explanation
+from truing.report.wordings.nonparametric_wordings import remainder_advice, remainder_explanation
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
 from truing.schemas.verdict import Relation
 from truing.simulation.bodies.causes.terms import CAME_FROM
 from truing.simulation.inputs import ORDER, TIME
-from truing.stages.diagnosis.gathered import POINTS, Channels, ReportedRms
+from truing.stages.diagnosis.diagnosis_data import POINTS, Channels, ReportedRms
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel

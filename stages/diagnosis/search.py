@@ -21,13 +21,13 @@ from truing.simulation.catalogue import (
 )
 from truing.simulation.cause import Cause, CauseT
 from truing.simulation.mechanisms.recording import RecordedModel
-from truing.stages.common.why_not import NO_POINTS_TO_DIAGNOSE
+from truing.stages.common.missing_data import NO_POINTS_TO_DIAGNOSE
 from truing.stages.declaration import registered
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.stages.declaration import Progress
-    from truing.stages.diagnosis.gathered import DiagnosisData
+    from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 # What assembles the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
 _OF_TYPES = {"axis": "truing.stages.diagnosis.axis_points"}
@@ -66,7 +66,7 @@ def _started(gathered: DiagnosisData[Any], tables: Mapping[str, pa.Table], setti
     """What is compared, with what the model tells that the campaign starts from."""
     if "start" not in tables:
         return gathered
-    from truing.stages.diagnosis.earlier_campaign import started
+    from truing.stages.diagnosis.prior_campaign import started
 
     return started(gathered, str(tables["start"]), settings.diagnosis.seed)
 

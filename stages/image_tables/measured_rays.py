@@ -11,12 +11,12 @@ import pyarrow as pa
 
 from truing.arrays import Array
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import IMAGE_POINTS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
-from truing.stages.common.gathered import check_sigma, check_variance, numbers
+from truing.stages.common.table_arrays import check_sigma, check_variance, numbers
 from truing.stages.image_tables.point_names import Names, kind_of, own_names
 
 Formats = Mapping[str, Mapping[str, Any]]  # a row of cameras_given by camera

@@ -20,9 +20,9 @@ from truing.report.numbers import reasons
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, MARKERS, RINGS, USUAL
 from truing.stages.declaration import Progress
-from truing.stages.image_tables.known_beforehand import read_known
 from truing.stages.image_tables.measured_rays import RayTables, artifact_table
 from truing.stages.image_tables.point_names import own_names
+from truing.stages.image_tables.prior_knowledge import read_known
 
 if TYPE_CHECKING:
     from truing.estimation.image_targets.photograph_targets import PhotographTargets, TargetPlan

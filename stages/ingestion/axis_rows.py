@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
@@ -15,7 +15,7 @@ from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.simulation.axis.rows import MEASURED
 from truing.stages.common.axis_columns import AxisColumns, encoder_sigma
-from truing.stages.common.gathered import numbers, once
+from truing.stages.common.table_arrays import numbers, once
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.tables import (
     as_artifact,

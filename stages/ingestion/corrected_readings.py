@@ -20,10 +20,10 @@ from truing.estimation.interferometry.recorded_steps import (
     less_growth,
 )
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows
+from truing.formats.row_collection import CollectedRows
 from truing.schemas.faults import Fault
 from truing.simulation.air import ciddor_index, edlen_slopes, index_sigma, saturation_vapour_pressure_pa
-from truing.stages.common.gathered import numbered, numbers, texts
+from truing.stages.common.table_arrays import numbered, numbers, texts
 
 if TYPE_CHECKING:
     from truing.schemas.interferometer import Interferometer, SurroundingsSigma

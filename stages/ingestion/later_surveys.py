@@ -13,13 +13,13 @@ import pyarrow as pa
 from truing.arrays import Array, Mask
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES, RESURVEYS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
-from truing.stages.common.gathered import SmallTable, numbers, once, sigmas, texts
+from truing.stages.common.table_arrays import SmallTable, numbers, once, sigmas, texts
 from truing.stages.ingestion.relabelling import PoseTimes, Relabel, Relabelling, window
 from truing.stages.ingestion.tables import check_legs, legs_of
 

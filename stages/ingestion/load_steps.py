@@ -12,10 +12,10 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index, Mask
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows
+from truing.formats.row_collection import CollectedRows
 from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
-from truing.stages.common.gathered import declared_missing, numbered, numbers, once, texts, unit_factors, without
+from truing.stages.common.table_arrays import declared_missing, numbered, numbers, once, texts, unit_factors, without
 
 AXES = tuple(name[:2] for name in WRENCH)
 _KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}

@@ -13,14 +13,14 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.formats.faultlog import FaultLog, discreet
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles, RawFile
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault, Unfit
 from truing.schemas.settings_text import read_settings_text
-from truing.stages.common.gathered import SmallTable, numbered, numbers, once, texts
+from truing.stages.common.table_arrays import SmallTable, numbered, numbers, once, texts
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
 from truing.stages.ingestion.reading_table import ReadingTable, read_readings

@@ -11,12 +11,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import DISPLACEMENT, MOTION, PLANNED, SIGNALS
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
 from truing.schemas.interferometer import Material
-from truing.stages.common.gathered import numbers
+from truing.stages.common.table_arrays import numbers
 from truing.stages.ingestion.loading_tables import check_sensor, read_compliance
 from truing.stages.ingestion.reading_table import reading_table
 from truing.stages.ingestion.signal_table import SIGNAL, signal_table

@@ -15,7 +15,7 @@ from truing.formats.source import CampaignFiles, passed_over
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
-from truing.stages.common.gathered import SmallTable
+from truing.stages.common.table_arrays import SmallTable
 from truing.stages.declaration import Outcome, Progress
 from truing.stages.ingestion.adjusted_points import AdjustedPoints, EstimatedCovariance, in_inner_datum
 from truing.stages.ingestion.dense_scans import DenseScans, identifier_of, read_scans

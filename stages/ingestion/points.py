@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Mask
 from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
-from truing.formats.point_ledger import PointIndex
+from truing.formats.point_index import PointIndex
 from truing.formats.read import FileRows, ahead, read_table
 from truing.formats.shapes import COORDINATE_SIGMAS, POINTS
 from truing.formats.source import CampaignFiles

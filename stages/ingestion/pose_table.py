@@ -13,7 +13,7 @@ import pyarrow as pa
 from truing.arrays import Array, Mask
 from truing.estimation.rotation import euler_axes, exp_so3, left_jacobian_so3, log_so3
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import (
     COORDINATE_SIGMAS,
     COORDINATES,
@@ -27,7 +27,7 @@ from truing.report.numbers import count as counted
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant_by
-from truing.stages.common.gathered import check_variance, declared_missing, numbers, once, sigmas, texts, without
+from truing.stages.common.table_arrays import check_variance, declared_missing, numbers, once, sigmas, texts, without
 
 if TYPE_CHECKING:
     from truing.formats.source import CampaignFiles

@@ -24,13 +24,13 @@ from truing.estimation.interferometry.quadrature import (
 )
 from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import DISPLACEMENT, INTERFEROMETER, MOTION, QUADRATURE, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import SIGMA_BOUNDS
 from truing.schemas.faults import Fault
-from truing.stages.common.gathered import (
+from truing.stages.common.table_arrays import (
     SmallTable,
     check_sigma,
     declared_missing,

@@ -12,12 +12,12 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import times_from_order
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import SHOWN, SIGNALS, WRENCH
 from truing.formats.source import CampaignFiles
 from truing.schemas.columns import COLUMNS
 from truing.schemas.faults import Fault
-from truing.stages.common.gathered import SmallTable, numbered, numbers, texts
+from truing.stages.common.table_arrays import SmallTable, numbered, numbers, texts
 from truing.stages.ingestion.load_steps import (
     check_same_loads,
     checked_steps,

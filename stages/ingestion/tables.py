@@ -13,9 +13,9 @@ import pyarrow.compute as pc
 
 from truing.arrays import Array, Mask
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
-from truing.formats.point_ledger import NameNumbers
+from truing.formats.point_index import NameNumbers
 from truing.formats.read import read_table
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, TARGETS, TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
@@ -24,7 +24,7 @@ from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.schemas.settings_text import parsed_toml, read_settings_text
-from truing.stages.common.gathered import SmallTable, filled, numbers, once
+from truing.stages.common.table_arrays import SmallTable, filled, numbers, once
 
 POSES = tuple(TableShape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""

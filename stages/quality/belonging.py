@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array, Index, Mask
-from truing.belonging.plausible_slips import RecordedColumn
-from truing.belonging.points_of_bodies import (
+from truing.belonging.body_point_tests import (
     AsOtherBody,
     BodyPoints,
     poses_with_slips,
@@ -19,10 +18,11 @@ from truing.belonging.points_of_bodies import (
     relate_survey,
     together,
 )
+from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads
+from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.reading_hypotheses import MeasuredMotion
-from truing.belonging.readings_of_poses import READINGS, ReadingNames, relate_readings
+from truing.belonging.reading_tests import READINGS, ReadingNames, relate_readings
 from truing.belonging.relation import DISPLACEMENT_UNITS, FRINGE_SHARES, ROTATION_UNITS, RelationState, RelationTest
-from truing.belonging.relations_of_loads import MILLIVOLT, KnownBench, relate_loads
 from truing.estimation.covariance import relative
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.quality.bodies import BodyView, PoseSurroundings

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array
-from truing.quality.answers import answers, signal_answers, turned_round
+from truing.quality.load_responses import answers, signal_answers, turned_round
 from truing.quality.loading import ExpectedReadings, LoadingView
 from truing.report.numbers import count, percent
 from truing.stages.common.beam_rows import channel_rows

@@ -13,7 +13,7 @@ from truing.estimation.interferometry.log_quality import units_mistaken
 from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.estimation.quality import Scatter
 from truing.estimation.repeatability import equal_scatter
-from truing.quality.answers import (
+from truing.quality.load_responses import (
     Answers,
     as_others,
     beyond_simulation,

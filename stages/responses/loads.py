@@ -40,12 +40,12 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
 from truing.stages.common.belonging import subject_of, withheld_runs
 from truing.stages.common.loaded_steps import loaded_steps
+from truing.stages.common.missing_data import why_no_deformation_of_loads
 from truing.stages.common.nominal_sensor import simulated_compliance
 from truing.stages.common.point_arrays import number_columns
 from truing.stages.common.positioning import SEED, deviations, instrument
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI
 from truing.stages.common.rows import Rows
-from truing.stages.common.why_not import why_no_deformation_of_loads
 from truing.stages.declaration import Outcome
 from truing.stages.responses.tables import add_figures, error_rows
 

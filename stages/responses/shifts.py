@@ -39,6 +39,12 @@ from truing.estimation.rigid_poses.joint_frames import FramedBody, FramedPoints,
 from truing.report.numbers import count as counted
 from truing.report.numbers import gross_errors
 from truing.schemas.artifacts import ARTIFACTS
+from truing.stages.common.missing_data import (
+    NO_BODIES,
+    NO_POINTS_TO_DEFORM,
+    why_no_deformation_of_legs,
+    why_no_deformation_of_targets,
+)
 from truing.stages.common.point_arrays import (
     fitted_points,
     number_columns,
@@ -49,12 +55,6 @@ from truing.stages.common.point_arrays import (
 )
 from truing.stages.common.point_errors import common_correlation, point_errors
 from truing.stages.common.rows import Rows
-from truing.stages.common.why_not import (
-    NO_BODIES,
-    NO_POINTS_TO_DEFORM,
-    why_no_deformation_of_legs,
-    why_no_deformation_of_targets,
-)
 from truing.stages.declaration import Outcome
 from truing.stages.responses.tables import add_figures, error_rows
 

@@ -27,7 +27,7 @@ from truing.stages.common.pose_conditions import pose_conditions
 from truing.stages.second_campaign.compared import CALIBRATED, EXTENDED, NOMINAL, PredictionErrors, SecondCampaign
 
 if TYPE_CHECKING:
-    from truing.calibration.measured import CalibrationData
+    from truing.calibration.calibration_input import CalibrationData
     from truing.simulation.mechanisms.recording import Conditions
 
 _SAME_M = 1e-7

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.arrays import Array
-from truing.calibration.measured import PosesWithCovariance
+from truing.calibration.calibration_input import PosesWithCovariance
 from truing.estimation.covariance import relative
 from truing.estimation.rigid_poses.body_poses import body_parts
 from truing.estimation.rotation import left_jacobian_so3, log_so3

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.belonging.load_slips import SLIPS, Tables
-from tests.belonging.load_slips_told import RIGHT, counted, judge
+from tests.belonging.load_slips_reported import RIGHT, counted, judge
 from tests.blind.generator.sensor.case import hide, layouts_for
 from truing.schemas.faults import CampaignFaults
 

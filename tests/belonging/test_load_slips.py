@@ -16,18 +16,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.belonging.load_slips import SLIPS, Tables
-from tests.belonging.load_slips_told import RIGHT, judge
+from tests.belonging.load_slips_reported import RIGHT, judge
 from tests.conftest import PROJECT
 from tests.sensor_campaign import LARGEST, UP_AND_DOWN, campaign_toml, measured, sensor, write_campaign
 from tests.stages.line import run_line
 from truing.belonging.chance_equality import noise_of_neighbours, resolution
 from truing.belonging.copied_rows import Values, copied_runs
 from truing.belonging.frozen_values import frozen, stood_still
+from truing.belonging.load_tests import against_range, against_simulation
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, RelationState, SlipKind
-from truing.belonging.relations_of_loads import against_range, against_simulation
 from truing.belonging.row_order import row_slips
-from truing.belonging.signals_of_loads import SignalSteps
+from truing.belonging.signal_tests import SignalSteps
 from truing.stages.common.belonging import withheld
 
 SAMPLE = PROJECT / "sample_data" / "force-sensor"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truing.belonging.points_of_bodies import AsOtherBody, BodyPoints, poses_with_slips, relate_survey
+from truing.belonging.body_point_tests import AsOtherBody, BodyPoints, poses_with_slips, relate_survey
 from truing.belonging.relation import RelationState, SlipKind
 
 SIGMA = 1e-5

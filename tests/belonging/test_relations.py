@@ -7,13 +7,13 @@ import pytest
 
 from tests.tolerance import assert_close
 from truing.belonging import relation
+from truing.belonging.body_point_tests import BodyPoints
+from truing.belonging.body_point_tests import relate_copies as copies
+from truing.belonging.body_point_tests import relate_survey as survey_of
 from truing.belonging.evidence import log_evidence, physics
-from truing.belonging.points_of_bodies import BodyPoints
-from truing.belonging.points_of_bodies import relate_copies as copies
-from truing.belonging.points_of_bodies import relate_survey as survey_of
 from truing.belonging.reading_hypotheses import MeasuredMotion
-from truing.belonging.readings_of_poses import ReadingNames
-from truing.belonging.readings_of_poses import relate_readings as relations
+from truing.belonging.reading_tests import ReadingNames
+from truing.belonging.reading_tests import relate_readings as relations
 from truing.belonging.relation import RelationState, SlipKind
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.legs.kinematics import forward

@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from tests.packaging.source_tree import PROJECT, imported_names, module_name, modules, within
-from truing.pipeline.ledger import DigestCache
+from truing.pipeline.manifest import DigestCache
 from truing.pipeline.source_digest import SourceTree
 
 SHARED = ("truing.stages.common", "truing.stages.declaration")

@@ -127,7 +127,7 @@ def test_a_listener_who_goes_does_not_end_the_run(fake: FakeProject) -> None:
 
 
 def test_a_long_stage_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    from truing.pipeline.voice import RunConsole
+    from truing.pipeline.console import RunConsole
 
     clock = iter(range(0, 100, 3))
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))

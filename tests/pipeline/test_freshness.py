@@ -108,7 +108,7 @@ CHANGES: dict[str, tuple[Callable[[FakeProject], None], list[str], str]] = {
         "source of truing/estimation/mean.py changed",
     ),
     "a module that nobody imports": (write("project/truing/estimation/unused.py", "x = 1"), [], ""),
-    "the pipeline's own code": (source("pipeline/voice.py", '"""What', '"""All that'), [], ""),
+    "the pipeline's own code": (source("pipeline/console.py", '"""What', '"""All that'), [], ""),
     "a missing artifact": (remove("deformation.parquet"), ["deformation"], "deformation.parquet is missing"),
     "a missing last artifact": (remove("report.html"), ["report"], "report.html is missing"),
     "a damaged artifact": (flip_a_byte, ["pose"], "residuals.parquet is not as it was written"),

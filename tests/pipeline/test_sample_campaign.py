@@ -28,11 +28,11 @@ from truing.pipeline import campaign_run
 from truing.pipeline.campaign_folder import SettingsView, open_campaign
 from truing.pipeline.campaign_run import PROJECT, CampaignRun, open_run
 from truing.pipeline.command_line import app
+from truing.pipeline.console import RunConsole
 from truing.pipeline.freshness import Freshness
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaign
 from truing.pipeline.stage_order import ORDER, makers, stage_module
-from truing.pipeline.voice import RunConsole
 from truing.schemas.artifacts import ARTIFACTS
 
 BODIES = """[campaign]

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from tests.cut_telescope import cut_telescope
-from truing.pipeline.endings import end_all
+from truing.pipeline.console import Recorder
+from truing.pipeline.exit_status import end_all
 from truing.pipeline.problems import ExitCode
-from truing.pipeline.voice import Recorder
 
 PROJECT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from truing.pipeline.ledger import DigestCache
+from truing.pipeline.manifest import DigestCache
 from truing.pipeline.source_digest import SourceTree
 
 FILES = {

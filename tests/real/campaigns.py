@@ -64,8 +64,8 @@ def run_all(names: Sequence[str], folder: Path) -> dict[str, dict[str, pd.DataFr
 
 def run_here(name: str, folder: Path, stages: Sequence[str]) -> dict[str, pd.DataFrame]:
     """Bring some stages of a campaign about, and what they need, and read every table that they left."""
+    from truing.pipeline.console import RunConsole
     from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaign, usable_campaign
-    from truing.pipeline.voice import RunConsole
 
     campaign, out = usable_campaign(prepare(name, folder)), folder / "runs" / name
     for stage in stages:

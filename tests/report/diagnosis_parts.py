@@ -5,10 +5,10 @@ from __future__ import annotations
 import pandas as pd
 
 from truing.report.diagnosis.adequacy import adequacy
+from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes
+from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.gain import gained
-from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import accepted_of, assessed_causes
 from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.section import diagnosis, sizes

@@ -16,7 +16,7 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.generator.schedule import published_moves, random_moves
 from tests.stages.line import run_line
 from truing.report.quality_section import qa as qa_section
-from truing.schemas.checks_of_points import OF_POINTS
+from truing.schemas.point_checks import OF_POINTS
 
 PLAIN = Layout(name="plain", targets=Targets(per_leg=0))
 K = 0.01 * np.random.default_rng(0).standard_normal((6, 6))

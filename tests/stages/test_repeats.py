@@ -23,8 +23,8 @@ from truing.report.exclusion_section import excluded
 from truing.report.measured_section import measured
 from truing.schemas.faults import CampaignFaults
 from truing.stages.common.repeats import DECLARED, SAME_LOADS, SAME_READINGS, repeated_poses
-from truing.stages.repeats.of_loads import repeats_of_loads
-from truing.stages.repeats.of_poses import repeats_of_poses
+from truing.stages.repeats.load_repeats import repeats_of_loads
+from truing.stages.repeats.pose_repeats import repeats_of_poses
 from truing.stages.repeats.tables import POOLED
 
 REPEATED = 6

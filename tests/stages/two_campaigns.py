@@ -21,7 +21,7 @@ from truing.inference.fitted_model import FittedModel, Fitter
 from truing.schemas.campaign import read_campaign
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import extended, write_model
-from truing.stages.diagnosis.gathered import DiagnosisData
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 from truing.stages.diagnosis.mechanism_points import assemble
 
 LAYOUT = Layout(name="machine", targets=Targets(base=8, platform=8, per_leg=0))

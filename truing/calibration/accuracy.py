@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.calibration.calibration_input import MeasuredPlatform
+from truing.calibration.calibration_question import common_effects, is_deformation, own_covariance, with_common
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
-from truing.calibration.measured import MeasuredPlatform
-from truing.calibration.question import common_effects, is_deformation, own_covariance, with_common
 from truing.estimation.held_out import Contender, ContenderChoice, choose_model, held_out_misfit
 from truing.estimation.rotation import log_so3
 from truing.inference.pulls import TOLD

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.measured import CalibrationData, MeasuredPlatform
-from truing.calibration.question import (
+from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
+from truing.calibration.calibration_question import (
     CalibrationQuestion,
     Case,
     common_effects,

@@ -8,10 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.every_case import screened_poses
-from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration, answer
-from truing.calibration.measured import CalibrationData, MeasuredPlatform
-from truing.calibration.question import (
+from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
+from truing.calibration.calibration_question import (
     CalibrationQuestion,
     Case,
     cases,
@@ -23,6 +21,8 @@ from truing.calibration.question import (
     widest,
     with_targets,
 )
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration, answer
+from truing.calibration.model_cases import screened_poses
 from truing.estimation.design.absorption import Absorption, absorb
 from truing.estimation.design.observability import Observability, observe
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit

@@ -69,7 +69,7 @@ def verdict_table(tables: Mapping[str, pa.Table]) -> pa.Table:
 
 def next_measurements_table(tables: Mapping[str, pa.Table]) -> pa.Table:
     """Return the artifact ``next_measurements`` of tables by artifact name."""
-    from truing.report.diagnosis.judged import assessed_causes
+    from truing.report.diagnosis.assessed_causes import assessed_causes
     from truing.report.diagnosis.next_steps import next_measurements_frame, next_steps
 
     frames = _frames(tables)

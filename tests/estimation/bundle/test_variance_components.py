@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truing.estimation.bundle.snooping import adjust_robustly
+from truing.estimation.bundle.data_snooping import adjust_robustly
 from truing.estimation.bundle.variance_components import POOLED, global_test, grouped
 
 from .photographed import simulate

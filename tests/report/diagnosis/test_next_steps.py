@@ -9,7 +9,7 @@ import pytest
 from tests.report.diagnosis.test_suspected import adequacy
 from tests.report.diagnosis_parts import part_of, text_of
 from tests.report.diagnosis_tables import NOISE, diagnosis_tables, rejected, row, rows
-from truing.report.diagnosis.judged import assessed_causes
+from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
 from truing.report.head import build_head
 from truing.schemas.needs import Need

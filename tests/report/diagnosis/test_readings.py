@@ -13,10 +13,10 @@ from tests.report.diagnosis_parts import PARTS, part_of, state_of, text_of
 from tests.report.diagnosis_tables import row, rows, size
 from tests.report.test_page import Reader, render
 from tests.tolerance import assert_close
-from truing.report.diagnosis.judged import assessed_causes
-from truing.report.diagnosis.misses import reading_misses
+from truing.report.diagnosis.assessed_causes import assessed_causes
+from truing.report.diagnosis.load_corrections import load_warning, unwritten_loads
+from truing.report.diagnosis.prediction_errors import reading_misses
 from truing.report.diagnosis.reading_gain import against_load, where_missed
-from truing.report.diagnosis.unwritten_loads import load_warning, unwritten_loads
 from truing.report.head import build_head
 from truing.report.measured_section import measured
 

@@ -7,12 +7,12 @@ import pytest
 
 from tests.report.diagnosis_parts import part_of, state_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
+from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.findings import DOUBTS, scatter_explanation
 from truing.report.diagnosis.headline import clause
-from truing.report.diagnosis.judged import assessed_causes
 from truing.report.diagnosis.section import diagnosis
 from truing.report.head import build_head
-from truing.report.wordings.followed import remainder_advice
+from truing.report.wordings.nonparametric_wordings import remainder_advice
 
 GAIN = row("actuator-gain", subject="leg3", parameters=GAIN_3)
 DOUBTED = GAIN | {"verdict": "suspected", "reason_code": "unnamed"}

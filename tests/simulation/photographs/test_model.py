@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.simulation.photographs.told_by_rays import NUMBERS, POSES, place, ray_poses, told
+from tests.simulation.photographs.ray_findings import NUMBERS, POSES, place, ray_poses, told
 from tests.tolerance import assert_close
 from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.simulation.catalogue import catalogue_of_rays

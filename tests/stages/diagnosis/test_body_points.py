@@ -15,7 +15,7 @@ from truing.estimation.rigid_poses.points import PosePoints
 from truing.schemas.campaign import read_campaign
 from truing.simulation.bodies.measured_bodies import moved_for_certain
 from truing.stages.diagnosis.body_points import assemble_bodies
-from truing.stages.diagnosis.gathered import DiagnosisData
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 LAYOUT = Layout(poses=40)
 

@@ -9,7 +9,7 @@ from tests.blind.generator.effects import ActuatorGain as Hidden
 from tests.stages.two_campaigns import fitted, gathered, measured
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
-from truing.stages.diagnosis.left_tables import pull_tables
+from truing.stages.diagnosis.residual_tables import pull_tables
 
 LEG, UNLUCKY = 3, 1e-3
 

@@ -12,7 +12,7 @@ from tests.stages.ingestion.test_pose_table import COUNT, HEAD, PLACES, WAYS, XY
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
 from truing.schemas.campaign import read_campaign
-from truing.stages.image_tables.known_beforehand import read_known_points, read_scale_bars
+from truing.stages.image_tables.prior_knowledge import read_known_points, read_scale_bars
 
 ABSURD = (5e-324, 1e-200, 1e29, 1e308)
 

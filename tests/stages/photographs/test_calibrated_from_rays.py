@@ -17,9 +17,9 @@ from tests.blind.generator.schedule import random_moves
 from tests.photographs.machine import copied, moved, stated_covariance
 from tests.photographs.rays import Shooting, exact_campaign
 from tests.stages.line import settings_of
+from truing.calibration.calibration_input import CalibrationData
+from truing.calibration.calibration_question import Case, cases
 from truing.calibration.fits import MachineCalibration, maximum_likelihood
-from truing.calibration.measured import CalibrationData
-from truing.calibration.question import Case, cases
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.pipeline.in_memory import call_stage
 from truing.simulation.mechanisms.structures.catalogue import structures

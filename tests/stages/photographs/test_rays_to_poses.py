@@ -165,7 +165,7 @@ def test_the_budget_of_a_pose_tells_what_is_common_to_all(adjusted: Any) -> None
 
 
 def test_a_good_campaign_fails_no_check_and_warns_of_nothing_in_its_photographs(adjusted: Any) -> None:
-    from truing.schemas.checks_of_points import OF_PHOTOGRAPHS
+    from truing.schemas.point_checks import OF_PHOTOGRAPHS
 
     _, _, tables = adjusted
     rows = [row for row in tables["qa"].to_pylist() if row["check"] in OF_PHOTOGRAPHS]

@@ -18,7 +18,7 @@ from truing.report.exclusion_section import excluded
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.stages.common.recorded_signals import recorded
-from truing.stages.diagnosis.gathered import DiagnosisData
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 from truing.stages.diagnosis.search import assembled_data
 
 LAYOUT = Layout("by-hand", tolerance=Tolerance(stiffness=0.02), programme=Programme(axes=("fz", "mx")), signals=6)

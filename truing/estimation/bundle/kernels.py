@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation import lane_arithmetic
-from truing.estimation.lane_arithmetic import compiled, inner
+from truing.estimation import simd_arithmetic
+from truing.estimation.simd_arithmetic import compiled, inner
 
 INTERIOR, MISCLOSURE = 6, 16  # where these parts of a row start, after point and turn
 WIDTH = 17  # of a row
@@ -148,7 +148,7 @@ def put_image(square: NDArray, block: NDArray, side: NDArray, place: NDArray, co
             common[place[a], last] += square[INTERIOR + a, MISCLOSURE]
 
 
-@compiled(lane_arithmetic.__file__, __file__)
+@compiled(simd_arithmetic.__file__, __file__)
 def accumulate(
     xy: NDArray,
     roots: NDArray,
@@ -206,7 +206,7 @@ def accumulate(
     return total
 
 
-@compiled(lane_arithmetic.__file__, __file__)
+@compiled(simd_arithmetic.__file__, __file__)
 def weighted_squares(
     xy: NDArray,
     roots: NDArray,
@@ -236,7 +236,7 @@ def weighted_squares(
     return total
 
 
-@compiled(lane_arithmetic.__file__, __file__)
+@compiled(simd_arithmetic.__file__, __file__)
 def image_points(
     image: NDArray,
     point: NDArray,
@@ -305,7 +305,7 @@ def lower_times(root: NDArray, rows: NDArray, product: NDArray) -> None:
                 target[b] += f * source[b]
 
 
-@compiled(lane_arithmetic.__file__, __file__)
+@compiled(simd_arithmetic.__file__, __file__)
 def forward(
     own: NDArray, rows: NDArray, sides: NDArray, damping: float, root: NDArray, reduced: NDArray, reduced_sides: NDArray
 ) -> bool:
@@ -323,7 +323,7 @@ def forward(
     return True
 
 
-@compiled(lane_arithmetic.__file__, __file__)
+@compiled(simd_arithmetic.__file__, __file__)
 def mirror(square: NDArray) -> None:
     """Copy the upper triangle of a matrix (n, n) onto the lower one, tile by tile."""
     n, tile = len(square), 16

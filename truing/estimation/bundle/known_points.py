@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
+from truing.estimation.bundle.data_snooping import ScreenedNetwork
 from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.network import Network, NetworkState
-from truing.estimation.bundle.snooping import ScreenedNetwork
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 LEVEL = 1e-3  # probability that a good pose has any point that is called wrong

@@ -9,12 +9,12 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment
+from truing.estimation.bundle.data_snooping import ScreenedNetwork, adjust_robustly
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.eccentricity import facing, network_eccentricity
 from truing.estimation.bundle.known_points import KnownTested, loosened, tested_known
 from truing.estimation.bundle.network import ImagePoints, NamedNetwork, Names, Network, NetworkState, Pose
-from truing.estimation.bundle.snooping import ScreenedNetwork, adjust_robustly
 from truing.estimation.bundle.start_values import Start, find_start
 from truing.estimation.bundle.uncoded_matching import Circles, OrientedImages, match_uncoded
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
-from truing.estimation.lane_arithmetic import compiled
+from truing.estimation.simd_arithmetic import compiled
 
 # A pixel is compared with the mean of so many pixels square about it: an edge is told from its two sides at any size of
 # target and under any light, and of a large target a band along its edge remains, whose outline is the same.

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from truing.estimation import lane_arithmetic
+from truing.estimation import simd_arithmetic
 from truing.estimation.image_targets import edge_picture
 from truing.estimation.image_targets.edge_picture import (
     BLOCK,
@@ -37,7 +37,7 @@ from truing.estimation.image_targets.edge_picture import (
     set_spokes,
     upper_tail,
 )
-from truing.estimation.lane_arithmetic import LANES, compiled, inner, summing
+from truing.estimation.simd_arithmetic import LANES, compiled, inner, summing
 
 # Unknowns: centre x, y; A xx, xy, yy; blur s; ground; contrast; slope x, y
 UNKNOWNS = 10
@@ -398,7 +398,7 @@ def _fit(grey, ring, coded, outer, noise, top, held_share, pixels, held, arcs, w
     return first or _set_covariance(work, result)
 
 
-@compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
+@compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
 def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, results):  # type: ignore[no-untyped-def]
     """Fill results (N, RESULTS): grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out
     to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; levels held to a

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from truing.estimation.lane_arithmetic import LANES, inner, summing
+from truing.estimation.simd_arithmetic import LANES, inner, summing
 
 BLOCK = 8 * LANES  # length of a register: what is computed for so many pixels stays at the processor's hand
 CX, CY, AXX, AXY, AYY, BLUR = range(6)

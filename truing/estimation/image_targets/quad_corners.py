@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from truing.arrays import Array, Mask
-from truing.estimation import lane_arithmetic
+from truing.estimation import simd_arithmetic
 from truing.estimation.image_targets import edge_picture
 from truing.estimation.image_targets.edge_picture import INV_SQRT2PI, decay, upper_tail
 from truing.estimation.image_targets.image_noise import ImageNoise
 from truing.estimation.image_targets.patch_fit import SHARPEST, SOFTEST, PatchFit, fit_patches
-from truing.estimation.lane_arithmetic import compiled, inner, summing
+from truing.estimation.simd_arithmetic import compiled, inner, summing
 
 _REACH = 48.0  # px
 _CLEAR = 3.0  # blurs that a pixel keeps from the other edges
@@ -253,7 +253,7 @@ def _product(rows: NDArray, i: int, k: int, n: int) -> float:
     return total
 
 
-@compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
+@compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
 def add_edges(
     values: NDArray,
     patches: NDArray,
@@ -291,7 +291,7 @@ def _depth(x: float, y: float, corner: NDArray, normal: NDArray) -> float:
     return -((x - corner[0]) * normal[0] + (y - corner[1]) * normal[1])
 
 
-@compiled(__file__, edge_picture.__file__, lane_arithmetic.__file__)
+@compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
 def pixels_beside(
     shape: tuple[int, int],
     start: NDArray,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.lane_arithmetic import LANES, inner
+from truing.estimation.simd_arithmetic import LANES, inner
 
 MOST = 12  # parameters
 _PACKED = MOST * (MOST + 1) // 2

@@ -19,8 +19,9 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation import lane_arithmetic
-from truing.estimation.lane_arithmetic import (
+from truing.estimation import simd_arithmetic
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, check_correspondences, solve_weighted
+from truing.estimation.simd_arithmetic import (
     IDENTITY,
     LANES,
     Matrix,
@@ -51,7 +52,6 @@ from truing.estimation.lane_arithmetic import (
     times,
     transpose,
 )
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, check_correspondences, solve_weighted
 
 FIELDS = 8  # per point and lane: source (3), target (3), weight, weight of its noise
 ROWS = 83  # registers per lane, named below
@@ -301,7 +301,7 @@ def store(
     used[b] = lane[_USED * LANES + j] if lane[CLEAR * LANES + j] > 0.0 else -1
 
 
-@compiled(lane_arithmetic.__file__, __file__)
+@compiled(simd_arithmetic.__file__, __file__)
 def solve_range(
     x: NDArray,
     y: NDArray,

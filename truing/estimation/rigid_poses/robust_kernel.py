@@ -10,8 +10,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation import lane_arithmetic
-from truing.estimation.lane_arithmetic import (
+from truing.estimation import simd_arithmetic
+from truing.estimation.rigid_poses import batched_kernel, consensus_steps
+from truing.estimation.rigid_poses.batched_kernel import (
+    CLEAR,
+    FIELDS,
+    ROTATION,
+    ROWS,
+    SOURCE_CENTRE,
+    TARGET_CENTRE,
+    TURN_INVERSE,
+    WEIGHT,
+    accumulate_moments,
+    load_block,
+    solve_rotations,
+)
+from truing.estimation.simd_arithmetic import (
     IDENTITY,
     LANES,
     apply,
@@ -30,22 +44,8 @@ from truing.estimation.lane_arithmetic import (
     times,
     transpose,
 )
-from truing.estimation.rigid_poses import batched_kernel, consensus_steps
-from truing.estimation.rigid_poses.batched_kernel import (
-    CLEAR,
-    FIELDS,
-    ROTATION,
-    ROWS,
-    SOURCE_CENTRE,
-    TARGET_CENTRE,
-    TURN_INVERSE,
-    WEIGHT,
-    accumulate_moments,
-    load_block,
-    solve_rotations,
-)
 
-_SOURCES = (lane_arithmetic.__file__, batched_kernel.__file__, consensus_steps.__file__, __file__)
+_SOURCES = (simd_arithmetic.__file__, batched_kernel.__file__, consensus_steps.__file__, __file__)
 
 
 def statuses(clouds: consensus_steps.Clouds) -> NDArray:

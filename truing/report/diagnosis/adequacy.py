@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from truing.belonging.relation import RelationState
+from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes
 from truing.report.diagnosis.findings import subject_words
-from truing.report.diagnosis.judged import accepted_of, assessed_causes
-from truing.report.diagnosis.misses import AT_THE_FLOOR, Overall, missed_by
+from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, missed_by
 from truing.report.numbers import count, p_value, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.catalogue import cause_words
-from truing.report.wordings.followed import columns_words
+from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
 _TITLE = "Does the model hold as a whole?"

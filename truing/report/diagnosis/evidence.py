@@ -7,7 +7,7 @@ import math
 import numpy as np
 import plotly.graph_objects as go
 
-from truing.report.diagnosis.judged import (
+from truing.report.diagnosis.assessed_causes import (
     EQUAL_ODDS,
     FOUND,
     NOT_TESTABLE,

@@ -9,9 +9,8 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
-from truing.report.diagnosis.elsewhere import elsewhere
-from truing.report.diagnosis.judged import AssessedCause, accepted_of, share_removed
-from truing.report.diagnosis.misses import (
+from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of, share_removed
+from truing.report.diagnosis.prediction_errors import (
     AT_THE_FLOOR,
     POINTS,
     Overall,
@@ -23,6 +22,7 @@ from truing.report.diagnosis.misses import (
     root_mean_square,
 )
 from truing.report.diagnosis.reading_gain import by_channel, drawn_readings
+from truing.report.diagnosis.validity import elsewhere
 from truing.report.figure_style import (
     BLUE,
     GREY,

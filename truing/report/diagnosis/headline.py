@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.report.diagnosis.assessed_causes import FOUND, AssessedCause
 from truing.report.diagnosis.findings import UNNAMED, subject_words
-from truing.report.diagnosis.judged import FOUND, AssessedCause
-from truing.report.diagnosis.misses import compared, overall
+from truing.report.diagnosis.prediction_errors import compared, overall
 from truing.report.numbers import printed, rough, sign, with_uncertainty
 from truing.report.tables import Tables, filled
 from truing.report.wordings import catalogue
 from truing.report.wordings.claim import Reach
-from truing.report.wordings.followed import columns_words, remainder_clause
+from truing.report.wordings.nonparametric_wordings import columns_words, remainder_clause
 
 if TYPE_CHECKING:
     from truing.report.tables import Tables

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import pandas as pd
 
-from truing.report.diagnosis.judged import AssessedCause
-from truing.report.diagnosis.misses import POINTS, READINGS, compared
+from truing.report.diagnosis.assessed_causes import AssessedCause
 from truing.report.diagnosis.next_steps import NextStep, next_steps
+from truing.report.diagnosis.prediction_errors import POINTS, READINGS, compared
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, filled

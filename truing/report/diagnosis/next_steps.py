@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from truing.report.calibration.requirements import chosen_requirements, interval_words
-from truing.report.diagnosis.judged import NOT_TESTABLE, RIVAL, SUSPECTED, AssessedCause, accepted_of
+from truing.report.diagnosis.assessed_causes import NOT_TESTABLE, RIVAL, SUSPECTED, AssessedCause, accepted_of
 from truing.report.diagnosis.shortcomings import decisive_measurements
 from truing.report.numbers import about, count, printed
 from truing.report.section_verdict import verdict_rows

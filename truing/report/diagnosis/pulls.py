@@ -11,7 +11,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
-from truing.report.diagnosis.misses import PartNames, compared
+from truing.report.diagnosis.prediction_errors import PartNames, compared
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
 from truing.report.numbers import count, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, ReportSection

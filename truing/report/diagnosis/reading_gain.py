@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from truing.report.diagnosis.misses import READINGS, channels_of, rms_with_interval, root_mean_square
+from truing.report.diagnosis.prediction_errors import READINGS, channels_of, rms_with_interval, root_mean_square
 from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, style
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing

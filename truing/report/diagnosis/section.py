@@ -14,16 +14,16 @@ from truing.report.absorption import absorbed_by, swallowed
 from truing.report.calibration.calibrations import shown_calibration
 from truing.report.deformation_section import coefficient_map
 from truing.report.diagnosis.adequacy import adequacy
+from truing.report.diagnosis.assessed_causes import RIVAL, SUSPECTED, AssessedCause, accepted_of, assessed_causes
+from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.effect_units import handy_unit, size_text, stem
 from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.findings import DOUBTS
 from truing.report.diagnosis.gain import gained
 from truing.report.diagnosis.headline import clause
-from truing.report.diagnosis.hidden import hidden
-from truing.report.diagnosis.judged import RIVAL, SUSPECTED, AssessedCause, accepted_of, assessed_causes
+from truing.report.diagnosis.load_corrections import unwritten_loads
 from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
-from truing.report.diagnosis.unwritten_loads import unwritten_loads
 from truing.report.diagnosis.words import certainty, counted, lower
 from truing.report.figure_style import BAR, BLUE, GREY, label, style
 from truing.report.numbers import count, printed, sign, with_uncertainty

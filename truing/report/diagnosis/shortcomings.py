@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from typing import Any
 
 from truing.report.diagnosis.adequacy import CAUSES_LEFT, shortcoming_words
-from truing.report.diagnosis.judged import FOUND, SUSPECTED, AssessedCause
+from truing.report.diagnosis.assessed_causes import FOUND, SUSPECTED, AssessedCause
 from truing.report.section_verdict import verdict_rows
 from truing.report.tables import Tables, cell, filled
 from truing.report.verdict import with_verdict
 from truing.report.wordings.catalogue import WORDINGS, cause_words
-from truing.report.wordings.followed import OF_TIME, columns_words
+from truing.report.wordings.nonparametric_wordings import OF_TIME, columns_words
 from truing.schemas.covariates import named
 from truing.schemas.verdict import ReasonCode, Relation
 

@@ -8,9 +8,7 @@ import pandas as pd
 
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.adequacy import shortcoming
-from truing.report.diagnosis.effect_units import plain_size
-from truing.report.diagnosis.headline import clause, gain
-from truing.report.diagnosis.judged import (
+from truing.report.diagnosis.assessed_causes import (
     NOT_TESTABLE,
     REJECTED,
     RIVAL,
@@ -19,8 +17,10 @@ from truing.report.diagnosis.judged import (
     accepted_of,
     assessed_causes,
 )
+from truing.report.diagnosis.effect_units import plain_size
+from truing.report.diagnosis.headline import clause, gain
+from truing.report.diagnosis.load_corrections import load_warning
 from truing.report.diagnosis.next_steps import next_steps
-from truing.report.diagnosis.unwritten_loads import load_warning
 from truing.report.numbers import count, printed, rough
 from truing.report.numbers import listed as listed_shortly
 from truing.report.page import Verdict

@@ -5,8 +5,8 @@ from __future__ import annotations
 from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.bench_wordings import BENCH
 from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording, by, only, with_sizes
-from truing.report.wordings.followed import FOLLOWED, PARTS_OF_AXES
 from truing.report.wordings.mechanism_wordings import BODIES, MECHANISM
+from truing.report.wordings.nonparametric_wordings import FOLLOWED, PARTS_OF_AXES
 
 _STIR = "Measure the temperature of the air at three heights; stir it with a fan and repeat some poses."
 _FORMS = {

@@ -9,7 +9,7 @@ from truing.report.diagnosis.effect_units import size_text
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import rough, with_uncertainty
 from truing.report.wordings.claim import Claim, Wording, by, by_most, largest, listed, only, size_in_words, with_sizes
-from truing.report.wordings.followed import columns_words, product_words
+from truing.report.wordings.nonparametric_wordings import columns_words, product_words
 from truing.schemas.covariates import own_name
 
 # A shift is told with the sigma of parameters taken one by one where it is so many times that.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
-from truing.estimation.labels.judged_points import PointSelection, select_points
+from truing.estimation.labels.point_selection import PointSelection, select_points
 from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, with_declared_noise
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, log_so3, rigid_motions

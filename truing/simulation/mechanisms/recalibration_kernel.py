@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation import lane_arithmetic
-from truing.estimation.lane_arithmetic import LANES, apply, compiled, dot, get3, get9, inner, mix, scale, transpose
+from truing.estimation import simd_arithmetic
 from truing.estimation.least_squares import simd_batches
 from truing.estimation.least_squares.simd_batches import (
     ARRIVED,
@@ -36,6 +35,7 @@ from truing.estimation.least_squares.simd_batches import (
     start,
 )
 from truing.estimation.rigid_poses.batched_kernel import share_out
+from truing.estimation.simd_arithmetic import LANES, apply, compiled, dot, get3, get9, inner, mix, scale, transpose
 
 _FIELDS = 13  # per pose and lane: p, R, rho
 # A leg's numbers, in this order: a, b, u, l, kappa, rho0.
@@ -155,7 +155,7 @@ def store_covariance(lane: NDArray, rows: NDArray, size: int, covariance: NDArra
                 covariance[rows[j], i, k] = lane[(STEP + i) * LANES + j]
 
 
-@compiled(lane_arithmetic.__file__, simd_batches.__file__, __file__)
+@compiled(simd_arithmetic.__file__, simd_batches.__file__, __file__)
 def solve_rows(
     numbers: NDArray,
     slots: NDArray,

@@ -6,10 +6,10 @@ import pytest
 
 from tests.report.diagnosis_parts import part_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
-from truing.report.diagnosis.elsewhere import elsewhere
-from truing.report.diagnosis.judged import assessed_causes
-from truing.report.diagnosis.misses import POINTS, READINGS, PartNames
+from truing.report.diagnosis.assessed_causes import assessed_causes
+from truing.report.diagnosis.prediction_errors import POINTS, READINGS, PartNames
 from truing.report.diagnosis.section import diagnosis
+from truing.report.diagnosis.validity import elsewhere
 
 
 def said(of: PartNames = POINTS, **left_out: object) -> list[str]:

@@ -20,7 +20,7 @@ from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.extended_model import identified_geometry, read_model
 from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.stages.diagnosis import search
-from truing.stages.diagnosis.earlier_campaign import changes_table, started, with_prior_campaign
+from truing.stages.diagnosis.prior_campaign import changes_table, started, with_prior_campaign
 
 GAIN, LEG, LONGER_MM = 0.01, 3, 0.15
 

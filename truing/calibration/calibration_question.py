@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.measured import (
+from truing.calibration.calibration_input import (
     CalibrationData,
     Deformation,
     MeasuredPlatform,

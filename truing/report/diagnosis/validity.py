@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from truing.report.diagnosis.judged import EQUAL_ODDS, AssessedCause
-from truing.report.diagnosis.misses import READINGS, PartNames
+from truing.report.diagnosis.assessed_causes import EQUAL_ODDS, AssessedCause
+from truing.report.diagnosis.prediction_errors import READINGS, PartNames
 from truing.report.numbers import listed, plain
 
 ONE_BLOCK, NONE = "one-block", "none"

@@ -15,8 +15,8 @@ from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from truing.belonging.copied_rows import equal_columns
 from truing.belonging.frozen_values import stood_still
-from truing.belonging.parts_of_runs import parts
 from truing.belonging.plausible_slips import RecordedColumn
+from truing.belonging.run_parts import parts
 
 READINGS, SIGNALS = "loads-against-readings", "signals-against-loads"
 

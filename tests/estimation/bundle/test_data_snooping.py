@@ -7,8 +7,7 @@ import pytest
 
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import PARAMETERS
-from truing.estimation.bundle.network import Bars
-from truing.estimation.bundle.snooping import (
+from truing.estimation.bundle.data_snooping import (
     GROSS,
     NO_IMAGE,
     NO_POINT,
@@ -17,6 +16,7 @@ from truing.estimation.bundle.snooping import (
     adjust_robustly,
     ray_tests,
 )
+from truing.estimation.bundle.network import Bars
 from truing.estimation.bundle.variance_components import grouped
 
 from .photographed import photograph, simulate

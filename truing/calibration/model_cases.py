@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.calibration.accuracy import AssessedCalibration, misfit, pose_errors
+from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance
+from truing.calibration.calibration_question import Case, nothing_open, question, with_targets
 from truing.calibration.fits import MachineCalibration, answer, implicit, maximum_likelihood
-from truing.calibration.measured import CalibrationData, MeasuredPlatform, PosesWithCovariance
-from truing.calibration.question import Case, nothing_open, question, with_targets
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.legs.kinematics import upper_joints
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truing.formats import point_ledger
+from truing.formats import point_index
 from truing.formats.evaluation import TableBatch
-from truing.formats.point_ledger import PointIndex
+from truing.formats.point_index import PointIndex
 from truing.formats.read import FileRows
 from truing.formats.source import RawFile
 from truing.schemas.mapping import FileMapping
@@ -43,15 +43,15 @@ ROW = st.tuples(st.integers(-2, 6), st.sampled_from(["a", "b"]), st.sampled_from
 def test_duplicates_unknown_poses_and_origins(parts, as_text, cells, step):
     known = [5, 0, 3, 1, -1]
     poses = pa.array([str(pose) for pose in known]) if as_text else pa.array(known)
-    before = point_ledger._CELLS, point_ledger.STEP
-    point_ledger._CELLS, point_ledger.STEP = cells, step  # many slabs and many steps
+    before = point_index._CELLS, point_index.STEP
+    point_index._CELLS, point_index.STEP = cells, step  # many slabs and many steps
     ledger = PointIndex(poses)
     try:
         numbers = [ledger.add(file(f"f{i}"), batch(rows, 7 * i, as_text))[0] for i, rows in enumerate(parts)]
         found = np.concatenate([*ledger.duplicates(), np.zeros(0, int)])
         seen = ledger.seen()
     finally:
-        point_ledger._CELLS, point_ledger.STEP = before
+        point_index._CELLS, point_index.STEP = before
     rows = [row for part in parts for row in part]
     expected_numbers = [known.index(pose) if pose in known else len(known) for pose, _, _ in rows]
     assert np.concatenate(numbers).tolist() == expected_numbers

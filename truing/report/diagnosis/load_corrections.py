@@ -6,7 +6,7 @@ import re
 
 import pandas as pd
 
-from truing.report.diagnosis.judged import AssessedCause, accepted_of
+from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of
 from truing.report.numbers import rough
 from truing.report.page import ReportSection
 from truing.report.tables import Tables, filled, load_steps

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows, collect_rows
+from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import CAMERAS, COORDINATE_SIGMAS, IMAGE_TARGETS, KNOWN_POINTS, SCALE_BARS
 from truing.formats.source import OF_IMAGES, CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, RINGS
-from truing.stages.common.gathered import SmallTable, check_sigma, filled, numbers, once
+from truing.stages.common.table_arrays import SmallTable, check_sigma, filled, numbers, once
 from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ import re
 
 import pandas as pd
 
+from truing.report.diagnosis.assessed_causes import FOUND, NOT_TESTABLE, REJECTED, SUSPECTED, AssessedCause
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
-from truing.report.diagnosis.judged import FOUND, NOT_TESTABLE, REJECTED, SUSPECTED, AssessedCause
 from truing.report.numbers import count, printed
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, filled

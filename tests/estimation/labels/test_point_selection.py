@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.estimation.labels.judged_points import select_points
+from truing.estimation.labels.point_selection import select_points
 from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, with_declared_noise
 
 POSES, SIGMA = 14, 1e-5

@@ -28,7 +28,7 @@ _PAGE = 0x1000
 _RETURN_ZERO = b"\x31\xc0\xc3"  # xor eax, eax; ret
 
 
-def provide_stand_in(soname: str, functions: list[str]) -> None:
+def provide_stub_library(soname: str, functions: list[str]) -> None:
     """Make the library `soname`, with these functions, resolvable for every library loaded after it."""
     descriptor = os.memfd_create(soname)
     os.write(descriptor, shared_library(soname, functions))

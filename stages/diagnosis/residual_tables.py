@@ -14,14 +14,14 @@ from truing.inference.screening import least_gross
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.extended_model import IdentifiedGeometry, identified_geometry
 from truing.simulation.mechanisms.model import MechanismModel
+from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.rows import Rows
-from truing.stages.common.why_not import HELD_OUT
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel, ScreenedValue
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import CauseDiagnosis
-    from truing.stages.diagnosis.gathered import DiagnosisData
+    from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 _GROSS = "gross error: its residual is far outside those of its target"
 _UM = 1e6

@@ -18,7 +18,7 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped as Swapped
-from truing.stages.diagnosis.gathered import DiagnosisData
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 from truing.stages.diagnosis.mechanism_points import assemble
 
 SHIFT_MM = (0.3, -0.2, 0.1)

@@ -29,7 +29,7 @@ from truing.stages.common.rows import Rows
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.stages.diagnosis.gathered import DiagnosisData
+    from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 ModelT = TypeVar("ModelT", bound=EffectsModel)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from truing.pipeline.console import RunConsole
 from truing.pipeline.interruption import answered, exit_code_of, interruptible, raise_if_interrupted
 from truing.pipeline.problems import (
     Defect,
@@ -16,7 +17,6 @@ from truing.pipeline.problems import (
     environment_problem,
     gravest,
 )
-from truing.pipeline.voice import RunConsole
 from truing.schemas.faults import CampaignFaults
 from truing.schemas.memory import shortage
 

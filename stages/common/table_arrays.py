@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.formats.faultlog import FaultLog
-from truing.formats.gather import CollectedRows
+from truing.formats.row_collection import CollectedRows
 from truing.formats.units import UnknownUnit, conversion
 from truing.schemas.column import SIGMA_BOUNDS
 from truing.schemas.faults import Fault

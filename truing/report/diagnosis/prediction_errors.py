@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from truing.report.diagnosis.judged import AssessedCause, whole_gain
+from truing.report.diagnosis.assessed_causes import AssessedCause, whole_gain
 from truing.report.numbers import plain
 from truing.report.tables import STEP, Tables, filled, in_channel_order, is_bench, load_steps
 

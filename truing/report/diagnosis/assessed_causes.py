@@ -12,7 +12,7 @@ from truing.report.diagnosis.findings import subject_words
 from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.claim import Claim, ParameterSize
-from truing.report.wordings.followed import columns_words
+from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.covariates import named
 
 FOUND, SUSPECTED, RIVAL = "found", "suspected", "indistinguishable"

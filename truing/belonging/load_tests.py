@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truing.arrays import Array, Mask
-from truing.belonging import signals_of_loads
+from truing.belonging import signal_tests
 from truing.belonging.copied_rows import Values, copied_runs, equal_columns
 from truing.belonging.frozen_values import Frozen, frozen, stood_still
-from truing.belonging.parts_of_runs import RunPart, concerns, of_parts, parts
 from truing.belonging.plausible_slips import RecordedColumn, slips_of_all_loads, slips_of_columns, slips_of_run_loads
 from truing.belonging.relation import (
     FORCE_UNITS,
@@ -24,7 +23,8 @@ from truing.belonging.relation import (
 )
 from truing.belonging.responses import Responses, responses
 from truing.belonging.row_order import can_reverse, row_slips
-from truing.belonging.signals_of_loads import SignalSteps
+from truing.belonging.run_parts import RunPart, concerns, of_parts, parts
+from truing.belonging.signal_tests import SignalSteps
 from truing.belonging.slip_search import ExpectedResponse, clear, explain, hidden
 from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
 
@@ -195,19 +195,19 @@ def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[RelationTest,
         of = _ValueTable(READINGS, "readings", known.channels, 0, steps.reading, noise)
         used = of.recorded(steps, runs, alone, wrong)
         response = _of_readings(used.steps, known)
-        answers = signals_of_loads.responses_of(used.steps, len(known.channels)) if known.seen is None else known.seen
+        answers = signal_tests.responses_of(used.steps, len(known.channels)) if known.seen is None else known.seen
         found += of.tests(response, used, answers, steps, wrong)
     else:
         in_range = against_range(steps.load, known.largest)
         found.append(in_range or untested("no-displacements"))
     if signals:
         noise = np.full(len(signals), known.signal_mv * MILLIVOLT)
-        of = _ValueTable(signals_of_loads.RELATION, "signals", signals, len(known.channels), steps.signal, noise)
+        of = _ValueTable(signal_tests.RELATION, "signals", signals, len(known.channels), steps.signal, noise)
         used = of.recorded(steps, runs, alone, wrong)
         used = replace(used, steps=replace(used.steps, tared=known.tared))
         found[0], response = _reconciled(found[0], _of_signals(used.steps, signals, known))
         response = _by_the_same_slip(found[0], response, used.steps, signals, known)
-        answers = signals_of_loads.responses_of(used.steps, len(signals))
+        answers = signal_tests.responses_of(used.steps, len(signals))
         found += of.tests(response, used, answers, steps, wrong)
     return (*found, *copies)
 
@@ -268,7 +268,7 @@ def _put_first(tested: RelationTest, slip: RecordSlip) -> RelationTest:
 def _parts(steps: RecordedSteps, columns: Sequence[RecordedColumn], seen: Array | None) -> list[RunPart]:
     """Parts of runs that are in another unit or have the opposite sign, told by channels and signals together."""
     value = np.column_stack([steps.reading, steps.signal])
-    answers = signals_of_loads.responses_of(SignalSteps(steps.load, steps.run, value, ()), len(columns))
+    answers = signal_tests.responses_of(SignalSteps(steps.load, steps.run, value, ()), len(columns))
     if seen is not None:
         answers[: len(seen)] = seen
     return parts(steps.load, steps.run, value, columns, answers)
@@ -291,17 +291,17 @@ def _also_reversed(tested: RelationTest, steps: SignalSteps, table: str) -> Rela
 
 
 def _of_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
-    alike = signals_of_loads.against_each_other(loaded, known.channels, READINGS)
+    alike = signal_tests.against_each_other(loaded, known.channels, READINGS)
     if known.seen is not None:
         return _either(against_simulation(loaded, known.channels, known.seen), alike, loaded.runs)
     return alike if alike.slips else against_range(loaded.load, known.largest) or alike
 
 
 def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench) -> RelationTest:
-    alike = signals_of_loads.against_each_other(recorded, columns, signals_of_loads.RELATION)
+    alike = signal_tests.against_each_other(recorded, columns, signal_tests.RELATION)
     if known.leg_forces is None:
         return alike
-    told = signals_of_loads.against_geometry(recorded, columns, known.leg_forces, known.gain)
+    told = signal_tests.against_geometry(recorded, columns, known.leg_forces, known.gain)
     if told is None:
         return alike
     tested = _either(told, alike, recorded.runs)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.packaging.source_tree import PROJECT
-from truing.stand_in_library import missing_functions
+from truing.stub_library import missing_functions
 
 pytestmark = pytest.mark.skipif(
     (sys.platform, platform.machine()) != ("linux", "x86_64"), reason="stand-ins are made for Linux on x86-64"
@@ -18,9 +18,9 @@ pytestmark = pytest.mark.skipif(
 
 ASK = """
 import ctypes
-from truing.stand_in_library import provide_stand_in
+from truing.stub_library import provide_stub_library
 for soname, functions in {(libraries)}:
-    provide_stand_in(soname, functions)
+    provide_stub_library(soname, functions)
     library = ctypes.CDLL(soname)
     print([getattr(library, name)() for name in functions], hasattr(library, "absent"))
 """

@@ -24,8 +24,8 @@ from truing.schemas.faults import CampaignFaults
 from truing.simulation.bench.causes.load_path import LoadEccentricity as Eccentricity
 from truing.simulation.bench.extended_model import ExtendedSensor, extended_sensor, read_sensor, write_sensor
 from truing.simulation.bench.known_readings import zeros_of
-from truing.stages.diagnosis.earlier_campaign import changes_table
-from truing.stages.diagnosis.gathered import DiagnosisData
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData
+from truing.stages.diagnosis.prior_campaign import changes_table
 from truing.stages.diagnosis.search import assembled_data
 
 LAYOUT = Layout(
