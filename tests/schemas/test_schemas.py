@@ -7,6 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+from tests.faults import assert_fault
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign
 from truing.schemas.column import Column
@@ -42,20 +43,20 @@ def test_departures_are_named():
     table = pa.table(
         {"pose": [1, 2], "leg": [0, 2], "delta_rho_mm": [0.1, float("inf")], "sigma_um": [1.0, None], "more": [1, 2]}
     )
-    faults = [str(fault) for fault in ARTIFACTS["deformation"].faults(table)]
-    assert any("a column delta_bz_um" in fault for fault in faults)
-    assert any("column leg: found '0'; expected at least 1" in fault for fault in faults)
-    assert any("delta_rho_mm: found 'inf'; expected finite numbers" in fault for fault in faults)
-    assert any("sigma_um: found 'empty'" in fault for fault in faults)
-    assert any("column more: expected no such column" in fault for fault in faults)
+    faults = ARTIFACTS["deformation"].faults(table)
+    assert any("a column delta_bz_um" in fault.expected for fault in faults)
+    assert "at least 1" in assert_fault(faults, column="leg", value="0").expected
+    assert "finite numbers" in assert_fault(faults, column="delta_rho_mm", value="inf").expected
+    assert_fault(faults, column="sigma_um", value="empty")
+    assert "no such column" in assert_fault(faults, column="more", value=None).expected
 
 
 def test_text_is_held_to_its_choices():
     artifact = ARTIFACTS["configurations"]
     table = pa.table({"pose": [1], "role": ["calibratoin"], "time_s": [0.0], "rho1_mm": [10.0], "humidity": [40.0]})
-    assert [str(f) for f in artifact.faults(table)] == [
-        "configurations.parquet, column role: found 'calibratoin'; expected one of calibration, verification, reference"
-    ]
+    (fault,) = artifact.faults(table)
+    assert (fault.file, fault.column, fault.value) == ("configurations.parquet", "role", "calibratoin")
+    assert (fault.row, fault.expected) == (None, "one of calibration, verification, reference")
 
 
 def test_numbered_columns_are_found_by_their_family():
@@ -154,19 +155,21 @@ def test_every_fault_of_what_is_known_of_beams_and_material_comes_at_once():
     section = {"beams": beams, "material": material, "surroundings_sigma": spread}
     with pytest.raises(CampaignFaults) as caught:
         read_campaign({"campaign": {"name": "c", "kind": "interferometer"}, "interferometer": section})
-    turned = "expected a direction within 30 degrees of the channel's own axis, the way in which it counts up"
-    told = [str(fault).removeprefix("campaign.toml, column interferometer.") for fault in caught.value.faults]
-    assert told == [
-        "beams.dx.arm_mm.3: expected this key to be present",
-        f"beams.dy: {turned}",
-        f"beams.ry: {turned}",
-        "beams.rz.arm_mm: expected a known key, one of: direction, direction_sigma_rad",
-        "material.dz.length_mm: expected this key to be present",
-        "material.dz.expansion_per_k: found '11.5'; expected less than 0.001",
-        "material.rx: expected a known key, one of: dx, dy, dz, axis",
-        "surroundings_sigma.index: found '-1.0'; expected at least 0",
-        "surroundings_sigma.air_temp_c: expected a known key; did you mean air_temperature_c?",
+    turned = "a direction within 30 degrees of the channel's own axis, the way in which it counts up"
+    facts = [
+        ("beams.dx.arm_mm.3", None, "this key to be present"),
+        ("beams.dy", None, turned),
+        ("beams.ry", None, turned),
+        ("beams.rz.arm_mm", None, "a known key, one of: direction, direction_sigma_rad"),
+        ("material.dz.length_mm", None, "this key to be present"),
+        ("material.dz.expansion_per_k", "11.5", "less than 0.001"),
+        ("material.rx", None, "a known key, one of: dx, dy, dz, axis"),
+        ("surroundings_sigma.index", "-1.0", "at least 0"),
+        ("surroundings_sigma.air_temp_c", None, "a known key; did you mean air_temperature_c?"),
     ]
+    assert caught.value.faults == tuple(
+        Fault("campaign.toml", expected, column=f"interferometer.{key}", value=value) for key, value, expected in facts
+    )
 
 
 def test_a_fault_says_where_what_and_how_often():

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from tests.faults import assert_fault
 from tests.stages.test_ingest import PLACES, Folder, plain
 from tests.tolerance import assert_close
 from truing.schemas.artifacts import ARTIFACTS
@@ -137,15 +138,14 @@ def test_the_name_of_a_moved_target_is_taken_by_no_other(folder):
     folder.targets.append("platform,P2@after,1.0,2.0,3.0,")
     surveyed(folder, {"P2": (0.8, 0.0, -0.3)})
     folder.toml += entry(from_pose=2)
-    said = [str(fault) for fault in folder.faults()]
-    assert any(
-        "found 'after'; expected another name for the survey: body platform has a target P2@" in one for one in said
-    )
+    fault = assert_fault(folder.faults(), value="after")
+    assert fault.expected.startswith("another name for the survey: body platform has a target P2@")
 
 
 def test_what_is_missing_is_named(folder):
     folder.toml += entry(from_pose=2)
-    assert any("the table resurveys.csv, or [files.resurveys]" in str(fault) for fault in folder.faults())
+    assert any("the table resurveys.csv" in fault.expected for fault in folder.faults())
     surveyed(folder).targets = None
     (folder.path / "targets.csv").unlink()
-    assert any("a later survey is compared with the first" in str(fault) for fault in folder.faults())
+    fault = assert_fault(folder.faults(), file="resurveys.csv")
+    assert fault.expected.startswith("targets.csv, or [files.targets]: ")
