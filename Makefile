@@ -3,7 +3,8 @@
 #   make all                        every stage that is not up to date, on the sample campaign
 #   make all CAMPAIGN=my-campaign   the same on another one
 #   make pose CAMPAIGN=my-campaign  one stage by its name, and what it needs
-#   make test | check | bench       tests; style, types and collection; side by side with other libraries
+#   make quick | test               fast tests of the algorithms in a minute; all tests
+#   make check | bench              style, types and collection; side by side with other libraries
 #   make docs | links               the pages as a site in build/docs/html; do their outside links still lead somewhere
 #   make setup | lock | clean       the environment alone; locked versions anew; all but the runs removed
 
@@ -17,7 +18,7 @@ digest = $(shell { pwd; cat pyproject.toml setup.py requirements/$(1).txt; } | c
 runtime := $(VENV)/ready-runtime-$(call digest,runtime)
 dev := $(VENV)/ready-dev-$(call digest,dev)
 
-.PHONY: all setup test check bench docs links lock clean
+.PHONY: all setup quick test check bench docs links lock clean
 
 all: $(runtime)
 	@$(VENV)/bin/truing run "$$CAMPAIGN"
@@ -26,9 +27,14 @@ setup: $(runtime)
 	@:
 
 # Workers share the cores; libraries that start threads of their own would only queue for them.
-test: export OMP_NUM_THREADS = 1
+quick test: export OMP_NUM_THREADS = 1
 test: $(dev)
 	$(python) -m pytest -n auto --dist worksteal
+
+# One example of each law, and one run of all stages (the fixture `workplace`, which tests/runs uses).
+laws := $(addprefix tests/,calibration estimation inference runs schemas simulation)
+quick: $(dev)
+	$(python) -m pytest -n auto --dist worksteal -m "not slow" --hypothesis-profile quick $(laws)
 
 check: $(dev)
 	$(python) -m ruff check .

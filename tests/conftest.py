@@ -1,4 +1,4 @@
-"""What all tests share: deterministic, bounded property tests, and the folder of real measurements."""
+"""What all tests share: settings of property tests, the mark of slow tests, runs of the sample, measured data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,26 @@ settings.register_profile(
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
 )
+settings.register_profile("quick", parent=settings.get_profile("project"), max_examples=1)
 settings.load_profile("project")
+
+TESTS = Path(__file__).resolve().parent
+# All tests of these folders and files are marked slow: they search hidden campaigns, render photographs, damage files
+# at random, run pages or start a browser. So are tests with these fixtures. Other slow tests bear the mark themselves.
+SLOW = (
+    "blind", "broken", "docs", "photographs", "real", "report/test_in_browser.py", "simulation/bench/test_recovery.py",
+    "stages/photographs",
+)  # fmt: skip
+SLOW_FIXTURES = {"browser", "real_data", "sample_run"}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of slow folders and fixtures."""
+    slow = tuple(TESTS / name for name in SLOW)
+    for item in items:
+        in_folder = any(item.path.is_relative_to(place) for place in slow)
+        if in_folder or SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session")

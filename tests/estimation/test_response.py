@@ -109,6 +109,7 @@ def test_gross_errors_are_found_and_nothing_else_loses():
     assert {(int(a), int(b)) for a, b in np.argwhere(~kept)} == set(wrong)
 
 
+@pytest.mark.slow
 def test_good_values_are_rejected_as_rarely_as_stated():
     rejected = sum(
         int((~keep_consistent(u, y, cov, offset_cov=s)).sum()) for u, _, y, cov, s in map(_campaign, range(60))

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.pipeline.fake_project import STAGES, FakeProject
+from truing.schemas.faults import Fault
 
 
 def lines(text: str) -> list[str]:
@@ -38,7 +39,7 @@ def test_faults_of_the_raw_files_are_2_and_leave_nothing(fake: FakeProject) -> N
     fake.edit(fake.campaign / "points.csv", "4.0", "nan")
     done = fake.call("run", str(fake.campaign))
     assert done.returncode == 2
-    assert lines(done.stderr) == ["points.csv, row 3, column x_mm: found 'nan'; expected a finite number"]
+    assert lines(done.stderr) == [str(Fault("points.csv", "a finite number", row=3, column="x_mm", value="nan"))]
     assert list(fake.cwd.iterdir()) == []
 
 
@@ -92,7 +93,7 @@ def test_faults_of_campaign_toml(fake: FakeProject, old: str, new: str, words: s
 def test_no_campaign_there(fake: FakeProject) -> None:
     done = fake.call("run", "nowhere")
     assert done.returncode == 2
-    assert "expected a campaign folder that exists" in done.stderr
+    assert "a campaign folder" in done.stderr
 
 
 def test_a_stage_that_there_is_not(fake: FakeProject) -> None:
@@ -105,7 +106,8 @@ def test_a_defect_is_1_one_sentence_and_a_log(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign), trouble="crash")
     assert done.returncode == 1
     assert len(lines(done.stderr)) == 1
-    assert "stage pose ended with RuntimeError: no such luck" in done.stderr
+    assert "stage pose" in done.stderr
+    assert "RuntimeError: no such luck" in done.stderr
     assert "RuntimeError: no such luck" in (fake.out / "defect.log").read_text()
     assert fake.run() == list(STAGES)[2:]
     assert not (fake.out / "defect.log").exists()
@@ -136,14 +138,15 @@ def test_a_run_never_writes_where_the_raw_files_are(fake: FakeProject) -> None:
     before = sorted(fake.campaign.iterdir())
     done = fake.call("run", str(fake.campaign), "--out", str(fake.campaign))
     assert done.returncode == 2
-    assert "a folder that holds no raw files" in done.stderr
+    assert "holds no raw files" in done.stderr
     assert sorted(fake.campaign.iterdir()) == before
 
 
 def test_check_says_that_a_campaign_can_be_used_and_writes_nothing(fake: FakeProject) -> None:
     done = fake.call("check", str(fake.campaign))
     assert (done.returncode, done.stderr) == (0, "")
-    assert "no fault; read 3 points" in done.stdout
+    assert "no fault" in done.stdout
+    assert "read 3 points" in done.stdout
     assert list(fake.cwd.iterdir()) == []
 
 

@@ -255,7 +255,8 @@ def test_a_few_long_files_of_bare_coordinates_are_targets_and_their_rows_poses(t
     (tmp_path / "raw" / "campaign.toml").write_text(text.replace("# point_mm", "point_mm"))
     done = CliRunner().invoke(app, ["check", str(tmp_path / "raw")])
     assert done.exit_code == 0, done.output
-    assert "360 points of 60 poses from 6 files" in done.stdout
+    assert "360 points of 60 poses" in done.stdout
+    assert "6 files" in done.stdout
 
 
 def test_of_a_bundle_coded_targets_alone_are_taken(tmp_path: Path) -> None:
@@ -268,10 +269,8 @@ def test_a_time_that_is_a_date_is_answered_with_the_key_that_reads_it(tmp_path: 
     (tmp_path / "log.csv").write_text("t,x_displacement,x_force,y_force\n20-Dec-2008 10:47:39.2,0.5,0.5,0.5\n")
     init(tmp_path)
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
-    assert (
-        "found '20-Dec-2008 10:47:39.2'; expected a number; a time written as a date is read by time_format"
-        in done.stderr
-    )
+    assert "'20-Dec-2008 10:47:39.2'" in done.stderr
+    assert "time_format" in done.stderr
 
 
 def test_files_beside_those_that_a_glob_would_find_are_not_taken_along(tmp_path: Path) -> None:

@@ -55,8 +55,8 @@ def plan(place, *options):
 def test_stations_for_what_is_wanted(place):
     found = plan(place, "--wanted", "0.02", *FEW, "--out", str(place / "plan.csv"))
     assert found.exit_code == 0, found.output
-    assert "That is within the wanted 0.02 mm" in found.output
-    assert "Not used, because their ends are no surveyed targets: B" in found.output
+    assert "wanted 0.02 mm" in found.output
+    assert "surveyed targets: B" in found.output
     stations, targets = pd.read_csv(place / "plan.csv"), pd.read_csv(place / "plan-targets.csv")
     curve, bodies = pd.read_csv(place / "plan-curve.csv"), pd.read_csv(place / "plan-bodies.csv")
     assert 3 <= len(stations) < 12
@@ -171,13 +171,16 @@ def test_a_camera_that_a_run_adjusted_is_taken_with_its_noise(place, monkeypatch
     left_by_a_run(place / "runs" / "frame", 4000.0)
     found = plan(place, *options)
     assert found.exit_code == 0, found.output
-    assert "With camera cam as adjusted in runs/frame. Its principal distance is 4000.0 px" in found.output
+    assert "camera cam" in found.output
+    assert "runs/frame" in found.output
+    assert "distance is 4000.0 px" in found.output
     assert "coordinate 0.04 px" in found.output
     (place / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
     assert "as adjusted" not in plan(place, *options).output
     left_by_a_run(place / "other", 5000.0)
     found = plan(place, "--run", str(place / "other"), *options)
-    assert "distance is 5000.0 px, the noise of an image coordinate 0.05 px" in found.output
+    assert "distance is 5000.0 px" in found.output
+    assert "coordinate 0.05 px" in found.output
     found = plan(place, "--run", str(place / "none"), *options)
     assert (found.exit_code, "a run that adjusted photographs" in found.output) == (2, True)
 
@@ -188,7 +191,8 @@ def test_what_the_plan_takes_to_be_seen_is_said(place):
     rows = "".join(f"table,{i},0,0,1\n" for i in range(5))
     (place / "normals.csv").write_text(f"body,target,normal_x,normal_y,normal_z\n{rows}", encoding="utf-8")
     said = plan(place, *options, "--normals", str(place / "normals.csv")).output
-    assert "neither other things nor the object itself; 5 of 10 targets have a normal" in said
+    assert "nor the object itself" in said
+    assert "5 of 10 targets have a normal" in said
 
 
 def test_without_a_run_the_photographs_tell_their_camera(tmp_path, monkeypatch):

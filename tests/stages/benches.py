@@ -73,3 +73,14 @@ def entry_errors(made: Bench, model: str = "matrix") -> np.ndarray:
     i = [CHANNELS.index(name) for name in rows["response"]]
     j = [("fx", "fy", "fz", "mx", "my", "mz").index(name) for name in rows["load"]]
     return ((rows["coefficient"] - made.compliance[i, j]) / rows["sigma"]).to_numpy()
+
+
+def bench_with_a_gross_error(folder: Path) -> Path:
+    """A small bench loaded along z and about x; its reading dz at step 7 of run 1 is 40 um off."""
+    small = Layout("by-hand", tolerance=TOLERANCE, programme=Programme(axes=("fz", "mx")), signals=6)
+    write_campaign(draw_campaign(small, [], np.random.default_rng(3)), folder, 1)
+    readings = pd.read_csv(folder / "interferometer.csv")
+    wrong = (readings["run"] == 1) & (readings["step"] == 7) & (readings["channel"] == "dz")
+    readings.loc[wrong, "reading"] += 40.0
+    readings.to_csv(folder / "interferometer.csv", index=False)
+    return folder

@@ -88,7 +88,7 @@ def test_errors_fall_to_the_noise_in_every_encoder_held_out_too(run: Path) -> No
 def test_the_page_shows_the_axis_and_names_what_was_found(run: Path) -> None:
     page = (run / "report.html").read_text(encoding="utf-8")
     assert 'id="axis"' in page
-    assert "motion is lost between motor and load" in page or "Motion is lost between motor and load" in page
+    assert "otion is lost between" in page
     assert "power-cycle" in page
 
 
@@ -214,7 +214,7 @@ def test_an_axis_that_never_moves_is_not_evaluated(tmp_path: Path) -> None:
     made = record(_layout(command=np.full(40, 10.0)), (), np.random.default_rng(1))
     folder = write(made, tmp_path / "c")
     _, said = _truing("check", str(folder))
-    assert "the command command_deg never changes" in said
+    assert "command_deg never changes" in said
 
 
 def test_counts_and_whole_turns_are_brought_to_one_unit() -> None:
@@ -246,11 +246,11 @@ def test_other_commands_take_an_axis_or_say_why_not(run: Path, tmp_path: Path) -
     assert code == 0, said
     assert parsed_toml((tmp_path / "exported" / "controller.toml").read_text(encoding="utf-8"))["effects"]
     code, said = _truing("design", str(run.parent / "campaign"), "--poses", "3")
-    assert (code, "column mechanism.type: found 'axis'" in said) == (2, True)
-    assert "an axis has commands, and no poses of legs to choose" in said
+    assert (code, "mechanism.type" in said, "'axis'" in said) == (2, True, True)
+    assert "an axis has commands" in said
     code, said = _truing("power", str(run.parent / "campaign"))
-    assert (code, "column mechanism.type: found 'axis'" in said) == (2, True)
-    assert "rows of an axis have no points, and are not drawn again yet" in said
+    assert (code, "mechanism.type" in said, "'axis'" in said) == (2, True, True)
+    assert "rows of an axis" in said
 
 
 def test_a_starter_knows_an_axis_by_its_columns(tmp_path: Path) -> None:

@@ -111,8 +111,8 @@ def test_a_good_campaign_becomes_its_tables(folder):
     assert observations.column("target").to_pylist() == [row.split(",")[2] for row in point_rows()]
     assert_close(observations.column("z_mm").to_pylist(), [float(r.split(",")[5]) for r in point_rows()], atol=0.0)
     assert set(observations.column("sigma_y_mm").to_pylist()) == {0.005}
-    assert str(outcome.read) == "24 points of 3 poses from points.csv"
     assert str(outcome.left_out) == "nothing"
+    assert str(outcome.read) == "24 points of 3 poses from points.csv"
     assert str(outcome.figure) == "8 targets of 2 bodies (base, platform)"
     assert tables["configurations"].column("temperature_c").to_pylist() == [20.5] * 3
     assert tables["survey"].column("leg").null_count == 8
@@ -210,7 +210,7 @@ def test_units_that_cannot_be(folder, table, factor):
         folder.points[1:] = point_rows(scale=factor)
     else:
         folder.targets[1:] = survey_rows(scale=factor)
-    assert any("is the unit right" in fault.expected for fault in folder.faults())
+    assert any("unit right" in fault.expected for fault in folder.faults())
 
 
 @pytest.mark.parametrize("factor", [1000.0, 25.4])
@@ -231,7 +231,7 @@ def test_a_gross_error_does_not_look_like_a_wrong_unit(folder, factor):
 def test_a_survey_of_other_names_or_without_a_body(folder):
     folder.targets[1:] = [row.replace(",P", ",Q") for row in folder.targets[1:]]
     (fault,) = folder.faults()
-    assert "names they have in the survey (Q0, Q1, Q2" in fault.expected
+    assert "(Q0, Q1, Q2" in fault.expected
     folder.targets[1:] = [row for row in survey_rows() if row.startswith("base")]
     (fault,) = folder.faults()
     assert (fault.file, fault.expected) == ("targets.csv", "targets of body platform")
@@ -248,7 +248,7 @@ def test_a_standard_deviation_of_zero(folder):
 def test_a_dense_surface_is_no_set_of_targets(folder):
     cloud = np.random.default_rng(2).uniform(-100.0, 100.0, (4000, 3))
     folder.points = ["pose,body,x_mm,y_mm,z_mm", *("1,base," + ",".join(f"{v:.3f}" for v in p) for p in cloud)]
-    assert any("is the table scans" in fault.expected for fault in folder.faults())
+    assert any("table scans" in fault.expected for fault in folder.faults())
 
 
 def test_missing_files_and_columns(folder):

@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from tests.stages.benches import bench_with_a_gross_error
 from tests.stages.line import run_line
 from truing.report.exclusion_section import excluded
 from truing.report.numbers import gross_errors
 
-SAMPLE = Path(__file__).parents[2] / "sample_data" / "force-sensor"
-
 
 def test_a_reading_that_the_diagnosis_screens_is_in_its_table_and_on_the_page(tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(SAMPLE, tmp_path / "c"))
-    readings = pd.read_csv(folder / "interferometer.csv")
-    row = readings.index[len(readings) // 2]
-    readings.loc[row, "reading"] += 40.0
-    readings.to_csv(folder / "interferometer.csv", index=False)
+    folder = bench_with_a_gross_error(tmp_path / "bench")
     made, said = run_line(folder, "ingest", "qa", "diagnose")
     table = made["diagnosis_left_out"].to_pandas()
-    assert gross_errors(len(table), "reading") in said["diagnose"].left_out
-    own = table[(table["run"] == readings.loc[row, "run"]) & (table["step"] == readings.loc[row, "step"])]
-    assert f"channel {readings.loc[row, 'channel']}" in set(own["subject"])
+    own = table[(table["run"] == 1) & (table["step"] == 7)]
+    assert "channel dz" in set(own["subject"])
     assert (table["value"] > table["limit"]).all()
     listings = excluded({"diagnosis_left_out": table}).listings
     assert [len(listing.rows) for listing in listings] == [len(table)]
+    assert gross_errors(len(table), "reading") in said["diagnose"].left_out
 
 
 def test_the_page_tells_what_either_stage_took_out() -> None:

@@ -16,6 +16,7 @@ from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
+from tests.faults import assert_fault
 from tests.stages.line import run_line
 from truing.estimation.repeatability import Squares
 from truing.report.during_section import during
@@ -150,9 +151,10 @@ def test_a_repeat_of_nothing_is_a_fault(folder, tmp_path):
     table.to_csv(bad / "configurations.csv", index=False)
     with pytest.raises(CampaignFaults) as caught:
         run_line(bad, "ingest")
-    said = "\n".join(map(str, caught.value.faults))
-    assert "column repeat_of: found '999'; expected a pose of this table, or nothing" in said
-    assert "expected another pose than this one, or nothing" in said
+    faults = caught.value.faults
+    assert assert_fault(faults, column="repeat_of", value="999").expected == "a pose of this table, or nothing"
+    (own,) = [fault for fault in faults if fault.value != "999"]
+    assert (own.column, own.expected) == ("repeat_of", "another pose than this one, or nothing")
 
 
 def test_the_page_tells_who_left_out_what_when_and_what_it_would_be_without(folder, tmp_path):

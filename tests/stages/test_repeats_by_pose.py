@@ -67,8 +67,8 @@ def test_the_pose_that_repeats_worse_is_named_for_the_body_and_for_the_single_re
     assert set(found) == {"tool", "ball ball0"}
     for row in found.values():
         assert row["verdict"] == "fail"
-        assert f"repeats of pose p{WORST} scatter" in row["message"]
-        assert "no one number holds for all" in row["message"]
+        assert f" pose p{WORST} " in row["message"]
+        assert "no one number" in row["message"]
     assert_between(found["ball ball0"]["value"], 20.0, 90.0)
 
 
@@ -107,14 +107,15 @@ def test_even_repeats_are_told_together(tmp_path):
     line = written(tmp_path, (0.0, 0.0, 0.0)).call("ingest", "qa")
     for row in of_repeatability(line).values():
         assert row["verdict"] == "pass"
-        assert "27 repeats of 3 poses, known by repeat_of" in row["message"]
+        assert "27 repeats of 3 poses" in row["message"]
+        assert "repeat_of" in row["message"]
         assert_between(row["value"], 0.7, 1.3)
 
 
 def test_a_single_reflector_without_any_body_is_seen_from_the_instrument(tmp_path):
     toml = TOML.replace('[bodies]\nreference = "base"\n', "")
     line = written(tmp_path, (0.01, 0.01, 0.3), toml, ("ball",)).call("ingest", "qa", "pose", "calibrate")
-    assert "repeats of pose p2 scatter" in of_repeatability(line)["ball ball0"]["message"]
+    assert " pose p2 " in of_repeatability(line)["ball ball0"]["message"]
     rows = line.tables["pose_repeatability"].to_pylist()
     assert {row["subject"] for row in rows} == {"ball ball0"}
     done = CliRunner().invoke(app, ["check", str(tmp_path)])

@@ -118,6 +118,7 @@ def _line(rng: np.random.Generator, noise: float = 1.0) -> ErrorsInVariablesFit:
     return fit_errors_in_variables(Line(points).constrain, np.tile(1e-4 * np.eye(2), (20, 1, 1)), [0.0, 1.0])
 
 
+@pytest.mark.slow
 def test_covariance_and_noise_ratio_are_those_of_many_fits() -> None:
     rng = np.random.default_rng(6)
     fits = [_line(rng, noise=1.5) for _ in range(400)]

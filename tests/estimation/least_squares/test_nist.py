@@ -47,6 +47,7 @@ def test_the_trust_region_reaches_the_certified_digits_from_both_starts(publishe
             assert np.all(found >= allowed), f"{problem.name}: {found} digits, expected {allowed:.1f}"
 
 
+@pytest.mark.slow
 def test_damping_reaches_them_too_or_says_that_it_has_not(published: list[Problem]) -> None:
     ends = {}
     for problem in published:

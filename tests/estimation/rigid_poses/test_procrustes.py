@@ -57,6 +57,7 @@ def test_with_a_survey_poses_and_shape_err_as_stated():
     assert shape_error < 0.5 * survey_error
 
 
+@pytest.mark.slow
 def test_without_a_survey_shape_and_poses_err_as_stated():
     """Up to the frame that nothing fixes: estimate and truth are compared after the best motion between them."""
     rng = np.random.default_rng(73)

@@ -38,6 +38,7 @@ def test_right_wherever_four_points_are_right(points, bad):
     assert np.count_nonzero(status == FitStatus.OK) >= 0.995 * trials
 
 
+@pytest.mark.slow
 def test_four_right_points_are_found_though_chance_joins_wrong_ones_to_some_of_them():
     x, y, true, *_ = spoiled(np.random.default_rng(15), 10_000, 20, 16)
     kept, status = consensus(x, y, None, SIGMA)

@@ -43,6 +43,7 @@ def estimate(x, y, **options):
 
 
 @pytest.mark.parametrize("points", [6, 20])
+@pytest.mark.slow
 def test_without_gross_errors_it_is_within_2_percent_of_the_bound(points):
     """The bound itself, not its estimate: the mean square is known to 0.7 % from 3 x 16 000 numbers."""
     rng = np.random.default_rng(51)

@@ -81,6 +81,7 @@ def true_pose():
     return T
 
 
+@pytest.mark.slow
 def test_one_side_of_a_body_among_clutter_gives_its_pose_within_its_covariance():
     rng = np.random.default_rng(0)
     reference, scan = measured(rng, casting, 5000, 4000, part=True)
@@ -94,6 +95,7 @@ def test_one_side_of_a_body_among_clutter_gives_its_pose_within_its_covariance()
     assert fit.n_points == len(scan) + 600
 
 
+@pytest.mark.slow
 def test_the_pose_moves_with_the_scan_and_is_the_same_at_every_call():
     rng = np.random.default_rng(1)
     reference, scan = measured(rng, casting, 4000, 3000)
@@ -108,6 +110,7 @@ def test_the_pose_moves_with_the_scan_and_is_the_same_at_every_call():
     assert difference @ np.linalg.solve(moved.covariance, difference) < 6 * 2 * 0.1**2
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_the_errors():
     """Noise on both clouds and other points at every trial: the mean squared Mahalanobis error is its dimension."""
     trials = 80
@@ -121,6 +124,7 @@ def test_the_covariance_is_that_of_the_errors():
     assert_between(np.mean(squared), 6 - four_sigma, 6 + four_sigma, what="mean squared Mahalanobis error")
 
 
+@pytest.mark.slow
 def test_a_reference_too_sparse_for_its_shape_makes_no_pose_look_better_than_it_is():
     """No noise on the reference, and bumps that its points do not resolve: shape limits the pose, and is counted."""
     trials = 40

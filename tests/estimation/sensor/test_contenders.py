@@ -45,6 +45,7 @@ def test_a_zero_of_every_case_leaves_one_row_less():
     assert np.all(hold_out(table, replace(LINEAR, zero="case")).freedom == 18)
 
 
+@pytest.mark.slow
 def test_a_bend_is_chosen_where_there_is_one_and_only_there():
     chosen = {
         bend: [choose_calibration(_table(seed, bend), [LINEAR, SQUARES]).choice.chosen for seed in range(5)]

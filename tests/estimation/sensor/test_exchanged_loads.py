@@ -131,6 +131,7 @@ def _long_table(seed: int, count: int, errors: np.ndarray):
         ),
     ],
 )
+@pytest.mark.slow
 def test_heavy_tails_are_no_exchanged_rows(draw):
     for seed in range(2):
         assert exchanged_loads(_long_table(seed, 6000, draw(np.random.default_rng([seed, 1])))) == []
