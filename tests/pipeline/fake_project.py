@@ -189,7 +189,7 @@ def run(tables, settings, progress):
 _PROSPECTS = """
 from collections import namedtuple
 
-Found = namedtuple("Found", "tables targets is_photographed given names")
+CampaignContents = namedtuple("CampaignContents", "tables targets is_photographed given names")
 
 
 def prospects(settings, found):
