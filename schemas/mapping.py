@@ -8,6 +8,7 @@ import re
 import string
 import warnings
 from datetime import datetime
+from importlib.metadata import entry_points
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -17,26 +18,11 @@ from truing.schemas.section import Finite, Name, Positive, RawText, Section, Who
 LONGEST_PATTERN = 20_000
 _FILLED = re.compile(r"(.?[<>^])?\d{0,2}")  # what may follow a name's colon: the column is filled up
 
-Format = Literal[
-    "auto",
-    "delimited",
-    "parquet",
-    "ply",
-    "pcd",
-    "xyz",
-    "c3d",
-    "trc",
-    "rtl",
-    "vstars",
-    "aicon",
-    "metashape",
-    "colmap",
-    "photomodeler",
-    "tracker",
-    "gsi",
-    "xlsx",
-    "mat",
-]
+FORMATS = (
+    *("auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "rtl"),
+    *("vstars", "aicon", "metashape", "colmap", "photomodeler", "tracker", "gsi", "xlsx", "mat"),
+)
+FORMAT_ENTRY_POINTS = "truing.formats"  # group of installed packages
 
 # What tells the forms of a key apart, where it takes several; no key is called so.
 OF_NAME, OF_TABLE = "<name>", "<table>"
@@ -114,6 +100,15 @@ Template = Annotated[RawText, AfterValidator(_is_template)]
 TemplateOfNames = Annotated[RawText, AfterValidator(_is_template_of_names)]
 TimeFormat = Annotated[RawText, AfterValidator(_is_time_format)]
 Renames = Annotated[dict[Pattern, RawText], AfterValidator(_refer_to_groups)]
+
+
+def _is_format(name: str) -> str:
+    """Own formats first: asking what is installed takes time."""
+    if name not in FORMATS:
+        added = sorted(entry_points(group=FORMAT_ENTRY_POINTS).names)
+        if name not in added:
+            raise ValueError(f"one of {', '.join((*FORMATS, *added))}")
+    return name
 
 
 def _is_raw_column(value: Any) -> Any:
@@ -236,7 +231,10 @@ class FileMapping(Section):
     """
 
     path: Paths = Field(description="file or glob, relative to campaign.toml")
-    format: Format = Field("auto", description="auto goes by the file's name")
+    format: Annotated[RawText, AfterValidator(_is_format)] = Field(
+        "auto",
+        description=f"one of {', '.join(FORMATS)}, or an installed package's own; auto goes by the file's name",
+    )
     separator: Annotated[RawText, AfterValidator(_is_separator)] | None = Field(
         None, description='one character, or "whitespace"; absent: found out'
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal, Protocol
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,15 @@ class QualityCheck:
 
 
 Checks = Mapping[str, QualityCheck]
+
+
+class DeclaredCheck(Protocol):
+    """A check that an installed package adds: its name, its kind of campaign, and its declaration."""
+
+    name: ClassVar[str]
+    kind: ClassVar[str]
+    declared: ClassVar[QualityCheck]
+
 
 # What campaigns of either kind are asked alike.
 TEMPERATURE_UNIT = QualityCheck(

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from truing.schemas.axis_checks import OF_AXES, OF_POSITIONS
 from truing.schemas.faults import Fault
+from truing.schemas.installed import with_installed
 from truing.schemas.load_checks import OF_LOADS
 from truing.schemas.near_names import meant, nearest
 from truing.schemas.point_checks import OF_PHOTOGRAPHS, OF_POINTS
-from truing.schemas.quality_check import CheckLimits, Checks
+from truing.schemas.quality_check import CheckLimits, Checks, DeclaredCheck, QualityCheck
 from truing.schemas.sections import Acceptance, SetLimits
 
 CHECKS: Mapping[str, Checks] = {
@@ -19,11 +20,26 @@ CHECKS: Mapping[str, Checks] = {
 }
 # Checks by which the data do not belong together as described; a name that two kinds share means the same in both.
 WITHHOLDING: Checks = {name: check for checks in CHECKS.values() for name, check in checks.items() if check.withholds}
+ENTRY_POINTS = "truing.checks"  # group of installed packages
+
+
+def installed_checks(kind: str) -> dict[str, DeclaredCheck]:
+    """The checks that installed packages add to a kind of campaign, by name; raises ValueError for a name in use."""
+    own: tuple[DeclaredCheck, ...] = ()
+    found = with_installed(own, ENTRY_POINTS, "check", lambda one: one.name, lambda one: one.kind == kind)
+    if twice := sorted({*found} & {*CHECKS[kind]}):
+        raise ValueError(f"check {twice[0]}: found in two places, expected one")
+    return found
+
+
+def checks_of(kind: str) -> dict[str, QualityCheck]:
+    """All checks of a kind of campaign by name: the project's own, then those of installed packages."""
+    return {**CHECKS[kind], **{name: one.declared for name, one in installed_checks(kind).items()}}
 
 
 def settable(kind: str) -> dict[str, CheckLimits]:
     """The checks of a kind of campaign whose limits it may set, with those that hold otherwise."""
-    return {name: check.criterion for name, check in CHECKS[kind].items() if isinstance(check.criterion, CheckLimits)}
+    return {name: check.criterion for name, check in checks_of(kind).items() if isinstance(check.criterion, CheckLimits)}
 
 
 def in_force(declared: CheckLimits, own: SetLimits) -> tuple[float | None, float | None]:
@@ -37,7 +53,7 @@ def in_force(declared: CheckLimits, own: SetLimits) -> tuple[float | None, float
 def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Iterator[Fault]:
     """What is wrong with [qa.limits.<check>]: no such check, none that is set, beyond sense, or failing before it
     warns."""
-    known = settable(kind)
+    known = settable(kind) if limits else {}
     for name, own in limits.items():
         place = f"qa.limits.{name}"
         if name not in known:
@@ -59,9 +75,10 @@ def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Itera
 
 def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Iterator[Fault]:
     """What is wrong with [[accept]]: a check that this kind of campaign does not have."""
+    known = checks_of(kind) if accept else {}
     for number, entry in enumerate(accept, 1):
-        if entry.check not in CHECKS[kind]:
-            hint = meant(entry.check, CHECKS[kind]) or f"; one of: {', '.join(CHECKS[kind])}"
+        if entry.check not in known:
+            hint = meant(entry.check, known) or f"; one of: {', '.join(known)}"
             expected = f"a check of a campaign of kind {kind}{hint}"
             yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
@@ -73,7 +90,7 @@ def _beyond_sense(file: str, place: str, declared: CheckLimits, own: SetLimits) 
 
 
 def _unknown(name: str, kind: str) -> str:
-    if name in CHECKS[kind]:
+    if name in checks_of(kind):
         return "a check with a plain limit; this one rests on chance ([qa] false_alarm) or on what is wrong at any size"
     known = settable(kind)
     near = nearest(name, known)

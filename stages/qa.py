@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from truing.schemas.artifacts import ARTIFACTS
@@ -43,13 +44,13 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Every check with its value, limit, verdict and sentence; accepted verdicts keep their row and stop to gate."""
     from truing.report.numbers import count
     from truing.stages.common.belonging import belonging_table
-    from truing.stages.quality.check import FAIL, WARN
+    from truing.stages.quality.check import FAIL, WARN, checks_installed
     from truing.stages.quality.decisions import assessed
 
     found = _checked(tables, settings)
     if found.why_not:
         return Outcome.not_evaluated({"qa": _table([])}, found.why_not)
-    rows = assessed(found.checks, settings.accept, progress)
+    rows = assessed(chain(found.checks, checks_installed(tables, settings)), settings.accept, progress)
     failed = tuple(f"{row.check} {row.subject}".strip() for row in rows if row.verdict == FAIL and not row.accepted)
     warned, accepted = (
         sum(row.verdict == WARN and not row.accepted for row in rows),

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol, cast
 
-from truing.schemas.quality_checks import in_force, settable
+from truing.schemas.quality_check import CheckLimits, DeclaredCheck
+from truing.schemas.quality_checks import in_force, installed_checks, settable
 from truing.schemas.sections import SetLimits
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.belonging.relation import RelationTest
+    from truing.schemas.campaign import Campaign
 
 PASS, WARN, FAIL, NOT_EVALUATED = "pass", "warn", "fail", "not evaluated"
 COUNTED = "no time was recorded, or it merely counts"
@@ -91,9 +94,13 @@ class CampaignLimits:
     kind: str
     given: Mapping[str, SetLimits] = field(default_factory=dict)
 
+    @cached_property
+    def _declared(self) -> dict[str, CheckLimits]:
+        return settable(self.kind)
+
     def of(self, check: str, per: float = 1.0) -> Limit:
         """The limits of a check; per: what one of its declared unit is in that of the values."""
-        declared, own = settable(self.kind)[check], self.given.get(check, SetLimits())
+        declared, own = self._declared[check], self.given.get(check, SetLimits())
         warn, fail = in_force(declared, own)
         said = [
             f"{verb} {declared.words(limit)} (by default {'never' if default is None else declared.words(default)})"
@@ -108,3 +115,17 @@ class CampaignLimits:
             declared.below,
             f" Limit set by the campaign: {', '.join(said)}{why}." if said else "",
         )
+
+
+class InstalledCheck(DeclaredCheck, Protocol):
+    """A check of an installed package: its declaration, and the rows that it returns."""
+
+    def checks(self, tables: Mapping[str, pa.Table], settings: Campaign, limits: CampaignLimits) -> Iterable[Check]:
+        """Rows of qa.parquet from the tables and settings that stage qa reads."""
+
+
+def checks_installed(tables: Mapping[str, pa.Table], settings: Campaign) -> Iterator[Check]:
+    """The rows of all checks that installed packages add to this kind of campaign."""
+    limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
+    for one in installed_checks(settings.campaign.kind).values():
+        yield from cast(InstalledCheck, one).checks(tables, settings, limits)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from truing.schemas import mechanism
+from truing.schemas import mapping, mechanism
 from truing.schemas.campaign import Campaign
 from truing.schemas.quality_checks import limit_faults
 
@@ -24,7 +24,8 @@ def fault_of_toml(text: str, page: str, patch: pytest.MonkeyPatch) -> str | None
         return None if {"name", "version"} <= set(document["project"]) else "a project without name or version"
     if not document or not set(document) <= set(Campaign.model_fields):
         return f"neither a part of campaign.toml nor a pyproject: {', '.join(document)}"
-    patch.setattr(mechanism, "entry_points", lambda group: _Declared(group, page))
+    for module in (mapping, mechanism):
+        patch.setattr(module, "entry_points", lambda group: _Declared(group, page))
     told = [_fault_of_campaign(whole) for kind in _KINDS for whole in _completed(document, kind)]
     return None if None in told else told[0]
 

@@ -12,7 +12,7 @@ from tests.real import cable_facts
 from tests.real.cable_robot import CABLES, CableProblem, Run, geometry
 from tests.real.pulley_cable import PulleyCable
 from tests.tolerance import assert_between, assert_close
-from truing.simulation import installed
+from truing.schemas import installed
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.legs.kinematics import closure_rows, solve_rows

@@ -10,8 +10,8 @@ import pytest
 
 from tests.simulation.mechanisms.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_close
+from truing.schemas import installed
 from truing.simulation import catalogue as causes
-from truing.simulation import installed
 from truing.simulation.bench.causes.channels import ZeroDrift
 from truing.simulation.cause import Cause, Effect, Parameter, Step
 from truing.simulation.change import Change

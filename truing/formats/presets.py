@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from truing.formats.file_format import FileFormat, installed_format
 from truing.formats.source import RawFile
-from truing.schemas.mapping import FileMapping
+from truing.schemas.mapping import FORMATS, FileMapping
 
 _AXES = {"x_mm": "x", "y_mm": "y", "z_mm": "z"}
 _SIGMAS = {"sigma_x_mm": "sx", "sigma_y_mm": "sy", "sigma_z_mm": "sz"}
@@ -68,6 +69,7 @@ _BY_SUFFIX = {
     ".xlsm": "xlsx",
     ".mat": "mat",
 }
+_OWN = {*FORMATS, *_BY_SUFFIX.values()}
 _OF_MODELS = ("cameras.bin", "images.bin", "points3d.bin")
 
 
@@ -85,9 +87,16 @@ def format_of(raw: RawFile, entry: FileMapping) -> str:
     return _BY_SUFFIX.get(raw.suffix, "delimited")
 
 
+def added_format(file_format: str) -> FileFormat | None:
+    """The installed format of a name; None for a format or file kind of the project."""
+    return None if file_format in _OWN else installed_format(file_format)
+
+
 def with_preset(entry: FileMapping, file_format: str, table: str) -> tuple[FileMapping, frozenset[str]]:
     """A mapping completed with what its format settles for a table, and the columns that only the format names."""
-    preset = _PRESETS.get(f"{file_format} {table}", _PRESETS.get(file_format, {}))
+    added = added_format(file_format)
+    own = _PRESETS.get(f"{file_format} {table}", _PRESETS.get(file_format, {}))
+    preset = own if added is None else added.checked_preset()
     absent = {key: value for key, value in preset.items() if key not in entry.model_fields_set}
     columns = {**preset.get("columns", {}), **entry.columns}
     missing = tuple(dict.fromkeys((*preset.get("missing", ()), *entry.missing)))

@@ -16,7 +16,7 @@ from truing.formats.faultlog import FaultLog, discreet, discreet_cells
 from truing.formats.mapping import MappingPlan
 from truing.formats.origins import RowCount, is_side_by_side
 from truing.formats.patterns import TooSlow
-from truing.formats.presets import format_of, with_preset
+from truing.formats.presets import added_format, format_of, with_preset
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
 from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles, RawFile
@@ -98,7 +98,7 @@ class FileRows:
             return []
 
     def _is_text(self) -> bool:
-        return self.format in _TEXT or (self.format in CLOUDS and self._layout.form == "ascii")
+        return _is_separated(self.format) or (self.format in CLOUDS and self._layout.form == "ascii")
 
     @cached_property
     def _layout(self) -> CloudLayout:
@@ -225,8 +225,14 @@ def _with_sheet(raw: RawFile, entry: FileMapping, file_format: str) -> RawFile:
         return raw  # said when it is read
 
 
+def _is_separated(file_format: str) -> bool:
+    """Whether the reader of separated text reads a format."""
+    added = None if file_format in _TEXT else added_format(file_format)
+    return file_format in _TEXT or (added is not None and added.is_text)
+
+
 def _raw_batches(rows: FileRows, wanted: Wanted, table: str, estimate: Estimate | None) -> Iterator[RawBatch]:
-    if rows.format in _TEXT:
+    if _is_separated(rows.format):
         with open_plain(rows.raw.path) as stream:
             yield from read_delimited(stream, rows._delimited(), wanted)
         return
@@ -253,6 +259,8 @@ def _raw_batches(rows: FileRows, wanted: Wanted, table: str, estimate: Estimate 
             yield from read_rtl(path, wanted, rows.entry)
         elif rows.format in OF_PHOTOGRAPHS:
             yield from read_of_photographs(rows.format, rows.raw, path, wanted, table, estimate)
+        elif (added := added_format(rows.format)) is not None:
+            yield from added.read(path, wanted)
         else:
             from truing.formats.point_cloud import read_point_cloud
 

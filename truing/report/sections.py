@@ -1,6 +1,7 @@
-"""The sections of a run's page in the order in which they are read: each enters here, and nowhere else.
+"""The sections of a run's page in their order, and those that installed packages add.
 
-A new one is a module with a function of the section's name, and a line below. What draws is imported when it draws.
+A new section is a module with a function of the section's name, and a line in SECTIONS; that of a package is an entry
+point (docs/own-section.md). The modules are imported when they draw.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from truing.report.page import Listing, ReportSection
+from truing.schemas.installed import with_installed
 
 if TYPE_CHECKING:
     from truing.report.section_verdict import SectionVerdict
     from truing.report.tables import Tables
+
+ENTRY_POINTS = "truing.sections"
 
 
 @dataclass(frozen=True)
@@ -69,9 +73,14 @@ image_orientations image_residuals scale_bar_lengths bundle_statistics
 """
 
 
+def page_sections() -> tuple[PageSection, ...]:
+    """All sections in the order of the page: the project's own, then those of installed packages."""
+    return tuple(with_installed(SECTIONS, ENTRY_POINTS, "section", lambda section: section.name).values())
+
+
 def tables_read() -> tuple[str, ...]:
-    """The artifacts that the page is made from, in the order in which it tells their origin."""
-    return tuple(dict.fromkeys([*_TABLES.split(), *(name for section in SECTIONS for name in section.reads)]))
+    """The artifacts that the page is made from, in the order in which it lists their origin."""
+    return tuple(dict.fromkeys([*_TABLES.split(), *(name for section in page_sections() for name in section.reads)]))
 
 
 def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) -> list[ReportSection]:
@@ -86,7 +95,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     from truing.report.verdict import with_verdict
 
     bench = is_bench(tables) or "displacement" in tables or "positioning" in tables
-    wanted = [section for section in SECTIONS if section.bench in (None, bench)]
+    wanted = [section for section in page_sections() if section.bench in (None, bench)]
     with common_look():
         drawn = {section.name: _drawn(section, tables) for section in wanted}
     shown = [drawn[section.name] or _absent(section, drawn, tables) for section in wanted]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from truing.schemas.installed import with_installed
 from truing.simulation.axis.causes import AxisCause, LostMotion, ScaleError, ZeroShift
 from truing.simulation.axis.nonparametric import NonparametricAxisEffect
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
@@ -31,7 +32,6 @@ from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.bodies.causes.gravity import GravitySag
 from truing.simulation.cause import Cause, CauseT
-from truing.simulation.installed import with_installed
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
     FlexureShift,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tests.simulation.mechanisms.telescope import KAPPA, REFERENCE, K, readings, telescope, vector
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation import installed
+from truing.schemas import installed
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.legs.closures import Legs, Ups, closures, mechanism

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truing.schemas.installed import with_installed
 from truing.simulation.change import Change
-from truing.simulation.installed import with_installed
 
 
 class Closure:

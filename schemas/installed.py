@@ -1,4 +1,4 @@
-"""What this project knows of a kind, and what installed packages add to it."""
+"""What this project knows of a kind, and what installed packages add to it by entry points."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def with_installed(
     name: Callable[[Known], str],
     wanted: Callable[[Known], bool] = lambda one: True,
 ) -> dict[str, Known]:
-    """Return our own of a kind by name, then one of every class that installed packages name under a group, if wanted.
+    """Return the project's own items by name, then the wanted ones that entry points of a group make.
 
-    Raises ValueError where two have the same name.
+    Raises ValueError if two have the same name.
     """
     found: dict[str, Known] = {}
     installed = (point.load()() for point in sorted(entry_points(group=group)))

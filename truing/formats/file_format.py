@@ -1,0 +1,38 @@
+"""File formats that installed packages add: presets of instruments, and readers of files that are no text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from truing.formats.raw import RawBatch, Wanted
+from truing.schemas.installed import with_installed
+from truing.schemas.mapping import FORMAT_ENTRY_POINTS, FileMapping
+
+
+class FileFormat:
+    """A file format of a package: its name, the mapping keys that it settles, and a reader if it is no text.
+
+    ``preset``: keys of [files.<table>] by name; those of campaign.toml come first. ``is_text``: truing's own reader of
+    separated text reads it.
+    """
+
+    name: ClassVar[str]
+    preset: ClassVar[Mapping[str, Any]] = {}
+    is_text: ClassVar[bool] = True
+
+    def read(self, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
+        """Yield the columns of a file, decompressed at ``path``; raises Unusable for a file that it cannot read."""
+        raise NotImplementedError(f"format {self.name}: found no method read, expected one where is_text is False")
+
+    def checked_preset(self) -> Mapping[str, Any]:
+        """Return the preset with the types of a mapping; raises pydantic's ValidationError for an unknown key."""
+        settled = FileMapping.model_validate({"path": ".", **self.preset})
+        return {key: getattr(settled, key) for key in self.preset}
+
+
+def installed_format(name: str) -> FileFormat | None:
+    """Return the format of a name that a package has installed; None if there is none."""
+    own: tuple[FileFormat, ...] = ()
+    return with_installed(own, FORMAT_ENTRY_POINTS, "file format", lambda one: one.name).get(name)
