@@ -39,7 +39,9 @@ def checks_of(kind: str) -> dict[str, QualityCheck]:
 
 def settable(kind: str) -> dict[str, CheckLimits]:
     """The checks of a kind of campaign whose limits it may set, with those that hold otherwise."""
-    return {name: check.criterion for name, check in checks_of(kind).items() if isinstance(check.criterion, CheckLimits)}
+    return {
+        name: check.criterion for name, check in checks_of(kind).items() if isinstance(check.criterion, CheckLimits)
+    }
 
 
 def in_force(declared: CheckLimits, own: SetLimits) -> tuple[float | None, float | None]:

@@ -86,7 +86,7 @@ FLOWS: Mapping[str, tuple[FlowStep, ...]] = {
         ),
         FlowStep(
             "stages/diagnosis/mechanism_points.py",
-            "gather",
+            "assemble",
             "assembles points, readings, tolerances and noise",
             "DiagnosisData",
         ),
@@ -213,7 +213,7 @@ FLOWS: Mapping[str, tuple[FlowStep, ...]] = {
             "start values",
         ),
         FlowStep(
-            "truing/estimation/bundle/snooping.py",
+            "truing/estimation/bundle/data_snooping.py",
             "adjust_robustly",
             "adjusts, tests every ray, rejects gross errors",
             "accepted rays",
