@@ -26,7 +26,7 @@ def test_every_check_has_its_entry(kind: str, part: str) -> None:
     entries = shown(TEXT, f"every-check-of-{part}").split("### ")[1:]
     assert [entry.split("`")[1] for entry in entries] == list(CHECKS[kind])
     assert all(entry.count("\n- *What to do*: ") == 1 and "?** " in entry for entry in entries)
-    settable = [isinstance(check.judged, CheckLimits) for check in CHECKS[kind].values()]
+    settable = [isinstance(check.criterion, CheckLimits) for check in CHECKS[kind].values()]
     assert [entry.count("\n- *Limit on*: ") == 1 for entry in entries] == settable
     rows = shown(TEXT, part).splitlines()[2:]
     assert [row.split("`")[1] for row in rows] == list(CHECKS[kind])
