@@ -54,9 +54,9 @@ def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
     expected = tuple(prospects(run.settings, found))
     rows = sum(sum(seen.values()) for seen in raw.targets.values())
     doubts = (*filter(None, (unconfirmed(campaign.file),)), *attention(run.settings, found))
-    said = tuple(map(str, expected)), doubts
+    statements = tuple(map(str, expected)), doubts
     is_evaluated = not nothing_evaluated(expected) or has_repeats(run.settings, found)
-    return CampaignCheck(raw.read, *said, rows, is_evaluated)
+    return CampaignCheck(raw.read, *statements, rows, is_evaluated)
 
 
 def check_before_photographs(run: CampaignRun) -> None:
@@ -145,11 +145,11 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
 
 def _raw_faults_despite(campaign: CampaignFolder) -> tuple[Fault, ...]:
     """Faults of the raw files of a campaign whose campaign.toml has faults too, as far as they can be judged."""
-    mended = _without_faulty_keys(campaign)
-    if mended is None:
+    corrected = _without_faulty_keys(campaign)
+    if corrected is None:
         return ()
     try:
-        _read_raw(detached_run(mended))
+        _read_raw(detached_run(corrected))
     except CampaignFaults as error:
         return error.faults
     except Exception:  # a campaign with keys taken out is none that ingest must be able to read
@@ -162,20 +162,20 @@ def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
     document = copy.deepcopy(dict(campaign.document))
     if isinstance(document.get("campaign"), dict):
         document["campaign"]["name"] = "campaign"  # no data hang on the name
-    mended = replace(campaign, document=document)
+    corrected = replace(campaign, document=document)
     for _ in range(_ROUNDS):
-        faults = _settings_faults(mended)
+        faults = _settings_faults(corrected)
         if not faults:
-            return None if _is_read_otherwise(campaign, mended) else mended
-        if not all(_remove(mended.document, fault.column or "") for fault in faults):
+            return None if _is_read_otherwise(campaign, corrected) else corrected
+        if not all(_remove(corrected.document, fault.column or "") for fault in faults):
             return None
     return None
 
 
-def _is_read_otherwise(campaign: CampaignFolder, mended: CampaignFolder) -> bool:
+def _is_read_otherwise(campaign: CampaignFolder, corrected: CampaignFolder) -> bool:
     """Whether a campaign without its faulty keys is of another kind of mechanism, which has other files."""
     of_types = getattr(stage_module("ingest"), "OF_TYPES", {})
-    own, left = (document.get("mechanism") for document in (campaign.document, mended.document))
+    own, left = (document.get("mechanism") for document in (campaign.document, corrected.document))
     return isinstance(own, dict) and own.get("type") in of_types and not left
 
 
@@ -195,17 +195,17 @@ def _remove(document: Mapping[str, Any], dotted: str) -> bool:
 def report_check(place: Path) -> ExitCode:
     """`truing check` on one campaign: says that it can be used, or raises CampaignFaults."""
     campaign = open_campaign(place)
-    found, voice = check_campaign(campaign), RunConsole(quiet=False)
+    found, console = check_campaign(campaign), RunConsole(quiet=False)
     unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
     apart, doubtful = ((), ()) if unrelated else _apart(place)
     verdict = "no fault" if found.is_evaluated else "nothing but quality can be evaluated"
     if apart:
         verdict = "the files can be read, but the data do not belong together"
-    voice.line(f"{campaign.file}: {verdict}; {found.read}")
+    console.line(f"{campaign.file}: {verdict}; {found.read}")
     for line in apart or found.prospects:
-        voice.line(line)
+        console.line(line)
     for sentence in (*found.attention, *doubtful):
-        voice.line(f"attention: {sentence}")
+        console.line(f"attention: {sentence}")
     return ExitCode.FAILED_CHECK if apart else ExitCode.DONE
 
 

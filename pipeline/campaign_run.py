@@ -103,23 +103,23 @@ class CampaignRun:
 
     def status(self, stage: Stage, now: MadeFrom) -> StageStatus:
         """Where a stage stands; a fresh one is entered into the ledger (in memory) if it was not there."""
-        standing = self.evidence.status(stage, now)
-        if standing.entry is not None:
-            self.manifest.entries[stage.name] = standing.entry
-        return standing
+        stage_status = self.evidence.status(stage, now)
+        if stage_status.entry is not None:
+            self.manifest.entries[stage.name] = stage_status.entry
+        return stage_status
 
     def statuses(self) -> Iterator[tuple[Stage, StageStatus]]:
         """Where every stage stands, those included that wait for a stale one."""
         maker = makers(self.order)
         behind: dict[str, str] = {}
         for stage in self.order:
-            standing = self.status(stage, self.made_from(stage))
+            status = self.status(stage, self.made_from(stage))
             waits = sorted({maker[name] for name in map(bare, stage.reads) if maker.get(name) in behind})
-            if waits and standing.state is Freshness.FRESH:
-                standing = StageStatus(Freshness.STALE, (f"it depends on {', '.join(waits)}",))
-            if standing.state is not Freshness.FRESH:
-                behind[stage.name] = standing.why
-            yield stage, standing
+            if waits and status.state is Freshness.FRESH:
+                status = StageStatus(Freshness.STALE, (f"it depends on {', '.join(waits)}",))
+            if status.state is not Freshness.FRESH:
+                behind[stage.name] = status.why
+            yield stage, status
 
     @cached_property
     def settings(self) -> Campaign:
@@ -188,8 +188,8 @@ class CampaignRun:
         from truing.pipeline.artifacts import Stamp, write_artifacts
 
         left, failed = tuple(outcome.artifacts), tuple(outcome.failed_checks)
-        said = outcome.figure if type(outcome.figure) is str else ""  # ingest counts while its rows stream past
-        stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, said, outcome.why_not)
+        text = outcome.figure if type(outcome.figure) is str else ""  # ingest counts while its rows stream past
+        stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, text, outcome.why_not)
         files = {ARTIFACTS[name].file for name in left}  # two artifacts may have the same file, of which one is left
         obsolete = [file for name in map(bare, stage.leaves) if (file := ARTIFACTS[name].file) not in files]
         digests = write_artifacts(
@@ -262,5 +262,5 @@ def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, 
         for name, entry in ledger.entries.items()
         if name in _names_of(campaign) and entry.artifacts.keys() <= ARTIFACTS.keys()
     }
-    remembered = DigestCache(private / "digests.json", distrust=distrust)
-    return CampaignRun(campaign, folder, remembered, ledger, private, workers)
+    digests = DigestCache(private / "digests.json", distrust=distrust)
+    return CampaignRun(campaign, folder, digests, ledger, private, workers)

@@ -149,8 +149,8 @@ def run(
 
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
-    wish = RunOptions(StageSelection(first, only, force), distrust=check, accept_failed_checks=qa is _QaGate.WARN)
-    raise typer.Exit(run_campaigns(campaigns, out, wish, quiet=quiet, workforce=workforce(workers, scheduler)))
+    options = RunOptions(StageSelection(first, only, force), distrust=check, accept_failed_checks=qa is _QaGate.WARN)
+    raise typer.Exit(run_campaigns(campaigns, out, options, quiet=quiet, workforce=workforce(workers, scheduler)))
 
 
 @app.command()
@@ -278,8 +278,8 @@ def design(
 
         names = _listed(parameters)
         shown = _listed(causes)
-        wish = DesignOptions(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
-        return design_campaign(campaign, wish, DesignFiles(extend, avoid, out))
+        options = DesignOptions(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
+        return design_campaign(campaign, options, DesignFiles(extend, avoid, out))
 
     _end(choose)
 
@@ -378,8 +378,8 @@ def plan(
 
         near, far = _pair("--distance", distance) if distance else (None, None)
         bounds = _pair("--elevation", elevation)
-        wish = PlanOptions(stations, wanted, near, far, bounds, directions, incidence, least)
-        return plan_campaign(campaign, wish, PlanFiles(camera, run, normals, out))
+        options = PlanOptions(stations, wanted, near, far, bounds, directions, incidence, least)
+        return plan_campaign(campaign, options, PlanFiles(camera, run, normals, out))
 
     _end(choose)
 

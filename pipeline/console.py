@@ -59,7 +59,7 @@ class RunConsole:
         sys.stderr.flush()
 
     def during(self, stage: str) -> RunConsole:
-        """This voice, about to speak of a stage."""
+        """This console, for the messages of one stage."""
         self._stage = stage
         self._last_line = time.monotonic()
         return self

@@ -35,56 +35,61 @@ class DesignFiles:
     out: Path | None = None
 
 
-def design_campaign(place: Path, wish: DesignOptions, files: DesignFiles) -> ExitCode:
+def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> ExitCode:
     """Choose configurations, say how good they are, and write them to a file or say them. Raises CampaignFaults."""
     campaign = open_campaign(place)
     check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
-    voice = RunConsole(quiet=False)
+    console = RunConsole(quiet=False)
     if campaign.validated().campaign.kind == "interferometer":
-        return (_loads_for_causes if wish.causes else _plan_loads)(campaign, wish, files, voice)
-    if wish.causes:
+        return (_loads_for_causes if options.causes else _plan_loads)(campaign, options, files, console)
+    if options.causes:
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
-    found = design(campaign.validated(), wish, _tables(campaign, files))
+    found = design(campaign.validated(), options, _tables(campaign, files))
     for line in words_of(found):
-        voice.line(line)
+        console.line(line)
     _hand_over(
-        found.table, files.out, voice, f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them"
+        found.table,
+        files.out,
+        console,
+        f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them",
     )
     return ExitCode.DONE
 
 
-def _plan_loads(campaign: CampaignFolder, wish: DesignOptions, files: DesignFiles, voice: RunConsole) -> ExitCode:
+def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:
     """Choose load steps for a sensor; raises CampaignFaults for what only poses have."""
-    _check_of_loads(wish, files)
-    found = plan_loads(campaign.validated(), wish, _loads_of(campaign))
+    _check_of_loads(options, files)
+    found = plan_loads(campaign.validated(), options, _loads_of(campaign))
     for line in words_of_loads(found):
-        voice.line(line)
+        console.line(line)
     _hand_over(
         found.table,
         files.out,
-        voice,
+        console,
         f"{counted(found.table.num_rows, 'load step')}, in the order in which to apply them",
     )
     return ExitCode.DONE
 
 
-def _loads_for_causes(campaign: CampaignFolder, wish: DesignOptions, files: DesignFiles, voice: RunConsole) -> ExitCode:
+def _loads_for_causes(
+    campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole
+) -> ExitCode:
     """Choose runs of loads that show causes, beside the campaign's own load steps, measured or planned."""
     from truing.pipeline.power_command import check_causes  # which loads all that a diagnosis needs
 
-    _check_of_loads(wish, files)
+    _check_of_loads(options, files)
     settings = campaign.validated()
-    check_causes(wish.causes, settings)
+    check_causes(options.causes, settings)
     tables, measured = bench_tables(campaign, settings)
     try:
-        found = loads_for_causes(tables, settings, wish.causes, measured=measured, seed=wish.seed)
+        found = loads_for_causes(tables, settings, options.causes, measured=measured, seed=options.seed)
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be simulated: {why}")]) from None
     for line in found.sentences or ("nothing in this campaign that these causes could concern",):
-        voice.line(line)
+        console.line(line)
     if found.table.num_rows:
         _hand_over(
-            found.table, files.out, voice, f"{counted(found.table.num_rows, 'load step')}, by purpose and run", ""
+            found.table, files.out, console, f"{counted(found.table.num_rows, 'load step')}, by purpose and run", ""
         )
     return ExitCode.DONE
 
@@ -99,21 +104,21 @@ def _loads_of(campaign: CampaignFolder) -> dict[str, pa.Table]:
     return {} if log else found.artifacts
 
 
-def _check_of_loads(wish: DesignOptions, files: DesignFiles) -> None:
+def _check_of_loads(options: DesignOptions, files: DesignFiles) -> None:
     """Raise CampaignFaults for what only poses have."""
-    given = {"--extend": files.extend, "--avoid": files.avoid, "--parameters": " ".join(wish.parameters) or None}
+    given = {"--extend": files.extend, "--avoid": files.avoid, "--parameters": " ".join(options.parameters) or None}
     if of_poses := [Fault(name, "no such table for loads", value=str(one)) for name, one in given.items() if one]:
         raise CampaignFaults(of_poses)
 
 
 def _hand_over(
-    table: pa.Table, out: Path | None, voice: RunConsole, what: str, then: str = "; fill in time_s when measuring"
+    table: pa.Table, out: Path | None, console: RunConsole, what: str, then: str = "; fill in time_s when measuring"
 ) -> None:
     if out is None:
-        voice.line(table_bytes(table, ".csv").decode().rstrip("\n"))
+        console.line(table_bytes(table, ".csv").decode().rstrip("\n"))
         return
     write_atomically(out, table_bytes(table, out.suffix))
-    voice.line(f"{what}: {out}{then}")
+    console.line(f"{what}: {out}{then}")
 
 
 def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:

@@ -26,7 +26,7 @@ KEPT = "finished artifacts are intact; run again to resume"
 _LEAST_MB = 2000
 
 
-def end(action: Callable[[], ExitCode], voice: RunConsole) -> ExitCode:
+def end(action: Callable[[], ExitCode], console: RunConsole) -> ExitCode:
     """The exit code of an action, its trouble told on stderr; interruptions pass, for they end the whole call."""
     try:
         with raise_if_interrupted():
@@ -34,43 +34,43 @@ def end(action: Callable[[], ExitCode], voice: RunConsole) -> ExitCode:
             return action()
     except CampaignFaults as error:
         if shortage(error) is not None:  # what could not be read for want of memory is no fault of the campaign
-            return _end_of(error, voice)
+            return _end_of(error, console)
         for line in dict.fromkeys(map(str, error.faults)):
-            voice.warn(" ".join(line.split("\n")))
+            console.warn(" ".join(line.split("\n")))
         return ExitCode.UNUSABLE_CAMPAIGN
     except EnvironmentProblem as error:
-        voice.warn(f"{error}; {KEPT}")
+        console.warn(f"{error}; {KEPT}")
         return ExitCode.ENVIRONMENT
     except Defect as error:
-        voice.warn(str(error))
+        console.warn(str(error))
         return ExitCode.DEFECT
     except Exception as error:
-        return _end_of(error, voice)
+        return _end_of(error, console)
 
 
-def _end_of(error: Exception, voice: RunConsole) -> ExitCode:
+def _end_of(error: Exception, console: RunConsole) -> ExitCode:
     known = environment_problem(error, "the work was prevented")
     if known is not None:
-        voice.warn(f"{known}; {KEPT}")
+        console.warn(f"{known}; {KEPT}")
         return ExitCode.ENVIRONMENT
-    voice.warn("".join(traceback.format_exception(error)))
-    voice.warn(f"truing has a defect: {type(error).__name__}: {error}")
+    console.warn("".join(traceback.format_exception(error)))
+    console.warn(f"truing has a defect: {type(error).__name__}: {error}")
     return ExitCode.DEFECT
 
 
-def end_all(actions: list[Callable[[], ExitCode]], voice: RunConsole) -> ExitCode:
+def end_all(actions: list[Callable[[], ExitCode]], console: RunConsole) -> ExitCode:
     """Several actions, one after the other; the gravest ending is the call's, and an interruption ends them all."""
     try:
         with interruptible():
-            return gravest([end(action, voice) for action in actions])
+            return gravest([end(action, console) for action in actions])
     except Interrupted as error:
-        return end_interrupted(error, voice)
+        return end_interrupted(error, console)
 
 
-def end_interrupted(error: Interrupted, voice: RunConsole) -> ExitCode:
+def end_interrupted(error: Interrupted, console: RunConsole) -> ExitCode:
     """The exit code of a call that a signal has ended, said on stderr."""
     answered()
-    voice.warn(f"interrupted ({error}); {KEPT}")
+    console.warn(f"interrupted ({error}); {KEPT}")
     return exit_code_of(str(error))
 
 

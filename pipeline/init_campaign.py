@@ -70,10 +70,10 @@ def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
     guesses = network_tables(_with_surfaces(_separate_tables(_apart(guesses)))) + _photographs(folder)
     text = (campaign_text if every_key else _starter)(folder.resolve().name, guesses)
     _write_new(target, text)
-    voice = RunConsole(quiet=False)
+    console = RunConsole(quiet=False)
     for group, guess in guesses:
-        voice.line(f"{_shown(group.glob)}: {_summary(group, guess)}")
-    voice.line(f"wrote {target}; complete it, then: truing check {folder}")
+        console.line(f"{_shown(group.glob)}: {_summary(group, guess)}")
+    console.line(f"wrote {target}; complete it, then: truing check {folder}")
     return ExitCode.DONE
 
 

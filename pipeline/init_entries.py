@@ -113,8 +113,8 @@ def bodies_and_targets(names: Sequence[str]) -> dict[str, Any]:
     found = _one_body(names) or _several_bodies(names)
     if found is None:
         return {}
-    told = [match.groupdict() for name in names if (match := re.search(found, name))]
-    single = len(told) == len(names) and len({tuple(one.items()) for one in told}) == len(names)
+    reported = [match.groupdict() for name in names if (match := re.search(found, name))]
+    single = len(reported) == len(names) and len({tuple(one.items()) for one in reported}) == len(names)
     return {"from_name": found} if single else {}
 
 

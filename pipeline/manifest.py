@@ -98,17 +98,17 @@ def read_manifest(store: Path) -> Manifest:
 
 def _entry(row: dict[str, Any]) -> Entry:
     """An entry as it was written, by this version or another; raises where it is none."""
-    told = row["made_from"]
+    reported = row["made_from"]
     made_from = None
-    if told is not None:
-        parts = {name: dict(told[name]) for name in ("source", "settings", "inputs", "raw")}
-        made_from = MadeFrom(str(told["campaign"]), **parts)
+    if reported is not None:
+        parts = {name: dict(reported[name]) for name in ("source", "settings", "inputs", "raw")}
+        made_from = MadeFrom(str(reported["campaign"]), **parts)
     return Entry(str(row["digest"]), dict(row["artifacts"]), tuple(map(str, row["failed_checks"])), made_from)
 
 
-def _owner(told: Any) -> Owner | None:
+def _owner(reported: Any) -> Owner | None:
     """The owner as it was written; None where nobody has noted one."""
-    return None if told is None else Owner(*(str(told[key]) for key in ("name", "file", "settings", "folder")))
+    return None if reported is None else Owner(*(str(reported[key]) for key in ("name", "file", "settings", "folder")))
 
 
 class DigestCache:

@@ -45,11 +45,11 @@ class PlanFiles:
     out: Path | None = None
 
 
-def plan_campaign(place: Path, wish: PlanOptions, files: PlanFiles) -> ExitCode:
+def plan_campaign(place: Path, options: PlanOptions, files: PlanFiles) -> ExitCode:
     """Choose stations, say how well the targets will be known, and leave tables and a page. Raises CampaignFaults."""
-    campaign, voice = usable_campaign(place), RunConsole(quiet=False)
+    campaign, console = usable_campaign(place), RunConsole(quiet=False)
     settings = campaign.validated()
-    _check(settings.campaign.kind, wish)
+    _check(settings.campaign.kind, options)
     check_file(files.out, reads=(files.normals,), campaign=campaign)
     folder = folder_beside_run(campaign)
     normals = None if files.normals is None else read_given(files.normals, "a table of normals")
@@ -59,46 +59,46 @@ def plan_campaign(place: Path, wish: PlanOptions, files: PlanFiles) -> ExitCode:
     planned, targets, left_out = planned_network(settings, known, normals, files.camera, cameras.noise_px)
     left_out = (*left_out, *_not_modelled(targets))
     try:
-        with voice.during("plan") as progress:
+        with console.during("plan") as progress:
             found = plan_photographs(
-                planned, targets, wish, settings.reference_body, lambda done, of: progress(done, of, "stations")
+                planned, targets, options, settings.reference_body, lambda done, of: progress(done, of, "stations")
             )
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"targets that can be photographed: {why}")]) from None
     left_out = (*([_of_camera(cameras.description, found)] if cameras.description else []), *left_out)
     for line in (*sentences(found), *left_out):
-        voice.line(line)
+        console.line(line)
     if files.out is None:
         note_owner(campaign, folder)
     file = folder / _DEFAULT_FILE if files.out is None else files.out
     written = _leave(campaign.name, found, tables(found), left_out, file)
-    voice.line(f"tables and page: {', '.join(map(str, written))}")
+    console.line(f"tables and page: {', '.join(map(str, written))}")
     return ExitCode.DONE
 
 
-def _of_camera(said: str, plan: PhotographPlan) -> str:
+def _of_camera(text: str, plan: PhotographPlan) -> str:
     distance, noise = plan.planned.interior[0], plan.planned.sigma_px
-    return f"{said} Its principal distance is {distance:.1f} px, the noise of an image coordinate {noise:.3g} px."
+    return f"{text} Its principal distance is {distance:.1f} px, the noise of an image coordinate {noise:.3g} px."
 
 
 def _not_modelled(targets: PlannedTargets) -> list[str]:
     """What the plan takes to be seen that may not be."""
     turned = int((~isnan(targets.layout.normals).any(axis=1)).sum())
-    said = "Nothing is taken to stand in the way of a ray, neither other things nor the object itself"
+    text = "Nothing is taken to stand in the way of a ray, neither other things nor the object itself"
     if turned == len(targets.name):
-        return [f"{said}, but for what faces away."]
+        return [f"{text}, but for what faces away."]
     count = f"{turned} of {len(targets.name)} targets have" if turned else "no target has"
-    return [f"{said}; {count} a normal, without which it counts as seen from behind, too (--normals)."]
+    return [f"{text}; {count} a normal, without which it counts as seen from behind, too (--normals)."]
 
 
-def _check(kind: str, wish: PlanOptions) -> None:
+def _check(kind: str, options: PlanOptions) -> None:
     faults = []
     if kind != "photogrammetry":
         faults.append(Fault("campaign.toml", "photogrammetry", column="campaign.kind", value=kind))
-    low, high = wish.elevation_deg
+    low, high = options.elevation_deg
     if not -90.0 <= low < high <= 90.0:
         faults.append(Fault("--elevation", "two angles from -90 to 90, the lower one first", value=f"{low:g},{high:g}"))
-    nearest, farthest = wish.nearest_mm, wish.farthest_mm
+    nearest, farthest = options.nearest_mm, options.farthest_mm
     if nearest is not None and farthest is not None and nearest >= farthest:
         faults.append(Fault("--distance", "two distances, the shorter one first", value=f"{nearest:g},{farthest:g}"))
     if faults:

@@ -95,32 +95,32 @@ class PowerOptions:
     seed: int = 0
 
 
-def power_campaign(place: Path, wish: PowerOptions, workforce: Workforce, out: Path | None) -> ExitCode:
+def power_campaign(place: Path, options: PowerOptions, workforce: Workforce, out: Path | None) -> ExitCode:
     """Tell what a campaign's layout would show, and leave tables and a page. Raises CampaignFaults."""
-    voice, campaign = RunConsole(quiet=False), usable_campaign(place)
+    console, campaign = RunConsole(quiet=False), usable_campaign(place)
     settings = campaign.validated()
-    of_rays = wants_rays(wish.causes, campaign)
+    of_rays = wants_rays(options.causes, campaign)
     check_file(out, campaign=campaign)
     if not of_rays:
-        check_causes(wish.causes, settings)
+        check_causes(options.causes, settings)
     reads_run = out is None or campaign.has_photographs
     run = folder_beside_run(campaign) if reads_run else run_folder_of(campaign, None, several=False)
     beside = ray_power_sentence(run) if of_rays else of_photographs(campaign, run)
     file = run / _DEFAULT_FILE if out is None else out
-    with voice.during("power") as progress:
+    with console.during("power") as progress:
         progress(0, 2, "steps: the campaign's layout")
-        plan = _plan(campaign, settings, wish, run if of_rays else None)
+        plan = _plan(campaign, settings, options, run if of_rays else None)
         progress(1, 2, "steps: what theory expects")
-        asked = _questions(campaign, plan, settings, wish)
+        asked = _questions(campaign, plan, settings, options)
     answers: list[Answer] = []
     try:
-        for given in _answers(plan, settings, asked, wish, workforce, voice):
+        for given in _answers(plan, settings, asked, options, workforce, console):
             answers.append(given)
     except Interrupted:
         if answers:
-            _report(campaign, asked, answers, (file, beside), voice)  # hours may lie behind them
+            _report(campaign, asked, answers, (file, beside), console)  # hours may lie behind them
         raise
-    _report(campaign, asked, answers, (file, beside), voice)
+    _report(campaign, asked, answers, (file, beside), console)
     return ExitCode.DONE
 
 
@@ -132,20 +132,22 @@ def check_causes(names: Sequence[str], settings: Campaign) -> None:
         raise CampaignFaults(Fault("--causes", f"of {', '.join(known)}", value=name) for name in strange)
 
 
-def _plan(campaign: CampaignFolder, settings: Campaign, wish: PowerOptions, run: Path | None = None) -> Plan:
+def _plan(campaign: CampaignFolder, settings: Campaign, options: PowerOptions, run: Path | None = None) -> Plan:
     """The campaign as a plan, from what was measured or from survey and configurations alone; of its rays, from what a
     run left of them. Raises CampaignFaults."""
     if run is not None:
         with _to_be_drawn(campaign):
-            return plan_of_rays(run, settings).with_gross(wish.gross)
+            return plan_of_rays(run, settings).with_gross(options.gross)
     tables = _tables(campaign, settings)
     with _to_be_drawn(campaign):
         if settings.campaign.kind == "interferometer":
-            return reading_plan_of(tables, settings).with_gross(wish.gross)
+            return reading_plan_of(tables, settings).with_gross(options.gross)
         bare = bare_plan(tables, settings)
-        drawn = {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(wish.seed)), settings)
+        drawn = (
+            {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(options.seed)), settings)
+        )
         plan = completed(bare, assembled_data(drawn, settings), drawn["poses"])
-    return plan.with_gross(wish.gross)
+    return plan.with_gross(options.gross)
 
 
 @contextmanager
@@ -196,33 +198,35 @@ def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign)
     return tables
 
 
-def _questions(campaign: CampaignFolder, plan: Plan, settings: Campaign, wish: PowerOptions) -> list[DetectionQuestion]:
+def _questions(
+    campaign: CampaignFolder, plan: Plan, settings: Campaign, options: PowerOptions
+) -> list[DetectionQuestion]:
     """What is asked, with what theory expects of it, from a campaign that is drawn without any effect.
 
     Raises CampaignFaults where such a campaign could not be diagnosed.
     """
-    drawn = _drawn(plan, (), wish.seed, settings)
+    drawn = _drawn(plan, (), options.seed, settings)
     with _to_be_drawn(campaign):
-        gathered = compared(plan, drawn, settings)
-    seen = expected_sights(plan, gathered, settings)
-    return questions(plan, seen, wish.causes, searched_causes(plan, settings)[0].values())
+        data = compared(plan, drawn, settings)
+    seen = expected_sights(plan, data, settings)
+    return questions(plan, seen, options.causes, searched_causes(plan, settings)[0].values())
 
 
 def _answers(
     plan: Plan,
     settings: Campaign,
     asked: Sequence[DetectionQuestion],
-    wish: PowerOptions,
+    options: PowerOptions,
     workforce: Workforce,
-    voice: RunConsole,
+    console: RunConsole,
 ) -> Generator[Answer]:
     """Draw and diagnose all campaigns, wherever that is done; the same answers everywhere."""
-    pieces = trials(asked, plan, wish.draws, _NOTHING_PER_DRAW * wish.draws, wish.seed)
+    pieces = trials(asked, plan, options.draws, _NOTHING_PER_DRAW * options.draws, options.seed)
     work = partial(diagnosed_trial, plan, settings)
-    with voice.during("power") as progress:
-        told = results(work, pieces, workforce, _lost, lambda done: progress(done, len(pieces), "campaigns"))
-        with closing(told):
-            yield from told
+    with console.during("power") as progress:
+        reported = results(work, pieces, workforce, _lost, lambda done: progress(done, len(pieces), "campaigns"))
+        with closing(reported):
+            yield from reported
 
 
 def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
@@ -234,20 +238,20 @@ def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
 def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
     """What the diagnosis of a drawn campaign's tables, up to the poses, says of what was hidden in it."""
     try:
-        gathered = assembled_data(tables, settings)
-        diagnosis = decided(gathered, settings, lambda *_: None)
+        data = assembled_data(tables, settings)
+        diagnosis = decided(data, settings, lambda *_: None)
     except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated
         return answer(trial, ())
-    table = diagnosis_table(diagnosis, DetectionAdvice(shown=gathered.shown), settings.diagnosis.false_alarm)
+    table = diagnosis_table(diagnosis, DetectionAdvice(shown=data.shown), settings.diagnosis.false_alarm)
     return answer(trial, table.to_pylist())
 
 
 def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
     """What the diagnosis of a drawn campaign's rays says of what was hidden in them."""
     rule = rule_of(settings)
-    gathered, _ = assemble_rays(tables, settings)
-    diagnosis = decided_of_rays(gathered, settings, lambda *_: None)
-    table = diagnosis_table(diagnosis, DetectionAdvice(shown=gathered.shown), rule_of_rays(rule).noise_level)
+    data, _ = assemble_rays(tables, settings)
+    diagnosis = decided_of_rays(data, settings, lambda *_: None)
+    table = diagnosis_table(diagnosis, DetectionAdvice(shown=data.shown), rule_of_rays(rule).noise_level)
     return answer(trial, table.to_pylist())
 
 
@@ -260,7 +264,7 @@ def _report(
     asked: Sequence[DetectionQuestion],
     answers: Sequence[Answer],
     out: tuple[Path, PhotographNote | None],
-    voice: RunConsole,
+    console: RunConsole,
 ) -> None:
     """Say and leave what was found, and what an ``out`` beside the file says of photographs."""
     file, photographs = out
@@ -268,18 +272,18 @@ def _report(
         note_owner(campaign, file.parent)
     curves = [curve(question, place, answers) for place, question in enumerate(asked)]
     sizes, rates = sizes_table(curves), rates_table(curves, false_alarms(answers))
-    said, drawn = sizes.to_pandas(), rates.to_pandas()
-    voice.show(SIZE_HEADS, size_rows(said))
+    text, drawn = sizes.to_pandas(), rates.to_pandas()
+    console.show(SIZE_HEADS, size_rows(text))
     if alarm_words(drawn):
-        voice.line(alarm_words(drawn))
+        console.line(alarm_words(drawn))
     if photographs is not None:
         if photographs.rows:
-            voice.show(HEADS, photographs.rows)
-        voice.line(photographs.sentence)
+            console.show(HEADS, photographs.rows)
+        console.line(photographs.sentence)
     further = [] if photographs is None else [section_of_photographs(photographs.sentence, HEADS, photographs.rows)]
-    page = render_page(power_head(campaign.name, said, drawn), [*power_sections(said, drawn), *further])
+    page = render_page(power_head(campaign.name, text, drawn), [*power_sections(text, drawn), *further])
     written = leave_tables(file, {"": sizes, "-rates": rates}, page)
-    voice.line(f"tables and page: {', '.join(map(str, written))}")
+    console.line(f"tables and page: {', '.join(map(str, written))}")
 
 
 @dataclass(frozen=True)

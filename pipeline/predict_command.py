@@ -42,10 +42,10 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
         sys.stdout.write(_csv(predicted).decode())
         return ExitCode.DONE
     _write(out, predicted, _campaign(model, text), [text, _csv(predicted).decode()])
-    voice = RunConsole(quiet=False)
+    console = RunConsole(quiet=False)
     if is_campaign:
-        _print_errors(predicted, voice)
-    voice.line(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
+        _print_errors(predicted, console)
+    console.line(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
     return ExitCode.DONE
 
 
@@ -69,10 +69,10 @@ def _is_there(model: Path, name: str) -> bool:
     return (model.parent / ARTIFACTS[name].file).is_file()
 
 
-def _print_errors(errors: pa.Table, voice: RunConsole) -> None:
+def _print_errors(errors: pa.Table, console: RunConsole) -> None:
     for row in errors.to_pylist():
         size = f"{row['rms_error']:.4g} {row['unit']} rms, {row['largest_error']:.4g} {row['unit']} at most"
-        voice.line(f"{row['quantity']:<12} {row['prediction_by']:<11} {size} ({row['model']})")
+        console.line(f"{row['quantity']:<12} {row['prediction_by']:<11} {size} ({row['model']})")
 
 
 def _model_text(model: Path) -> str:

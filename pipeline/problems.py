@@ -75,8 +75,8 @@ def environment_problem(error: Exception, doing: str) -> EnvironmentProblem | No
 
 def _brief(error: BaseException) -> str:
     """What a library says of the memory that it lacks, as how much it wanted; empty where it says nothing."""
-    said = " ".join(str(error).split())[:160]
-    return f" ({said})" if said else ""
+    text = " ".join(str(error).split())[:160]
+    return f" ({text})" if text else ""
 
 
 @contextmanager

@@ -104,16 +104,16 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
     check_folder(place)
     with environment(f"the folder {place} cannot be made"):
         place.mkdir(parents=True, exist_ok=True)
-    voice = RunConsole(quiet=False)
+    console = RunConsole(quiet=False)
     for form in forms or FORMS:
         try:
             written = [_write(place, name, content) for name, content in _files(form, run, campaign)]
         except _NoCertificate as why:
-            voice.warn(str(why))
+            console.warn(str(why))
             return ExitCode.FAILED_CHECK
-        voice.line(f"{form}: {_exported_files_text(place, written)}")
+        console.line(f"{form}: {_exported_files_text(place, written)}")
         for left_out in qualified(run).left_out if form == _CERTIFICATE else ():
-            voice.warn(f"not certified: {left_out}")
+            console.warn(f"not certified: {left_out}")
     return ExitCode.DONE
 
 
@@ -171,11 +171,11 @@ def certificate_files(run: Run, campaign: Path | None) -> Iterable[tuple[str, by
     return certificate(run, settings.certificate)
 
 
-def _faults(told: Certificate, temperature_known: bool) -> Iterator[Fault]:
-    missing = told.missing(temperature_known=temperature_known)
+def _faults(document: Certificate, temperature_known: bool) -> Iterator[Fault]:
+    missing = document.missing(temperature_known=temperature_known)
     yield from (Fault(_FILE, "this key to be present, for a certificate", column=key) for key in missing)
-    if told.begin is not None and told.end is not None and told.end < told.begin:
-        yield Fault(_FILE, "a day not before certificate.begin", column="certificate.end", value=str(told.end))
+    if document.begin is not None and document.end is not None and document.end < document.begin:
+        yield Fault(_FILE, "a day not before certificate.begin", column="certificate.end", value=str(document.end))
 
 
 def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
@@ -198,10 +198,10 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
     artifact = ARTIFACTS["compared"]
     _leave_table(place / artifact.file, found, runs)
     write_atomically(place / PAGE, render_page(head, comparison_sections(shown)).encode())
-    voice = RunConsole(quiet=False)
+    console = RunConsole(quiet=False)
     for _, sentence in head.verdicts:
-        voice.line(sentence)
-    voice.line(f"table and page: {place / artifact.file}, {place / PAGE}")
+        console.line(sentence)
+    console.line(f"table and page: {place / artifact.file}, {place / PAGE}")
     return ExitCode.DONE
 
 
@@ -230,8 +230,8 @@ def _opened(folder: Path) -> Run:
 
 def _of_one_machine(runs: Sequence[Run]) -> None:
     """Raise where the runs are of different mechanisms; one without a model may be of any that its tables fit."""
-    for told in (kind_of, mechanism_of):
-        known = [(run, what) for run in runs if (what := told(run))]
+    for reported in (kind_of, mechanism_of):
+        known = [(run, what) for run in runs if (what := reported(run))]
         for run, what in known[1:]:
             if what != known[0][1]:
                 expected = f"runs of one machine, as {known[0][0].folder} is: {known[0][1]}"

@@ -82,20 +82,20 @@ def usable_campaign(place: Path) -> CampaignFolder:
     return campaign
 
 
-def run_campaign(campaign: CampaignFolder, folder: Path, wish: RunOptions, voice: RunConsole) -> ExitCode:
+def run_campaign(campaign: CampaignFolder, folder: Path, settings: RunOptions, console: RunConsole) -> ExitCode:
     """Bring the wished stages of a campaign up to date in its run folder."""
     with occupied(folder), defects_logged(folder / _LOG, "preparing the run"):
-        run = open_run(campaign, folder, distrust=wish.distrust, workers=wish.workers)
+        run = open_run(campaign, folder, distrust=settings.distrust, workers=settings.workers)
         claim(run)
-        stages = wish.selection.stages(run.order)
+        stages = settings.selection.stages(run.order)
         _validate(run)
-        _check_before_photographs(run, stages, wish)
-        ran = [stage.name for stage in stages if _bring_up_to_date(run, stage, wish, voice)]
+        _check_before_photographs(run, stages, settings)
+        ran = [stage.name for stage in stages if _bring_up_to_date(run, stage, settings, console)]
         run.save()
         if not ran:
-            voice.line(f"{campaign.name}: everything is up to date")
-        _print_location(run, voice)
-        return _exit_code(run, stages, wish, voice)
+            console.line(f"{campaign.name}: everything is up to date")
+        _print_location(run, console)
+        return _exit_code(run, stages, settings, console)
 
 
 def _validate(run: CampaignRun) -> None:
@@ -108,42 +108,43 @@ def _validate(run: CampaignRun) -> None:
         second_folder(run.campaign).validated()
 
 
-def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], wish: RunOptions) -> None:
+def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], settings: RunOptions) -> None:
     """Tell what is wrong with other files before photographs are measured, which takes long."""
     slow = [stage for stage in stages if stage.name in OF_PHOTOGRAPHS]
     if any(
-        wish.selection.forces(stage, run.order) or run.status(stage, run.made_from(stage)).state is not Freshness.FRESH
+        settings.selection.forces(stage, run.order)
+        or run.status(stage, run.made_from(stage)).state is not Freshness.FRESH
         for stage in slow
     ):
         check_before_photographs(detached_run(run.campaign))
 
 
-def _bring_up_to_date(run: CampaignRun, stage: Stage, wish: RunOptions, voice: RunConsole) -> bool:
+def _bring_up_to_date(run: CampaignRun, stage: Stage, settings: RunOptions, console: RunConsole) -> bool:
     """Run a stage unless it is fresh; returns whether it ran."""
     log = run.folder / _LOG
     with defects_logged(log, f"stage {stage.name}"):
         now = run.made_from(stage)
-        standing = run.status(stage, now)
-        if standing.state is Freshness.FRESH and not wish.selection.forces(stage, run.order):
+        status = run.status(stage, now)
+        if status.state is Freshness.FRESH and not settings.selection.forces(stage, run.order):
             return False
         log.unlink(missing_ok=True)
-        with voice.during(stage.name) as progress:
+        with console.during(stage.name) as progress:
             closing = run.execute(stage, now, progress)
-        voice.line(f"{stage.name:<12} {closing}")
+        console.line(f"{stage.name:<12} {closing}")
         return True
 
 
-def _print_location(run: CampaignRun, voice: RunConsole) -> None:
+def _print_location(run: CampaignRun, console: RunConsole) -> None:
     made = any("report" in entry.artifacts for entry in run.manifest.entries.values())
-    voice.line(f"report: {run.folder / ARTIFACTS['report'].file}" if made else f"results: {run.folder}")
+    console.line(f"report: {run.folder / ARTIFACTS['report'].file}" if made else f"results: {run.folder}")
 
 
-def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], wish: RunOptions, voice: RunConsole) -> ExitCode:
+def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], settings: RunOptions, console: RunConsole) -> ExitCode:
     if not run.is_refused(stages):
         return ExitCode.DONE
     failed = run.failed_checks(stages)
-    voice.warn(f"QA: {len(failed)} failed ({', '.join(failed)}); the report says why")
-    return ExitCode.DONE if wish.accept_failed_checks else ExitCode.FAILED_CHECK
+    console.warn(f"QA: {len(failed)} failed ({', '.join(failed)}); the report says why")
+    return ExitCode.DONE if settings.accept_failed_checks else ExitCode.FAILED_CHECK
 
 
 def show_status(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
@@ -151,24 +152,24 @@ def show_status(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
     campaign = usable_campaign(place)
     run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
     check_owner(run)
-    voice = RunConsole(quiet=False)
-    for stage, standing in run.statuses():
-        voice.line(f"{stage.name:<12} {standing.state:<10} {standing.why}".rstrip())
+    console = RunConsole(quiet=False)
+    for stage, status in run.statuses():
+        console.line(f"{stage.name:<12} {status.state:<10} {status.why}".rstrip())
     return ExitCode.DONE
 
 
 def show_all_stages() -> ExitCode:
     """The stages of every kind of campaign, with what they read and leave."""
-    voice = RunConsole(quiet=False)
+    console = RunConsole(quiet=False)
     for kind, names in ORDER.items():
-        voice.line(f"{kind}:")
+        console.line(f"{kind}:")
         for name in names:
             stage = stage_module(name).DECLARATION
             only = " (where there are photographs)" if name in OF_PHOTOGRAPHS else ""
             only = " (where [diagnosis] judge_on names a second campaign)" if name in OF_SECOND_CAMPAIGNS else only
             read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
-            voice.line(f"  {name:<12} {stage.summary}{only}")
-            voice.line(f"  {'':<12} reads {', '.join(read)}; leaves {', '.join(stage.leaves)}")
+            console.line(f"  {name:<12} {stage.summary}{only}")
+            console.line(f"  {'':<12} reads {', '.join(read)}; leaves {', '.join(stage.leaves)}")
     return ExitCode.DONE
 
 
@@ -189,10 +190,10 @@ class _RunOutcome:
     code: ExitCode
     lines: tuple[tuple[bool, str], ...]
 
-    def repeat(self, voice: RunConsole) -> None:
+    def repeat(self, console: RunConsole) -> None:
         """Say it to whoever watches."""
         for warns, line in self.lines:
-            (voice.warn if warns else voice.line)(line)
+            (console.warn if warns else console.line)(line)
 
 
 @dataclass
@@ -219,37 +220,37 @@ class _JobPlan:
 
 
 def run_campaigns(
-    places: Sequence[Path], out: Path | None, wish: RunOptions, *, quiet: bool, workforce: Workforce | None = None
+    places: Sequence[Path], out: Path | None, settings: RunOptions, *, quiet: bool, workforce: Workforce | None = None
 ) -> ExitCode:
     """Run campaigns; the gravest ending is the call's. Nothing but an interruption of one ends the others."""
-    voice, plan = RunConsole(quiet=quiet), _JobPlan(out, wish, several=len(places) > 1)
+    console, plan = RunConsole(quiet=quiet), _JobPlan(out, settings, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
-        plan.options = replace(wish, workers=(workforce and workforce.workers) or processors())
-        return end_all([partial(_run_here, place, plan, voice) for place in places], voice)
-    return end_all([partial(_run_at_a_time, places, plan, workforce, voice)], voice)
+        plan.options = replace(settings, workers=(workforce and workforce.workers) or processors())
+        return end_all([partial(_run_here, place, plan, console) for place in places], console)
+    return end_all([partial(_run_at_a_time, places, plan, workforce, console)], console)
 
 
-def _run_here(place: Path, plan: _JobPlan, voice: RunConsole) -> ExitCode:
-    return _run(plan.job(place), voice)
+def _run_here(place: Path, plan: _JobPlan, console: RunConsole) -> ExitCode:
+    return _run(plan.job(place), console)
 
 
-def _run(job: _Job, voice: RunConsole) -> ExitCode:
+def _run(job: _Job, console: RunConsole) -> ExitCode:
     if job.heading is not None:
-        voice.line(job.heading)
-    return run_campaign(job.campaign, job.folder, job.options, voice)
+        console.line(job.heading)
+    return run_campaign(job.campaign, job.folder, job.options, console)
 
 
-def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce, voice: RunConsole) -> ExitCode:
+def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce, console: RunConsole) -> ExitCode:
     """Several campaigns at a time, their messages in the order of the call, each whole."""
     planned = [_planned(place, plan, workforce) for place in places]
     jobs = [job for job in planned if isinstance(job, _Job)]
     codes = []
-    with voice.during("run") as watched:
-        told = results(_run_in_worker, jobs, workforce, _lost, lambda done: watched(done, len(jobs), "campaigns"))
-        with closing(told):
+    with console.during("run") as watched:
+        reported = results(_run_in_worker, jobs, workforce, _lost, lambda done: watched(done, len(jobs), "campaigns"))
+        with closing(reported):
             for entry in planned:
-                ending = next(told) if isinstance(entry, _Job) else entry
-                ending.repeat(voice)
+                ending = next(reported) if isinstance(entry, _Job) else entry
+                ending.repeat(console)
                 codes.append(ending.code)
     return gravest(codes)
 

@@ -23,8 +23,8 @@ def second_folder(campaign: CampaignFolder) -> CampaignFolder:
     try:
         found = open_campaign(place)
     except (CampaignFaults, ValueError) as error:  # a name of a path may hold what no path can
-        said = "; ".join(fault.expected for fault in getattr(error, "faults", ())) or "a path"
-        raise _fault(campaign, f"the folder of a second campaign, relative to campaign.toml: {said}", named) from None
+        text = "; ".join(fault.expected for fault in getattr(error, "faults", ())) or "a path"
+        raise _fault(campaign, f"the folder of a second campaign, relative to campaign.toml: {text}", named) from None
     if found.file.resolve() == campaign.file.resolve():
         raise _fault(
             campaign, "another campaign than this one: models are to predict what they were not fitted to", named

@@ -35,10 +35,10 @@ _OF_THIS_PROCESS: dict[Path, tuple[State, _Told]] = {}
 class SourceTree:
     """The project's source as it stands now; every file is looked at once."""
 
-    def __init__(self, root: Path, remembered: DigestCache) -> None:
+    def __init__(self, root: Path, digest_cache: DigestCache) -> None:
         self._root = root
-        self._remembered = remembered
-        self._told = _earlier_digests(root) if remembered.trusts_times else {}
+        self._remembered = digest_cache
+        self._told = _earlier_digests(root) if digest_cache.trusts_times else {}
         self._files: dict[str, Path | None] = {}
         self._targets: dict[Path, tuple[Path, ...]] = {}
         self._data: dict[Path, tuple[Path, ...]] = {}
@@ -120,11 +120,11 @@ def _earlier_digests(root: Path) -> _Told:
     state = tuple(sorted(entry for room in ROOMS for entry in _file_stamps(os.path.join(root, room))))
     if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:
         return {}
-    known, told = _OF_THIS_PROCESS.get(root, ((), {}))
+    known, reported = _OF_THIS_PROCESS.get(root, ((), {}))
     if known != state:
-        told = {}
-        _OF_THIS_PROCESS[root] = state, told
-    return told
+        reported = {}
+        _OF_THIS_PROCESS[root] = state, reported
+    return reported
 
 
 def _file_stamps(folder: str) -> Iterator[tuple[str, int, int, int]]:
@@ -164,12 +164,12 @@ def _import_lines(source: bytes) -> list[int]:
     return [1 + source.count(b"\n", 0, start) for start in starts]
 
 
-def _executed_imports(tree: ast.AST, package: str, telling: list[int]) -> Iterator[str]:
+def _executed_imports(tree: ast.AST, package: str, informative: list[int]) -> Iterator[str]:
     """Project modules that ``tree`` imports at any depth, except those for type checkers only."""
     pending = [tree]
     while pending:
         node = pending.pop()
-        if isinstance(node, ast.stmt | ast.expr) and not _holds_import(node, telling):
+        if isinstance(node, ast.stmt | ast.expr) and not _holds_import(node, informative):
             continue
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if _is_ours(alias.name))
@@ -182,8 +182,8 @@ def _executed_imports(tree: ast.AST, package: str, telling: list[int]) -> Iterat
             pending.extend(child for child in ast.iter_child_nodes(node) if child not in skipped)
 
 
-def _holds_import(node: ast.stmt | ast.expr, telling: list[int]) -> bool:
-    return bisect_left(telling, node.lineno) < bisect_right(telling, node.end_lineno or node.lineno)
+def _holds_import(node: ast.stmt | ast.expr, informative: list[int]) -> bool:
+    return bisect_left(informative, node.lineno) < bisect_right(informative, node.end_lineno or node.lineno)
 
 
 def _from_import(node: ast.ImportFrom, package: str) -> Iterator[str]:

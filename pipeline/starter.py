@@ -176,9 +176,9 @@ def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
 
 def guess_lines(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     """Yield one marked remark on all keys of an entry that the files themselves do not say; none where they say all."""
-    said = (*_of_constants(mapping.get("constants", {})), *_of_units(mapping, guess), *_of_rows(mapping))
-    if said:
-        yield f"{MARK} {'; '.join(said)}"
+    statements = (*_of_constants(mapping.get("constants", {})), *_of_units(mapping, guess), *_of_rows(mapping))
+    if statements:
+        yield f"{MARK} {'; '.join(statements)}"
 
 
 def unconfirmed(file: Path) -> str:
@@ -244,8 +244,8 @@ def _span(names: list[str]) -> str:
 
 
 def _of_rows(mapping: Mapping[str, Any]) -> Iterator[str]:
-    if told := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
-        yield f"the files' names tell {' and '.join(told)}"
+    if reported := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
+        yield f"the files' names tell {' and '.join(reported)}"
     if "coverage" in mapping:
         yield f"coverage = {mapping['coverage']:g}, uncertainties are taken for expanded ones (1: one sigma)"
     if (axes := mapping.get("number_rows")) and "pose" in axes:

@@ -59,5 +59,5 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     found = calibrated(tables, settings, progress)
     known = {name: table for name, table in found.artifacts.items() if hasattr(table, "num_rows")}
     named = str(tables["configurations"].schema.field("pose").type) if "configurations" in tables else "int64"
-    told = {rows.artifact: rows.table(named) for rows in repeats({**tables, **known}, settings) if rows.count}
-    return replace(found, artifacts={**found.artifacts, **told})
+    reported = {rows.artifact: rows.table(named) for rows in repeats({**tables, **known}, settings) if rows.count}
+    return replace(found, artifacts={**found.artifacts, **reported})

@@ -42,15 +42,15 @@ def loads_for_causes(
     campaign cannot be simulated.
     """
     drawn = dict(tables) if measured else reading_plan_of(tables, settings).drawn((), np.random.default_rng(seed))
-    gathered = assembled_data(drawn, settings)
-    fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
-    plain = fitter.prepared(gathered.given)
+    data = assembled_data(drawn, settings)
+    fitter = Fitter(data.model, data.calibration, data.held_out, settings.diagnosis.seed)
+    plain = fitter.prepared(data.given)
     known = kinds_of(settings)
     causes = [one for name in wanted for one in _members(plain.scene.candidates(known[name]))]
-    fits = [(cause, next_run(fitter.fitted((*gathered.given, cause), plain))) for cause in causes]
+    fits = [(cause, next_run(fitter.fitted((*data.given, cause), plain))) for cause in causes]
     plans, advice = planned(partial(possible_runs, settings, plain), fits, (), least_known=True)
-    told = [f"{cause.id} {cause.subject}".strip() + f": {advice[cause.key].words}" for cause in causes]
-    return CauseLoads(plan_table("next_loads", plans), tuple(told))
+    texts = [f"{cause.id} {cause.subject}".strip() + f": {advice[cause.key].words}" for cause in causes]
+    return CauseLoads(plan_table("next_loads", plans), tuple(texts))
 
 
 def _members(candidates: Iterable[Cause]) -> Iterator[Cause]:

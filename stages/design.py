@@ -29,15 +29,17 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 
-def design(settings: Campaign, wish: DesignOptions, tables: DesignTables) -> Design:
+def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> Design:
     """Return configurations for a calibration and how far they are from the best; raises CampaignFaults."""
-    limits = limits_of(settings, pose_too=wish.within == "workspace", avoid=tables.avoid, avoid_file=tables.avoid_file)
+    limits = limits_of(
+        settings, pose_too=options.within == "workspace", avoid=tables.avoid, avoid_file=tables.avoid_file
+    )
     kept_rho = None if tables.extend is None else readings_of(tables.extend, limits.readings.size, tables.extend_file)
     if kept_rho is not None and not len(kept_rho):
         raise CampaignFaults([Fault(tables.extend_file, "poses to keep, that are not for verification")])
-    measured = wish.poses + (0 if kept_rho is None else len(kept_rho))
+    measured = options.poses + (0 if kept_rho is None else len(kept_rho))
     with _fault_of(tables.avoid_file):
-        problem = design_problem(settings, limits, wish.parameters, tables.survey)
+        problem = design_problem(settings, limits, options.parameters, tables.survey)
     if measured < len(problem.names):
         expected = f"at least {len(problem.names)} configurations, one for each parameter of a leg"
         raise CampaignFaults([Fault("--poses", expected, value=str(measured))])
@@ -45,23 +47,23 @@ def design(settings: Campaign, wish: DesignOptions, tables: DesignTables) -> Des
     if kept_rho is not None:
         with _fault_of(tables.extend_file):
             kept = assessed(problem, kept_rho)
-    rng, given = np.random.default_rng(wish.seed), None if kept is None else kept.information
+    rng, given = np.random.default_rng(options.seed), None if kept is None else kept.information
     with _fault_of(tables.avoid_file):
-        candidates = bounded(problem, wish.poses, given, rng)
-    x = choose(problem, candidates, wish.method, wish.poses, given, rng)
+        candidates = bounded(problem, options.poses, given, rng)
+    x = choose(problem, candidates, options.method, options.poses, given, rng)
     whole = AssessedConfigurations(
         measured, information_of(problem.rows_at(x), given), 0 if kept is None else kept.outside
     )
     existing = existing_configurations(problem, tables.existing)
-    with _fault_of("--verification", str(wish.verification)):
-        check = verification(problem, x, wish.verification, rng)
+    with _fault_of("--verification", str(options.verification)):
+        check = verification(problem, x, options.verification, rng)
     placed = problem.regressors.at(np.concatenate([x, check]))
-    order = ordered(problem, placed, None if kept_rho is None else kept_rho[-1], rng, wish.trade_off)
+    order = ordered(problem, placed, None if kept_rho is None else kept_rho[-1], rng, options.trade_off)
     # a new set begins at the reference, unless that is forbidden
     is_new = tables.extend is None and bool(problem.region.allowed(np.zeros((1, 6)))[0])
     rest = problem.regressors.machine.legs.rho0 if is_new else None
-    table = configurations_table(placed.rho, order, rest, wish, tables.extend)
-    return Design(problem, wish, placed, whole, kept, existing, candidates, order, table)
+    table = configurations_table(placed.rho, order, rest, options, tables.extend)
+    return Design(problem, options, placed, whole, kept, existing, candidates, order, table)
 
 
 @contextmanager

@@ -59,15 +59,15 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return not_evaluated(why, settings)
     rays = ray_findings(tables, settings, progress) if has_rays(tables) else None
     try:
-        gathered = assembled_data(tables if rays is None else corrected(tables, rays), settings)
-    except ValueError as said:
-        return not_evaluated(str(said), settings) if rays is None else outcome_of_rays(rays, str(said), settings)
+        data = assembled_data(tables if rays is None else corrected(tables, rays), settings)
+    except ValueError as error:
+        return not_evaluated(str(error), settings) if rays is None else outcome_of_rays(rays, str(error), settings)
     try:
         if rays is not None:
-            gathered = with_shared_errors(gathered, tables, rays)
-        diagnosis = decided(gathered, settings, progress)
+            data = with_shared_errors(data, tables, rays)
+        diagnosis = decided(data, settings, progress)
         progress(0, 1, "what could have stayed hidden, and what to measure next")
-        return outcome(diagnosis, gathered, rays, settings)
+        return outcome(diagnosis, data, rays, settings)
     except np.linalg.LinAlgError:
         why = "the fit left what the legs can reach: geometry, survey or readings are far from right"
         return not_evaluated(why, settings)

@@ -37,24 +37,26 @@ if TYPE_CHECKING:
 _FULL = np.array([1.0])
 
 
-def plan_loads(settings: Campaign, wish: DesignOptions, tables: Mapping[str, pa.Table]) -> LoadPlan:
+def plan_loads(settings: Campaign, options: DesignOptions, tables: Mapping[str, pa.Table]) -> LoadPlan:
     """Choose load steps within [loading], at most ``wish.at_once`` components at a time; raises CampaignFaults.
 
     tables: what the campaign holds already, to compare with.
     """
     limits = LoadLimits(_limits(settings))
-    rng = np.random.default_rng(wish.seed)
-    candidates = corner_loads(limits) if wish.may_all_act else bench_loads(limits, _FULL, wish.at_once)
+    rng = np.random.default_rng(options.seed)
+    candidates = corner_loads(limits) if options.may_all_act else bench_loads(limits, _FULL, options.at_once)
     try:
-        chosen = choose_loads(candidates, wish.poses, limits, rng=rng)
+        chosen = choose_loads(candidates, options.poses, limits, rng=rng)
     except ValueError as error:
-        raise CampaignFaults([Fault("--poses", str(error), value=str(wish.poses))]) from None
+        raise CampaignFaults([Fault("--poses", str(error), value=str(options.poses))]) from None
     regressors = np.stack([load_rows(chosen.loads, limits, zero=False, powers="linear")[:, 0]])
-    order = order_poses(chosen.loads / limits.limits, np.zeros(len(LOAD_COLUMNS)), regressors, rng, wish.trade_off)
+    order = order_poses(chosen.loads / limits.limits, np.zeros(len(LOAD_COLUMNS)), regressors, rng, options.trade_off)
     sigma = predicted_sigma(chosen.loads, np.ones(1), limits)[0] * limits.limits
-    table = loads_table(chosen.loads[order.order], verification_loads(limits, wish.verification, wish.at_once, rng))
+    table = loads_table(
+        chosen.loads[order.order], verification_loads(limits, options.verification, options.at_once, rng)
+    )
     existing = _existing(tables, limits)
-    return LoadPlan(wish, limits, chosen, len(candidates), order, sigma, existing, settings.noise.signal_mv, table)
+    return LoadPlan(options, limits, chosen, len(candidates), order, sigma, existing, settings.noise.signal_mv, table)
 
 
 def _limits(settings: Campaign) -> Array:

@@ -44,23 +44,23 @@ def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> 
     return assemble_rays(tables, settings)[0] if isinstance(plan, RayPlan) else assembled_data(tables, settings)
 
 
-def expected_sights(plan: Plan, gathered: DiagnosisData, settings: Campaign) -> list[EffectSensitivity]:
+def expected_sights(plan: Plan, data: DiagnosisData, settings: Campaign) -> list[EffectSensitivity]:
     """How well the search sees each sort of effect in a drawn campaign without any."""
     from truing.inference.fitted_model import Fitter
     from truing.inference.search import search_of
 
     kinds, rule = searched_causes(plan, settings)
-    fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
-    stand = fitter.prepared()
+    fitter = Fitter(data.model, data.calibration, data.held_out, settings.diagnosis.seed)
+    fitted = fitter.prepared()
     rng = np.random.default_rng(settings.diagnosis.seed)
-    return sights(search_of(stand, list(kinds.values()), _THRESHOLD_DRAWS, rng), rule.level)
+    return sights(search_of(fitted, list(kinds.values()), _THRESHOLD_DRAWS, rng), rule.level)
 
 
-def completed(bare: CampaignPlan, gathered: DiagnosisData, poses: pa.Table) -> CampaignPlan:
+def completed(bare: CampaignPlan, data: DiagnosisData, poses: pa.Table) -> CampaignPlan:
     """A plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them."""
     from truing.stages.simulated_campaigns.plan import full_plan
 
-    return full_plan(bare, gathered.model, gathered.calibration.measured.seen, poses)
+    return full_plan(bare, data.model, data.calibration.measured.seen, poses)
 
 
 def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingPlan:
@@ -78,5 +78,5 @@ def ray_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:
 
     if not has_rays(tables):
         raise ValueError("needs rays of three poses or more")
-    gathered, whole = assemble_rays(tables, settings)
-    return ray_plan(tables, whole, gathered.model.scene)
+    data, whole = assemble_rays(tables, settings)
+    return ray_plan(tables, whole, data.model.scene)

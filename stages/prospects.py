@@ -80,14 +80,14 @@ class Prospect:
     def __str__(self) -> str:
         if self.perhaps and not self.why_not:
             return f"{self.stage:<12} perhaps: {self.perhaps}"
-        said = f"not evaluated: {self.why_not}" if self.why_not else f"evaluated{self.of_what and ': '}{self.of_what}"
-        return f"{self.stage:<12} {said}"
+        text = f"not evaluated: {self.why_not}" if self.why_not else f"evaluated{self.of_what and ': '}{self.of_what}"
+        return f"{self.stage:<12} {text}"
 
 
 def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]:
     """Yield what each stage that measures something will evaluate, of points or of loads."""
     if (own := registered(_OF_TYPES, settings)) is not None:
-        yield from (Prospect(*told) for told in own.prospects(settings, found.tables))
+        yield from (Prospect(*reported) for reported in own.prospects(settings, found.tables))
         return
     if settings.campaign.kind == "interferometer":
         yield from _of_loads(settings, found)

@@ -31,13 +31,13 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.runs.page_parts import next_measurements_table, page_parts, verdict_table
 
     verdict = verdict_table(tables)
-    told = {**tables, "verdict": verdict}
-    head, sections = page_parts(settings.campaign.name, told, _joints(settings), _declared_noise(settings))
+    reported = {**tables, "verdict": verdict}
+    head, sections = page_parts(settings.campaign.name, reported, _joints(settings), _declared_noise(settings))
     progress(1, 2, "figures")
     page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
     read, size = f"{len(tables)} artifacts", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
-    left = {"verdict": verdict, "next_measurements": next_measurements_table(told), "report": page}
+    left = {"verdict": verdict, "next_measurements": next_measurements_table(reported), "report": page}
     return Outcome(left, read, "nothing", f"{size}; {_in_short(verdict)}", tuple(gates(verdict.to_pylist())))
 
 

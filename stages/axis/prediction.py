@@ -36,7 +36,7 @@ def predicted(model: str, table: pa.Table, file: str) -> pa.Table:
     others = {name: number_column(table, name) for name in needed}
     rows = AxisRows.of(poses, time_s, command, extended.axis.least_move, others=others)
     value, sigma = predict_axis(extended, rows)
-    told = [
+    reported = [
         {
             "pose": poses[b],
             "encoder": name,
@@ -50,7 +50,7 @@ def predicted(model: str, table: pa.Table, file: str) -> pa.Table:
         for k, name in enumerate(extended.axis.encoders)
     ]
     identifier = "int64" if pa.types.is_integer(table.schema.field("pose").type) else "string"
-    return pa.Table.from_pylist(told, schema=ARTIFACTS["axis_prediction"].arrow_schema(identifier))
+    return pa.Table.from_pylist(reported, schema=ARTIFACTS["axis_prediction"].arrow_schema(identifier))
 
 
 def _check(table: pa.Table, file: str, unit: str, followed: dict[str, str]) -> None:

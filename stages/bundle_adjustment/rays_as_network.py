@@ -37,24 +37,24 @@ def given_cameras(photographs: pa.Table, given: pa.Table | None) -> tuple[tuple[
     cameras, interior = [], np.zeros((len(names), len(PARAMETERS)))
     for number, name in enumerate(names):
         own = [row for row in rows if row["camera"] == name]
-        told = known.get(name, [])
-        cameras.append(_camera(name, own[0], told))
-        if told:
-            interior[number] = [row["value"] if row["value"] is not None else np.nan for row in told]
+        reported = known.get(name, [])
+        cameras.append(_camera(name, own[0], reported))
+        if reported:
+            interior[number] = [row["value"] if row["value"] is not None else np.nan for row in reported]
         else:
             interior[number, 0] = np.nan
         if np.isnan(interior[number, 0]):
-            said = [row["principal_distance_px"] for row in own if row["principal_distance_px"]]
-            interior[number, 0] = np.median(said) if said else np.nan
+            texts = [row["principal_distance_px"] for row in own if row["principal_distance_px"]]
+            interior[number, 0] = np.median(texts) if texts else np.nan
     return tuple(cameras), interior
 
 
-def _camera(name: str, photograph: dict[str, Any], told: list[dict[str, Any]]) -> Camera:
-    first = told[0] if told else {}
+def _camera(name: str, photograph: dict[str, Any], reported: list[dict[str, Any]]) -> Camera:
+    first = reported[0] if reported else {}
     width, height = (first.get(key) or photograph[key] for key in ("width_px", "height_px"))
-    radius = first.get("balancing_radius_px") or (float(np.hypot(width, height) / 3) if not told else 0.0)
+    radius = first.get("balancing_radius_px") or (float(np.hypot(width, height) / 3) if not reported else 0.0)
     pitch = 1e-6 * first["pixel_um"] if first.get("pixel_um") else None
-    free = tuple(row["parameter"] for row in told if row["free"]) if told else PARAMETERS
+    free = tuple(row["parameter"] for row in reported if row["free"]) if reported else PARAMETERS
     return Camera(name, int(width), int(height), radius, pitch, free)
 
 

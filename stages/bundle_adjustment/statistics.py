@@ -163,8 +163,8 @@ def _of_survey(places: dict[str, Array], survey: SurveyedPoints | None) -> list[
     for body in dict.fromkeys(survey.bodies.tolist()):
         own = [k for k in np.flatnonzero(survey.bodies == body) if survey.names[k] in places]
         if len(own) >= _FEWEST:
-            told = scale_ratio(np.array([places[survey.names[k]] for k in own]), 1e-3 * survey.xyz_mm[own])
-            found += [(f"survey of {body}", *told)] if told else []
+            reported = scale_ratio(np.array([places[survey.names[k]] for k in own]), 1e-3 * survey.xyz_mm[own])
+            found += [(f"survey of {body}", *reported)] if reported else []
     return found
 
 
@@ -175,8 +175,8 @@ def _of_known(found: AdjustedNetwork, state: NetworkState, pose: int) -> list[tu
     rows = np.flatnonzero(here & np.isfinite(state.points[network.known.point, 0]))
     if found.adjustment.datum != "known" or len(rows) < _FEWEST:
         return []
-    told = scale_ratio(state.points[network.known.point[rows]], network.known.xyz_m[rows])
-    return [("known points", *told)] if told else []
+    reported = scale_ratio(state.points[network.known.point[rows]], network.known.xyz_m[rows])
+    return [("known points", *reported)] if reported else []
 
 
 def image_cameras(found: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, str, float, str]]]:
@@ -204,10 +204,10 @@ def image_cameras(found: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, str
 def left_out(found: AdjustedNetwork, unseen: Sequence[str]) -> str:
     """Rays that took no part and why, elements of cameras that were held, bars that no pose shows, in words."""
     reasons = Counter([*found.screened.rejected.reason, *found.unmatched_reason])
-    said = [f"{counted(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
+    texts = [f"{counted(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
     held = ", ".join(f"{camera} {element}" for camera, element in found.screened.held)
-    said += [f"held, since these images do not determine them: {held}"] if held else []
-    return "; ".join([*said, *unseen]) or "nothing"
+    texts += [f"held, since these images do not determine them: {held}"] if held else []
+    return "; ".join([*texts, *unseen]) or "nothing"
 
 
 def main_figure(found: AdjustedNetwork) -> str:

@@ -55,14 +55,14 @@ def never_seen(bars: pa.Table | None, rays: pa.Table) -> list[str]:
         return []
     seen = _seen_in_poses(rays)
     every = frozenset().union(*seen.values())
-    said = {}
+    text = {}
     for row in bars.to_pylist():
         ends = {row["first"], row["second"]}
         if not any(ends <= points for points in seen.values()):
             lost = ", ".join(sorted(ends - every))
             what = f"no image shows {lost}" if lost else "no pose shows both ends"
-            said[row["bar"]] = f"scale bar {row['bar']}: {what}"
-    return list(said.values())
+            text[row["bar"]] = f"scale bar {row['bar']}: {what}"
+    return list(text.values())
 
 
 def _seen_in_poses(rays: pa.Table) -> dict[Any, frozenset[str]]:
@@ -197,5 +197,5 @@ def _apart(xyz: Array) -> list[tuple[int, int]]:
 
 
 def _bar(bar: str, ends: tuple[str, str], length_mm: float, sigma_mm: float) -> dict[str, object]:
-    told = {"bar": bar, "first": ends[0], "second": ends[1], "length_mm": length_mm, "sigma_mm": sigma_mm}
-    return {**told, "repeat_sigma_mm": 0.0, "serves": "scale"}
+    reported = {"bar": bar, "first": ends[0], "second": ends[1], "length_mm": length_mm, "sigma_mm": sigma_mm}
+    return {**reported, "repeat_sigma_mm": 0.0, "serves": "scale"}

@@ -228,19 +228,19 @@ class NetworkTables:
         given = bars.to_pylist()
         for row, pose, first, second in bar_ends(bars, self.named.poses, keys):
             length, sigma = self._distance(pose, first, second)
-            told = {key: given[row][key] for key in ARTIFACTS["scale_bars"].columns}
-            alone = np.hypot(told["sigma_mm"], told["repeat_sigma_mm"])
-            apart = self._deviation_sigma(told, sigma, alone)
+            reported = {key: given[row][key] for key in ARTIFACTS["scale_bars"].columns}
+            alone = np.hypot(reported["sigma_mm"], reported["repeat_sigma_mm"])
+            apart = self._deviation_sigma(reported, sigma, alone)
             rows.append(
-                {"pose": self.named.poses[pose], **told, "adjusted_mm": length, "adjusted_sigma_mm": sigma}
-                | {"deviation_mm": length - told["length_mm"], "deviation_sigma_mm": apart}
+                {"pose": self.named.poses[pose], **reported, "adjusted_mm": length, "adjusted_sigma_mm": sigma}
+                | {"deviation_mm": length - reported["length_mm"], "deviation_sigma_mm": apart}
             )
         return table_of_rows("scale_bar_lengths", rows, self.named)
 
-    def _deviation_sigma(self, told: dict[str, Any], sigma_mm: float, alone_mm: float) -> float:
+    def _deviation_sigma(self, reported: dict[str, Any], sigma_mm: float, alone_mm: float) -> float:
         """Of adjusted less calibrated: both together where the bar checks; the difference of the squares where it took
         part, for then the adjusted length has the calibrated one in it."""
-        if told["serves"] == "check":
+        if reported["serves"] == "check":
             return float(np.hypot(sigma_mm, alone_mm))
         return float(np.sqrt(max(alone_mm**2 - sigma_mm**2, 0.0)))
 
@@ -296,7 +296,7 @@ def known_points_table(named: NamedNetwork, found: KnownTested, used: Mask) -> p
     network = named.network
     left = np.bincount(network.rays.point[used[: network.rays.count]], minlength=len(network.point_pose))
     seen = np.bincount(network.rays.point, minlength=len(network.point_pose))
-    told = {
+    reported = {
         row: (errors, place)
         for pose, errors in found.errors.items()
         for place, row in enumerate(found.rows[pose].tolist())
@@ -305,7 +305,7 @@ def known_points_table(named: NamedNetwork, found: KnownTested, used: Mask) -> p
     for row, point in enumerate(network.known.point.tolist()):
         if not seen[point]:
             continue
-        about = _about(*told[row]) if row in told else {"rejected": False, "reason": None}
+        about = _about(*reported[row]) if row in reported else {"rejected": False, "reason": None}
         if not left[point]:
             about |= {"rejected": True, "reason": about["reason"] or NO_RAY}
         pose = named.poses[network.point_pose[point]]

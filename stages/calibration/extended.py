@@ -57,10 +57,10 @@ def extended_parameters(extended: Extended) -> Rows:
     """The numbers of the machine, then the parameters of the effects, as rows of calibration.parquet."""
     rows, geometry = Rows("calibration"), extended.geometry
     si = np.array([entry.si for entry in geometry.parameters])
-    told = identifiable(geometry)
+    reported = identifiable(geometry)
     if len(si):
         shift = geometry.values - geometry.nominal
-        spread = np.where(told, np.diag(geometry.prior) - geometry.sigma**2, np.nan)
+        spread = np.where(reported, np.diag(geometry.prior) - geometry.sigma**2, np.nan)
         rows.add(
             model=MODEL,
             deformation=extended.deformation,
@@ -72,7 +72,7 @@ def extended_parameters(extended: Extended) -> Rows:
             sigma=geometry.sigma / si,
             tolerance=geometry.tolerance / si,
             pull=np.where(geometry.known, shift / np.sqrt(spread), np.nan),
-            identifiable=told,
+            identifiable=reported,
             status="ok",
         )
     _add_effects(rows, extended)
@@ -82,18 +82,18 @@ def extended_parameters(extended: Extended) -> Rows:
 def _add_effects(rows: Rows, extended: Extended) -> None:
     """Add what is a number of each effect; a text (the pose from which on) stands in diagnosis.parquet."""
     for effect, covariance in extended.effects:
-        for told in effect.cause.reported(effect.values, covariance, extended.found.model.nominal.count):
-            if not isinstance(told.value, str) and told.sigma is not None:
-                name, leg = name_and_leg(told.name)
+        for reported in effect.cause.reported(effect.values, covariance, extended.found.model.nominal.count):
+            if not isinstance(reported.value, str) and reported.sigma is not None:
+                name, leg = name_and_leg(reported.name)
                 rows.add(
                     model=MODEL,
                     deformation=extended.deformation,
                     leg=leg,
                     parameter=name,
                     effect_of=f"{effect.cause.id} {effect.cause.subject}".strip(),
-                    unit=told.unit,
-                    identified=told.value,
-                    sigma=told.sigma,
+                    unit=reported.unit,
+                    identified=reported.value,
+                    sigma=reported.sigma,
                     identifiable=True,
                     status="ok",
                 )
@@ -108,10 +108,10 @@ def extended_figures(extended: Extended) -> list[tuple[str, float, str]]:
         geometry.prior[np.ix_(own, own)],
         geometry.covariance[np.ix_(own, own)],
     )
-    told = found.pull[found.identifiable]
-    figures = [("parameters", float(len(extended.found.shared)), "1"), ("pull_freedom", float(len(told)), "1")]
-    if len(told):
-        figures += [("rms_pull", float(np.sqrt(np.mean(told**2))), "1"), ("pull_p_value", found.p_value, "1")]
+    reported = found.pull[found.identifiable]
+    figures = [("parameters", float(len(extended.found.shared)), "1"), ("pull_freedom", float(len(reported)), "1")]
+    if len(reported):
+        figures += [("rms_pull", float(np.sqrt(np.mean(reported**2))), "1"), ("pull_p_value", found.p_value, "1")]
     return figures
 
 
@@ -172,8 +172,8 @@ def compared_rows(chosen: AssessedCalibration, extended: Extended, fitted: NDArr
 def add_extended(
     rows: Mapping[str, Rows],
     extended: Extended,
-    asked: Requirement,
-    gathered: CalibrationData,
+    requirement: Requirement,
+    data: CalibrationData,
     fitted: NDArray,
     why_not: str,
 ) -> None:
@@ -181,7 +181,7 @@ def add_extended(
 
     ``why_not``: by what it fails, so that it meets no requirement; empty where it does not.
     """
-    key, measured = (MODEL, extended.deformation), gathered.measured
+    key, measured = (MODEL, extended.deformation), data.measured
     rows["calibration"].extend(extended_parameters(extended))
     rows["correlations"].extend(extended_correlations(extended))
     rows["accuracy"].extend(accuracy_rows("accuracy", [(key, extended.errors)], measured))
@@ -189,4 +189,4 @@ def add_extended(
     figures += [("main", 1.0, "1")] if extended.is_main else []
     add_figures(rows["model_choice"], key, ESTIMATOR, figures)
     noise = measured.platform.covariance
-    rows["requirements"].extend(requirement_rows(asked, key, extended.errors, noise, ~fitted, why_not))
+    rows["requirements"].extend(requirement_rows(requirement, key, extended.errors, noise, ~fitted, why_not))

@@ -86,10 +86,10 @@ def add_correlations(rows: Rows, key: Key, names: Sequence[tuple[str, int | None
     )
 
 
-def choice_rows(judged: Sequence[AssessedCalibration], roles: NDArray, made: ContenderChoice) -> Rows:
+def choice_rows(assessed: Sequence[AssessedCalibration], roles: NDArray, made: ContenderChoice) -> Rows:
     """The figures of every calibration; ``made`` concerns those by maximum likelihood, which come first."""
     rows = Rows("model_choice")
-    for i, one in enumerate(judged):
+    for i, one in enumerate(assessed):
         figures = [*error_figures(one.errors, roles), *fit_figures(one)]
         if one.calibration.estimator == MAXIMUM_LIKELIHOOD:
             figures.append(("chosen", float(i == made.chosen), "1"))
@@ -112,21 +112,21 @@ def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -
     add_figures(rows, (rigid.name, "none"), "nominal", error_figures(errors, measured.roles))
     for structure in others:
         found = departure(structure, machine, measured.rho) * 1e6
-        told = found[np.isfinite(found)]
-        if len(told):
+        reported = found[np.isfinite(found)]
+        if len(reported):
             figures = [
-                ("reading_rms_from_rigid_legs", float(np.sqrt(np.mean(told**2))), "um"),
-                ("reading_max_from_rigid_legs", float(np.max(np.abs(told))), "um"),
+                ("reading_rms_from_rigid_legs", float(np.sqrt(np.mean(reported**2))), "um"),
+                ("reading_max_from_rigid_legs", float(np.max(np.abs(reported))), "um"),
             ]
             add_figures(rows, (structure.name, "none"), "nominal", figures)
 
 
-def accuracy_rows(artifact: str, told: Sequence[tuple[Key, PoseErrors]], measured: MeasuredPlatform) -> Rows:
+def accuracy_rows(artifact: str, reported: Sequence[tuple[Key, PoseErrors]], measured: MeasuredPlatform) -> Rows:
     """The errors of all models as rows of accuracy.parquet or its like."""
     rows = Rows(artifact)
     parts = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
     units = np.array([1e-6] * 3 + [ARCSEC] * 3)
-    for (model, deformation), found in told:
+    for (model, deformation), found in reported:
         kept = np.isfinite(found.error).all(-1)
         rows.add(
             model=model,
@@ -143,7 +143,7 @@ def accuracy_rows(artifact: str, told: Sequence[tuple[Key, PoseErrors]], measure
 
 
 def requirement_rows(
-    asked: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray, why_not: str = ""
+    requirement: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray, why_not: str = ""
 ) -> Rows:
     """A row per component that something is asked of, judged by the errors of a model.
 
@@ -151,17 +151,17 @@ def requirement_rows(
     and where there are none all of them. ``why_not``: by what the model fails, and what to do; such a model meets
     nothing.
     """
-    rows, judged = Rows("requirements"), held_out if held_out.any() else ~held_out
+    rows, assessed = Rows("requirements"), held_out if held_out.any() else ~held_out
     by = "" if held_out.any() else ", judged by the poses that were fitted"
     for i, component in enumerate(_COMPONENTS):
         unit, si = ("mm", 1e-3) if i < 3 else ("deg", np.pi / 180)
-        limit = getattr(asked, f"{component}_{unit}")
+        limit = getattr(requirement, f"{component}_{unit}")
         if limit is None:
             continue
-        found = error_of_95_percent(errors.error[judged, i] / si, noise[judged, i, i] / si**2)
+        found = error_of_95_percent(errors.error[assessed, i] / si, noise[assessed, i, i] / si**2)
         verdict = _verdict(found, limit)
-        spare = 0 if held_out.any() else int(judged.sum())
-        decision = deciding(errors.error[judged, i] / si, noise[judged, i, i] / si**2, limit, spare)
+        spare = 0 if held_out.any() else int(assessed.sum())
+        decision = deciding(errors.error[assessed, i] / si, noise[assessed, i, i] / si**2, limit, spare)
         words = _requirement_words(found, verdict, limit, unit) + by
         if why_not and verdict in ("meets", "undecided"):
             verdict, words = "not evaluated", f"not tested: {why_not}"
@@ -205,18 +205,18 @@ def _verdict(found: Interval | None, limit: float) -> str:
 def _requirement_words(found: Interval | None, verdict: str, limit: float, unit: str) -> str:
     if found is None:
         return "no pose to judge by"
-    told = f"95 of 100 poses stay below {found.value:.2g} {unit} (between {found.low:.2g} and {found.high:.2g})"
+    text = f"95 of 100 poses stay below {found.value:.2g} {unit} (between {found.low:.2g} and {found.high:.2g})"
     if found.value == 0:
-        told = f"no error beyond the measurement's own noise (at most {found.high:.2g} {unit})"
-    return f"{told}, asked for {limit:g} {unit}: {verdict}"
+        text = f"no error beyond the measurement's own noise (at most {found.high:.2g} {unit})"
+    return f"{text}, asked for {limit:g} {unit}: {verdict}"
 
 
-def observability_rows(gathered: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Rows:
+def observability_rows(data: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Rows:
     """What the data can know: leg by leg of the rigid legs with all their numbers, and of the chosen model."""
     rows = Rows("observability")
-    for leg, found in enumerate(observe_legs(gathered, fitted)):
-        _observed_rows(rows, gathered.machine.legs.closure.name, "linear", leg + 1, found, len(fitted.poses))
-    whole = observe_model(gathered, fitted, chosen)
+    for leg, found in enumerate(observe_legs(data, fitted)):
+        _observed_rows(rows, data.machine.legs.closure.name, "linear", leg + 1, found, len(fitted.poses))
+    whole = observe_model(data, fitted, chosen)
     _observed_rows(rows, chosen.case.structure.name, chosen.case.deformation, None, whole, len(fitted.poses))
     return rows
 
@@ -247,30 +247,30 @@ def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, fo
 
 
 def absorption_rows(
-    gathered: CalibrationData, fitted: MeasuredPlatform, calibrations: Sequence[MachineCalibration]
+    data: CalibrationData, fitted: MeasuredPlatform, calibrations: Sequence[MachineCalibration]
 ) -> Rows:
     """What the parameters of models with less deformation take over of K, predicted and as the fits did it."""
     rows = Rows("absorption")
-    known = gathered.deformations.get("matrix")
+    known = data.deformations.get("matrix")
     if known is None or not np.isfinite(known.K).all():
         return rows
     full = {(c.case.structure.name, c.estimator): c for c in calibrations if c.case.deformation == "matrix"}
     for calibration in calibrations:
         whole = full.get((calibration.case.structure.name, calibration.estimator))
         if calibration.case.deformation != "matrix" and whole is not None:
-            _absorbed(rows, gathered, fitted.chosen(calibration.kept & whole.kept), calibration, whole)
+            _absorbed(rows, data, fitted.chosen(calibration.kept & whole.kept), calibration, whole)
     return rows
 
 
 def _absorbed(
     rows: Rows,
-    gathered: CalibrationData,
+    data: CalibrationData,
     fitted: MeasuredPlatform,
     calibration: MachineCalibration,
     whole: MachineCalibration,
 ) -> None:
     entries, units = calibration.parameters.entries, calibration.parameters.units
-    found = absorbed(gathered, fitted, calibration, whole)
+    found = absorbed(data, fitted, calibration, whole)
     rows.add(
         effect="platform-deformation-matrix",
         model=calibration.case.structure.name,

@@ -67,17 +67,17 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
     if why := why_no_calibration(settings.mechanism, tables):
         return nothing_calibrated(why)
     try:
-        gathered = assemble(tables, settings)
+        data = assemble(tables, settings)
     except ValueError as error:
         return nothing_calibrated(str(error))
-    fitted = gathered.measured.roles != HELD_OUT
-    if why := why_too_few_poses(int(fitted.sum())) or _too_little(gathered) or _unreached(gathered):
+    fitted = data.measured.roles != HELD_OUT
+    if why := why_too_few_poses(int(fitted.sum())) or _too_little(data) or _unreached(data):
         return nothing_calibrated(why)
     findings = applied_findings(tables)
     extended = None
     if findings.text is not None:
-        extended = extended_of(findings.text, tables, gathered.measured, fitted, is_main=findings.is_main)
-    return _calibrated(gathered, fitted, settings.requirement, extended, incomplete_picture(tables), progress)
+        extended = extended_of(findings.text, tables, data.measured, fitted, is_main=findings.is_main)
+    return _calibrated(data, fitted, settings.requirement, extended, incomplete_picture(tables), progress)
 
 
 def incomplete_picture(tables: Mapping[str, pa.Table]) -> str:
@@ -94,9 +94,9 @@ def nothing_calibrated(why: str) -> Outcome:
     return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in LEAVES}, why)
 
 
-def _too_little(gathered: CalibrationData) -> str:
+def _too_little(data: CalibrationData) -> str:
     """Why these poses say too little of any machine; empty where they do not."""
-    platform = gathered.measured.platform
+    platform = data.measured.platform
     away = np.concatenate([platform.p - platform.p[0], log_so3(platform.R @ platform.R[0].T)], -1)
     noise = np.sqrt(np.diagonal(platform.covariance, axis1=1, axis2=2).mean(0))
     if np.all(np.ptp(away, axis=0) <= LEAST_MOVEMENT * noise):
@@ -104,9 +104,9 @@ def _too_little(gathered: CalibrationData) -> str:
     return ""
 
 
-def _unreached(gathered: CalibrationData) -> str:
+def _unreached(data: CalibrationData) -> str:
     """Why the nominal mechanism cannot be calibrated at these readings; empty where it can."""
-    legs, rho, platform = gathered.machine.legs, gathered.measured.rho, gathered.measured.platform
+    legs, rho, platform = data.machine.legs, data.measured.rho, data.measured.platform
     if 2 * np.isfinite(inverse(legs, platform.p, platform.R)).all(1).sum() < len(rho):
         return "the legs of [mechanism] do not reach these poses at any reading"
     if legs.count < LEAST_LEGS:
@@ -114,14 +114,14 @@ def _unreached(gathered: CalibrationData) -> str:
     if not reaches(legs, legs.rho0[None]).all():
         return "the legs of [mechanism] cannot meet the platform at their reference readings"
     count, of = int((~reaches(legs, rho)).sum()), counted(len(rho), "pose")
-    said = f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {of}"
-    return said if 2 * count > len(rho) else ""
+    text = f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {of}"
+    return text if 2 * count > len(rho) else ""
 
 
 def _calibrated(
-    gathered: CalibrationData,
+    data: CalibrationData,
     fitted: NDArray,
-    asked: Requirement,
+    requirement: Requirement,
     extended: Extended | None,
     incomplete: str,
     progress: Progress,
@@ -130,42 +130,42 @@ def _calibrated(
 
     ``incomplete``: by how much the last model of the diagnosis fails; empty where it does not.
     """
-    every = list(cases(gathered, structures(gathered.machine)))
-    clean = screened_poses(gathered, fitted, every)
-    both = calibrations(gathered, clean, every, lambda done, total, case: progress(done, total, _words(case)))
+    every = list(cases(data, structures(data.machine)))
+    clean = screened_poses(data, fitted, every)
+    both = calibrations(data, clean, every, lambda done, total, case: progress(done, total, _words(case)))
     failures = [f"{_words(one.case)}{f', {one.by}' if one.by else ''}: {one.why}" for one in both.failed]
     if not both.likely:
         return nothing_calibrated("; ".join(failures))
-    likely = [assessed_calibration(gathered, one, fitted) for one in both.likely]
-    closed = [assessed_calibration(gathered, one, fitted) for one in both.implicit]
+    likely = [assessed_calibration(data, one, fitted) for one in both.likely]
+    closed = [assessed_calibration(data, one, fitted) for one in both.implicit]
     made = choice(likely)
-    best, measured, used = likely[made.chosen], gathered.measured, clean.measured
+    best, measured, used = likely[made.chosen], data.measured, clean.measured
     rows = {
         "calibration": parameter_rows("calibration", both.likely),
         "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
         "correlations": correlation_rows(both.likely),
-        "accuracy": _accuracy("accuracy", likely, gathered),
-        "implicit_accuracy": _accuracy("implicit_accuracy", closed, gathered),
+        "accuracy": _accuracy("accuracy", likely, data),
+        "implicit_accuracy": _accuracy("implicit_accuracy", closed, data),
         "model_choice": choice_rows([*likely, *closed], measured.roles, made),
-        "observability": observability_rows(gathered, used, best.calibration),
-        "absorption": absorption_rows(gathered, used, (*both.likely, *both.implicit)),
+        "observability": observability_rows(data, used, best.calibration),
+        "absorption": absorption_rows(data, used, (*both.likely, *both.implicit)),
         "requirements": Rows("requirements"),
         "calibration_left_out": _left_out_rows(clean),
     }
     if best.errors is not None:
-        add_uncalibrated(rows["model_choice"], gathered.machine, measured)
+        add_uncalibrated(rows["model_choice"], data.machine, measured)
         noise = measured.platform.covariance
         key, why_not = best.calibration.case.key, shortcoming(best) or incomplete
-        rows["requirements"] = requirement_rows(asked, key, best.errors, noise, ~fitted, why_not)
+        rows["requirements"] = requirement_rows(requirement, key, best.errors, noise, ~fitted, why_not)
     if extended is not None:
-        add_extended(rows, extended, asked, gathered, fitted, incomplete)
+        add_extended(rows, extended, requirement, data, fitted, incomplete)
         if extended.effects and best.errors is not None:
             rows["calibrations_compared"] = compared_rows(best, extended, fitted)
     if not rows["calibration_left_out"].count:
         del rows["calibration_left_out"]
     identifier = "int64" if isinstance(measured.poses[0], int) else "string"
-    no_frame, free = _NO_FRAME if gathered.modulo_plane else "", "" if best.errors else _FREE
-    open_questions = (gathered.left_out, *_screened_words(clean), *failures, no_frame, free)
+    no_frame, free = _NO_FRAME if data.modulo_plane else "", "" if best.errors else _FREE
+    open_questions = (data.left_out, *_screened_words(clean), *failures, no_frame, free)
     return Outcome(
         {name: one.table(identifier) for name, one in rows.items()},
         read=f"{counted(len(used.poses), 'pose')} to fit, {int((~fitted).sum())} held out",
@@ -193,26 +193,27 @@ def _left_out_rows(clean: ScreenedPoses) -> Rows:
 
 
 def _screened_words(clean: ScreenedPoses) -> list[str]:
-    said, legs = [], [f"leg{one.leg + 1} in pose {one.pose}" for one in clean.legs_out]
+    texts, legs = [], [f"leg{one.leg + 1} in pose {one.pose}" for one in clean.legs_out]
     if clean.poses_out:
-        said.append(f"poses that disagree with all others: {', '.join(map(str, clean.poses_out))}")
-    return [*said, f"legs whose targets put them elsewhere: {listed(legs)}"] if legs else said
+        texts.append(f"poses that disagree with all others: {', '.join(map(str, clean.poses_out))}")
+    return [*texts, f"legs whose targets put them elsewhere: {listed(legs)}"] if legs else texts
 
 
 def _words(case: Case) -> str:
     return f"{case.structure.name}, {_DEFORMATION[case.deformation]}"
 
 
-def _accuracy(artifact: str, judged: list[AssessedCalibration], gathered: CalibrationData) -> Rows:
-    told = [(one.calibration.case.key, one.errors) for one in judged if one.errors is not None]
-    return accuracy_rows(artifact, told, gathered.measured)
+def _accuracy(artifact: str, assessed: list[AssessedCalibration], data: CalibrationData) -> Rows:
+    reported = [(one.calibration.case.key, one.errors) for one in assessed if one.errors is not None]
+    return accuracy_rows(artifact, reported, data.measured)
 
 
 def _figure(best: AssessedCalibration, count: int, held: NDArray) -> str:
-    said = f"{_words(best.calibration.case)} chosen of {counted(count, 'model')}"
-    against = f"; {told}" if (told := doubts(best)) else ""
+    text = f"{_words(best.calibration.case)} chosen of {counted(count, 'model')}"
+    against = f"; {reported}" if (reported := doubts(best)) else ""
     if best.errors is None:
-        return said + against
+        return text + against
     which = "held-out" if held.any() else "calibration"
-    told = best.errors.position[held if held.any() else ~held] * 1e6
-    return f"{said}: {which} position error {np.nanmean(told):.1f} um mean, {np.nanmax(told):.1f} um at most{against}"
+    errors_um = best.errors.position[held if held.any() else ~held] * 1e6
+    size = f"{np.nanmean(errors_um):.1f} um mean, {np.nanmax(errors_um):.1f} um at most"
+    return f"{text}: {which} position error {size}{against}"

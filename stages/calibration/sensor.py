@@ -404,13 +404,13 @@ def error_class_rows(found: RecordedLoads, fitted: SensorCalibrations, ranges: A
     matrix = fitted.matrix.value
     sigma = np.sqrt(np.einsum("wc,c->w", matrix**2, found.sigma**2))
     for axis in range(len(LOADS)):
-        told = axis_errors(found, indicated, sigma, ranges, axis)
-        if told is None:
+        reported = axis_errors(found, indicated, sigma, ranges, axis)
+        if reported is None:
             continue
-        for one in told:
+        for one in reported:
             _add_class(rows, one)
         for name in CLASSES:
-            if name not in {one.name for one in told}:
+            if name not in {one.name for one in reported}:
                 rows.add(error_class=name, load=LOADS[axis], indicated=LOADS[axis], unit="%", reason=_WHY_NOT[name])
     return rows
 

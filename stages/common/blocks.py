@@ -36,9 +36,9 @@ def labels_of(table: pa.Table | None, poses: Sequence[int | str]) -> dict[BlockK
     found = {}
     for name, kind in _LABELS.items() if table is not None else ():
         if table is not None and name in table.column_names:
-            told = [str(value) if value is not None else "" for value in table.column(name).to_pylist()]
+            texts = [str(value) if value is not None else "" for value in table.column(name).to_pylist()]
             place, numbers = positions(table.column("pose"), tuple(poses)), np.full(len(poses), -1)
-            own = np.where(np.array(told) == "", -1, np.unique(told, return_inverse=True)[1])
+            own = np.where(np.array(texts) == "", -1, np.unique(texts, return_inverse=True)[1])
             numbers[place[place >= 0]] = own[place >= 0]
             found[kind] = numbers
     return found

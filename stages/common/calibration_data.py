@@ -116,8 +116,8 @@ def _root(covariance: NDArray) -> NDArray:
     scale = np.sqrt(np.diag(covariance))
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    told = values > _NOTHING
-    return np.asarray(scale[:, None] * vectors[:, told] * np.sqrt(values[told]))
+    determined = values > _NOTHING
+    return np.asarray(scale[:, None] * vectors[:, determined] * np.sqrt(values[determined]))
 
 
 def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationData:

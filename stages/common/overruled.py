@@ -55,15 +55,15 @@ def exclusion_row(number: int, rule: Overrule, subject: str, change: Array, over
 
     change, over (N,): what taking it back changes, in a unit and in sigmas; NaN where there is nothing to compare with.
     """
-    told = np.isfinite(change)
+    reported = np.isfinite(change)
     return {
         "entry": f"exclude {number}",
         "subject": subject,
         "by": rule.by,
         "decided_on": None if rule.on is None else str(rule.on),
         "reason": rule.reason,
-        "largest_change": float(change[told].max()) if told.any() else None,
-        "over_sigma": float(over[told].max()) if told.any() else None,
+        "largest_change": float(change[reported].max()) if reported.any() else None,
+        "over_sigma": float(over[reported].max()) if reported.any() else None,
     }
 
 
@@ -94,5 +94,5 @@ def without_excluded(steps: RecordedSteps, settings: Campaign) -> tuple[Recorded
 def excluded_words(out: Decided) -> str:
     """How much a person left out; empty where nothing."""
     counts = {"reading": int(out.readings.sum()), "signal": int(out.signals.sum())}
-    said = " and ".join(f"{n} {what}{'s' * (n > 1)}" for what, n in counts.items() if n)
-    return f"{said} excluded by a person" if said else ""
+    text = " and ".join(f"{n} {what}{'s' * (n > 1)}" for what, n in counts.items() if n)
+    return f"{text} excluded by a person" if text else ""

@@ -33,10 +33,10 @@ def ray_tables(
 
     found = ray_statistics(observed, state)
     names = np.array([_called(number, observed.network, bars) for number in found.numbers], object)
-    told = np.flatnonzero(np.any(found.information != 0.0, (1, 2)))
+    informative = np.flatnonzero(np.any(found.information != 0.0, (1, 2)))
     return {
-        "ray_statistics": _statistics(found, names, poses, told),
-        "ray_information": _information(found, names, poses, told),
+        "ray_statistics": _statistics(found, names, poses, informative),
+        "ray_information": _information(found, names, poses, informative),
         "ray_effects": _effects(found, names, poses, points, observed.network.point_pose),
     }
 
@@ -48,28 +48,28 @@ def _called(number: SharedNumber, network: Network, bars: Sequence[str]) -> str:
     return " ".join(filter(None, (number.kind, owner, number.name)))
 
 
-def _statistics(found: RayStatistics, names: Array, poses: Sequence[int | str], told: NDArray) -> pa.Table:
+def _statistics(found: RayStatistics, names: Array, poses: Sequence[int | str], informative: NDArray) -> pa.Table:
     count, scale = len(names), np.array([number.scale for number in found.numbers])
     columns = {
-        "pose": _repeated(poses, told, count),
-        "shared_number": np.tile(names, len(told)).tolist(),
-        "shared_unit": [number.unit for number in found.numbers] * len(told),
-        "shared_scale": np.tile(scale, len(told)),
-        "shared_sigma": [number.sigma for number in found.numbers] * len(told),
-        "shared_mean": [number.mean for number in found.numbers] * len(told),
-        "score": (found.score[told] * scale).ravel(),
+        "pose": _repeated(poses, informative, count),
+        "shared_number": np.tile(names, len(informative)).tolist(),
+        "shared_unit": [number.unit for number in found.numbers] * len(informative),
+        "shared_scale": np.tile(scale, len(informative)),
+        "shared_sigma": [number.sigma for number in found.numbers] * len(informative),
+        "shared_mean": [number.mean for number in found.numbers] * len(informative),
+        "score": (found.score[informative] * scale).ravel(),
     }
     return _table("ray_statistics", columns, poses)
 
 
-def _information(found: RayStatistics, names: Array, poses: Sequence[int | str], told: NDArray) -> pa.Table:
+def _information(found: RayStatistics, names: Array, poses: Sequence[int | str], informative: NDArray) -> pa.Table:
     first, second = np.triu_indices(len(names))
     scale = np.array([number.scale for number in found.numbers])
-    values = found.information[told][:, first, second] * (scale[first] * scale[second])
+    values = found.information[informative][:, first, second] * (scale[first] * scale[second])
     columns = {
-        "pose": _repeated(poses, told, len(first)),
-        "shared_number": np.tile(names[first], len(told)).tolist(),
-        "other_number": np.tile(names[second], len(told)).tolist(),
+        "pose": _repeated(poses, informative, len(first)),
+        "shared_number": np.tile(names[first], len(informative)).tolist(),
+        "other_number": np.tile(names[second], len(informative)).tolist(),
         "information": values.ravel(),
     }
     return _table("ray_information", columns, poses)
@@ -102,7 +102,7 @@ def _table(artifact: str, columns: Mapping[str, Any], poses: Sequence[int | str]
 def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
     """The numbers of ray_statistics, each once, in their order."""
     found: dict[str, RayParameter] = {}
-    told = ("unit", "scale", "sigma", "mean")
+    suffixes = ("unit", "scale", "sigma", "mean")
     for row in table.select(
         ["shared_number", "shared_unit", "shared_scale", "shared_sigma", "shared_mean"]
     ).to_pylist():
@@ -110,7 +110,7 @@ def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
         if name not in found:
             kind, _, rest = name.partition(" ")
             owner, _, own = rest.rpartition(" ")
-            found[name] = RayParameter(kind, owner, own, *(row[f"shared_{own}"] for own in told))
+            found[name] = RayParameter(kind, owner, own, *(row[f"shared_{own}"] for own in suffixes))
     return tuple(found.values())
 
 

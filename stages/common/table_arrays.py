@@ -85,7 +85,7 @@ def without(found: CollectedRows, rows: Mask, reason: str) -> CollectedRows:
         start += len(records)
         parts.append((file, records[~out]))
         left_out[(file.raw.name, reason)] += int(out.sum())
-    faulty = {name: told[~rows] for name, told in found.faulty.items()}
+    faulty = {name: determined[~rows] for name, determined in found.faulty.items()}
     return replace(found, table=found.table.filter(~rows), parts=parts, left_out=+left_out, faulty=faulty)
 
 

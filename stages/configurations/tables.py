@@ -47,10 +47,10 @@ def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> A
 
 
 def configurations_table(
-    rho: NDArray, order: PoseOrder, rest: NDArray | None, wish: DesignOptions, extend: pa.Table | None
+    rho: NDArray, order: PoseOrder, rest: NDArray | None, options: DesignOptions, extend: pa.Table | None
 ) -> pa.Table:
     """The configurations in the order of measurement, times still empty, after ``rest`` (L,) where given."""
-    roles = np.repeat(["calibration", "verification"], [wish.poses, wish.verification])[order.order].tolist()
+    roles = np.repeat(["calibration", "verification"], [options.poses, options.verification])[order.order].tolist()
     values, first = rho[order.order], _first_number(extend)
     if rest is not None:
         roles, values, first = ["reference", *roles], np.concatenate([rest[None], values]), 0

@@ -22,16 +22,16 @@ def words_of(design: Design) -> list[str]:
 
 
 def _chosen(design: Design) -> list[str]:
-    wish, names = design.options, [entry.name for entry in design.problem.names]
+    options, names = design.options, [entry.name for entry in design.problem.names]
     kept = "" if design.kept is None else f" beside {design.kept.count} that are kept"
-    held = f" and {wish.verification} for verification" if wish.verification else ""
-    first = f"{counted(wish.poses, 'configuration')}{held} by {wish.method}{kept}, {_WITHIN[wish.within]}"
+    held = f" and {options.verification} for verification" if options.verification else ""
+    first = f"{counted(options.poses, 'configuration')}{held} by {options.method}{kept}, {_WITHIN[options.within]}"
     if design.kept is not None and design.kept.outside:
         first += f" ({design.kept.outside} of those kept lie outside)"
     held = ", ".join(design.problem.held)
     if design.kept is None and "reference" not in design.table.column("role").to_pylist():
         first += "; the reference configuration is forbidden, and left out"
-    left = f"; held: {held}, {'not asked for' if wish.parameters else 'not told apart from these'}" if held else ""
+    left = f"; held: {held}, {'not asked for' if options.parameters else 'not told apart from these'}" if held else ""
     return [
         first,
         f"parameters of each leg: {' '.join(names)} ({len(names)} x {counted(design.problem.legs, 'leg')}){left}",
@@ -113,12 +113,12 @@ def _existing(design: Design) -> list[str]:
 
 def words_of_loads(plan: LoadPlan) -> list[str]:
     """The lines that a plan of loads is told in."""
-    wish = plan.options
-    held = f" and {wish.verification} for verification" if wish.verification else ""
-    at_once = "all components at once" if wish.may_all_act else f"at most {wish.at_once} at once"
+    options = plan.options
+    held = f" and {options.verification} for verification" if options.verification else ""
+    at_once = "all components at once" if options.may_all_act else f"at most {options.at_once} at once"
     spread = [100.0 * one for one in plan.sigma]
     lines = [
-        f"{counted(wish.poses, 'load')}{held} within [loading], {at_once}, in runs of {RUN} that begin "
+        f"{counted(options.poses, 'load')}{held} within [loading], {at_once}, in runs of {RUN} that begin "
         "and end without load",
         f"log det of the information about a channel's six sensitivities and its zero: {plan.chosen.log_det:.3f}",
         f"D-efficiency {100.0 * plan.chosen.efficiency:.2f} % of the best possible (equivalence theorem over "

@@ -42,14 +42,14 @@ def choices_table(
 
 
 def applied_model(
-    diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign, choices: pa.Table | None
+    diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign, choices: pa.Table | None
 ) -> str | None:
     """The extended model with the applied causes alone; None where none is applied, or all that were found are."""
     rows = [] if choices is None else choices.to_pylist()
     applied = {row["cause"] for row in rows if row["outcome"] == APPLIED}
     found = diagnosis.final.causes
     own = tuple(cause for cause in found if cause.id in applied)
-    if not applied or len(own) == len(found) or gathered.model_text is None:
+    if not applied or len(own) == len(found) or data.model_text is None:
         return None
-    fitter = Fitter(gathered.model, gathered.calibration, gathered.held_out, settings.diagnosis.seed)
-    return gathered.model_text(fitter.converged(own, diagnosis.plain), settings)
+    fitter = Fitter(data.model, data.calibration, data.held_out, settings.diagnosis.seed)
+    return data.model_text(fitter.converged(own, diagnosis.plain), settings)

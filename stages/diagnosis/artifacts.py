@@ -31,19 +31,19 @@ _FRAMING = 3
 
 
 def outcome(
-    diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], rays: RayFindings | None, settings: Campaign
+    diagnosis: CauseDiagnosis, data: DiagnosisData[Any], rays: RayFindings | None, settings: Campaign
 ) -> Outcome:
     """What the stage made of points or readings, with what rays tell before them."""
     rule = rule_of(settings)
-    artifacts = artifacts_of(diagnosis, gathered, rule if rays is None else rule_with_rays(rule), settings)
-    shown = gathered.shown.overall(diagnosis.final.error)
+    artifacts = artifacts_of(diagnosis, data, rule if rays is None else rule_with_rays(rule), settings)
+    shown = data.shown.overall(diagnosis.final.error)
     gross = gross_errors(len(diagnosis.screened), shown.what) if diagnosis.screened else ""
-    read, left_out = _read(gathered, shown), [gathered.left_out, gross]
+    read, left_out = _read(data, shown), [data.left_out, gross]
     if rays is not None:
         artifacts = with_rays(artifacts, rays, rule)
         read, left_out = f"{read}; {rays.read}", [*left_out, rays.left_out]
-    choices = choices_table(settings, artifacts["diagnosis"], gathered.is_calibrated)
-    if (text := applied_model(diagnosis, gathered, settings, choices)) is not None:
+    choices = choices_table(settings, artifacts["diagnosis"], data.is_calibrated)
+    if (text := applied_model(diagnosis, data, settings, choices)) is not None:
         artifacts["applied_model"] = text
     figure = _figure(artifacts["diagnosis"], diagnosis, shown, rule)
     return Outcome(with_choices(artifacts, choices), read, "; ".join(filter(None, left_out)) or "nothing", figure)
@@ -73,44 +73,42 @@ def with_choices(artifacts: dict[str, Any], choices: pa.Table | None) -> dict[st
 
 
 def artifacts_of(
-    diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], rule: Settings, settings: Campaign
+    diagnosis: CauseDiagnosis, data: DiagnosisData[Any], rule: Settings, settings: Campaign
 ) -> dict[str, pa.Table | str]:
     """Tables and text by artifact."""
     diagnosis = replace(diagnosis, verdicts=assessed(diagnosis.verdicts, diagnosis.search, rule.level))
     last, legs = diagnosis.search, diagnosis.plain.model.part_count
-    own = gathered.instrument_results(diagnosis, gathered, settings)
+    own = data.instrument_results(diagnosis, data, settings)
     detectable = detectable_words(last, rule.level, [verdict.cause for verdict in diagnosis.verdicts], legs)
-    words = DetectionAdvice(
-        detectable, own.advice, _remark(gathered, diagnosis.final), gathered.shown, gathered.relation
-    )
+    words = DetectionAdvice(detectable, own.advice, _remark(data, diagnosis.final), data.shown, data.relation)
     left = {
         "diagnosis": diagnosis_table(diagnosis, words, rule.noise_level),
-        "adequacy": adequacy_table(diagnosis, rule, gathered.shown.what),
+        "adequacy": adequacy_table(diagnosis, rule, data.shown.what),
         "detectable": detectable_table(last, rule.level, legs),
         "cause_uncertainty": uncertainty_table(diagnosis, legs),
-        "diagnosis_left_out": left_out_table(diagnosis, gathered) if diagnosis.screened else None,
+        "diagnosis_left_out": left_out_table(diagnosis, data) if diagnosis.screened else None,
         **own.artifacts,
     }
     return {name: artifact for name, artifact in left.items() if artifact is not None}
 
 
-def _remark(gathered: DiagnosisData[Any], final: FittedModel) -> str:
+def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
     """What limits all statements."""
-    said = []
-    if gathered.framing is not None and gathered.framing < _FRAMING:
-        said.append(
+    texts = []
+    if data.framing is not None and data.framing < _FRAMING:
+        texts.append(
             "Fewer than three platform targets sit away from the attachments, so shifts are known modulo a plane "
             "(z and two tilts)."
         )
     if final.fit.state != "settled":
-        said.append("The fit did not settle within its iterations: treat the numbers as provisional.")
-    return " ".join(said)
+        texts.append("The fit did not settle within its iterations: treat the numbers as provisional.")
+    return " ".join(texts)
 
 
-def _read(gathered: DiagnosisData[Any], shown: ReportedRms) -> str:
-    held = 0 if gathered.held_out is None else len(gathered.held_out.conditions.readings)
-    seen = int(gathered.calibration.measured.seen.sum())
-    used = counted(len(gathered.calibration.conditions.readings), shown.epoch)
+def _read(data: DiagnosisData[Any], shown: ReportedRms) -> str:
+    held = 0 if data.held_out is None else len(data.held_out.conditions.readings)
+    seen = int(data.calibration.measured.seen.sum())
+    used = counted(len(data.calibration.conditions.readings), shown.epoch)
     return f"{counted(seen, shown.what)} of {used}, {counted(held, shown.epoch)} held out"
 
 
@@ -136,5 +134,5 @@ def _found(table: pa.Table) -> str:
             # What is found of the noise has no name of its own among the causes.
             is_noise = (row["reason_code"], row["cause"]) == ("noise", "unexplained")
             names[row["verdict"]].append("noise not as declared" if is_noise else row["cause"])
-    said = [f"{verdict} {', '.join(dict.fromkeys(own))}" for verdict, own in names.items() if own]
-    return "; ".join(said) or "nothing found"
+    texts = [f"{verdict} {', '.join(dict.fromkeys(own))}" for verdict, own in names.items() if own]
+    return "; ".join(texts) or "nothing found"

@@ -104,11 +104,11 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_axis(extended_axis(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """How far each reading is missed, and the extended model."""
     section = cast("AxisMechanism", settings.mechanism)
-    assert isinstance(gathered.shown, Channels)
-    errors = _errors(diagnosis, gathered.shown, section.unit)
+    assert isinstance(data.shown, Channels)
+    errors = _errors(diagnosis, data.shown, section.unit)
     return InstrumentResults({"axis_errors": errors, "model": _model_text(diagnosis.final, settings)})
 
 

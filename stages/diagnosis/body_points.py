@@ -74,8 +74,8 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     found, words = _targets(tables, poses, covariates["order"], settings.noise.point_mm)
     if not found:
         raise ValueError(_why_none(tables, settings.reference_body))
-    stands = [_body_places(body, settings, covariates) for body in found]
-    bodies = MeasuredBodies.led(found, stands, settings.reference_body)
+    body_places = [_body_places(body, settings, covariates) for body in found]
+    bodies = MeasuredBodies.led(found, body_places, settings.reference_body)
     covariates |= bodies.places(covariates["order"]) if not settings.campaign.drives else {}
     if settings.measurement.up is not None:
         covariates |= bodies.gravity(settings.measurement.up, settings.reference_body)
@@ -242,6 +242,6 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
     ]
 
 
-def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """How far each pose is missed."""
-    return InstrumentResults({"prediction": prediction_table(diagnosis, gathered)})
+    return InstrumentResults({"prediction": prediction_table(diagnosis, data)})

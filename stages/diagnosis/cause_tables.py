@@ -156,8 +156,8 @@ def uncertainty_table(diagnosis: CauseDiagnosis, legs: int) -> pa.Table:
 def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs: int) -> None:
     name, larger = _source(final, given)
     with np.errstate(all="ignore"):  # a part may give nothing to a number that is a length or an angle
-        told = cause.reported(final.values(cause)[0], given.covariance, legs)
-    for one in told:
+        reported = cause.reported(final.values(cause)[0], given.covariance, legs)
+    for one in reported:
         if one.sigma is not None and np.isfinite(one.sigma):
             rows.add(
                 cause=cause.id,

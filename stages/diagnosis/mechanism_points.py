@@ -141,8 +141,8 @@ def _targets(
         survey = survey_points(tables["survey"], body)
         found = pose_points(tables["observations"], body, poses, survey.targets)
         residuals = point_residuals(tables["residuals"], body, poses, survey.targets)
-        judged = select_points(residuals, found, survey.points, order)
-        swapped += swapped_targets(body, survey.targets, poses, order, judged.exchanges)
+        assessed = select_points(residuals, found, survey.points, order)
+        swapped += swapped_targets(body, survey.targets, poses, order, assessed.exchanges)
         named += [(body, target) for target in survey.targets]
         parts["body"].append(np.full(len(survey.targets), kind))
         parts["leg"].append(survey.leg - 1 if kind == PLATFORM else np.full(len(survey.targets), ridden))
@@ -151,7 +151,7 @@ def _targets(
             ("shape_cov", with_declared_noise(survey.cov, noise)),
             ("points", found.points),
             ("cov", with_declared_noise(found.cov, noise)),
-            ("seen", judged.kept),
+            ("seen", assessed.kept),
         ):
             parts[name].append(value)
     joined = {
@@ -170,15 +170,15 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_model(extended(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """How far each pose is missed, the extended model, the geometry's pulls, what has changed, what to measure next."""
     final = diagnosis.final
-    following = next_of(diagnosis, settings)
+    next_measurement = next_of(diagnosis, settings)
     left = {
-        "prediction": prediction_table(diagnosis, gathered),
+        "prediction": prediction_table(diagnosis, data),
         "model": _model_text(final, settings),
         **pull_tables(diagnosis.plain, final),
         "changes": changes_table(final),
-        "next_poses": following.table,
+        "next_poses": next_measurement.table,
     }
-    return InstrumentResults(left, following.advice)
+    return InstrumentResults(left, next_measurement.advice)

@@ -111,13 +111,13 @@ def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInst
     matters = _matters(models, readings[_BETWEEN % len(readings)], levels, instrument)
     drawn = _drawn(levels, matters, len(readings), rng)
     covariates = {name: np.array([level.value for level in column]) for name, column in drawn.items()}
-    said = [
+    texts = [
         ", ".join(dict.fromkeys(column[c].words for column in drawn.values() if column[c].words))
         for c in range(len(readings))
     ]
     return PossibleMeasurements(
         conditions_at(measured, readings, covariates),
-        tuple(said),
+        tuple(texts),
         matters,
         _repeats(readings, measured, finest),
         instrument,
@@ -222,8 +222,8 @@ def _levels(name: str, value: NDArray, step: float) -> list[Level]:
     if name == TEMPERATURE:
         ends = [round(min(low, middle - _WARMER_K)), round(max(high, middle + _WARMER_K))]
         return [Level(middle), *(Level(float(end), f"at {end} °C") for end in ends)]
-    told = [f"{end:.{_TOLD_DIGITS}g}" for end in (low, high) if end != middle]
-    return [Level(middle), *(Level(float(end), f"at {own_name(name)} = {end}") for end in told)]
+    texts = [f"{end:.{_TOLD_DIGITS}g}" for end in (low, high) if end != middle]
+    return [Level(middle), *(Level(float(end), f"at {own_name(name)} = {end}") for end in texts)]
 
 
 def _times(value: NDArray) -> list[Level]:
@@ -247,7 +247,7 @@ def _attitudes(body: str, down: NDArray) -> list[Level]:
         apart = np.min(np.sum((down[:, None] - down[chosen]) ** 2, axis=-1), axis=1)
         chosen.append(int(np.argmax(apart)))
     words = [f"with gravity along ({', '.join(f'{x + 0.0:.2f}' for x in down[row])}) of {body}" for row in chosen]
-    return [Level(down[row], said) for row, said in zip(chosen, ["", *words[1:]], strict=True)]
+    return [Level(down[row], text) for row, text in zip(chosen, ["", *words[1:]], strict=True)]
 
 
 def _movement(steps: NDArray | None, finest: float) -> float:

@@ -122,21 +122,21 @@ def _branches(load: Array) -> Iterator[str]:
         yield branch if own else "unloaded"
 
 
-def next_run(stand: FittedModel) -> Fitted:
+def next_run(fitted: FittedModel) -> Fitted:
     """The fit of a bench as further runs see it: the zeros of runs that are over do not matter to them."""
-    model = stand.model
+    model = fitted.model
     assert isinstance(model, BenchModel)
     none = ChannelZeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
     kept = np.setdiff1d(np.arange(model.shared_size), np.arange(model.shared_size)[model.layout["zero"]])
     later = replace(model, known=replace(model.known, zeros=none))
-    return Fitted(later, stand.fit.shared[kept], stand.covariance()[np.ix_(kept, kept)])
+    return Fitted(later, fitted.fit.shared[kept], fitted.covariance()[np.ix_(kept, kept)])
 
 
-def possible_runs(settings: Campaign, stand: FittedModel, models: Sequence[Fitted]) -> PossibleRuns:
+def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fitted]) -> PossibleRuns:
     """Return the runs that could be done next on the bench of a fit, to judge models by."""
-    model = stand.model
+    model = current.model
     assert isinstance(model, BenchModel)
-    readout, seen = _readout(stand, model), stand.measured.seen
+    readout, seen = _readout(current, model), current.measured.seen
     least = np.repeat([settings.noise.load_n, settings.noise.load_nm], 3)
     plain = [_as_measured(run, model, least) for run in _plain_runs(settings, model, least)]
     made = list(plain)
@@ -150,10 +150,10 @@ def possible_runs(settings: Campaign, stand: FittedModel, models: Sequence[Fitte
     )
 
 
-def _readout(stand: FittedModel, model: BenchModel) -> Readout:
+def _readout(fitted: FittedModel, model: BenchModel) -> Readout:
     """The noise of readings as the fit has it, and of the zeros of runs as they are known beforehand."""
-    known, seen = model.known, stand.measured.seen
-    variance = np.where(seen, stand.measured.covariance[..., 0, 0], 0.0).sum(0) / np.maximum(seen.sum(0), 1)
+    known, seen = model.known, fitted.measured.seen
+    variance = np.where(seen, fitted.measured.covariance[..., 0, 0], 0.0).sum(0) / np.maximum(seen.sum(0), 1)
     sigma = np.where(seen.any(0), np.sqrt(variance), known.sigma)
     zero = sigma.copy()
     zero[known.zeros.channel] = known.zeros.sigma
@@ -219,8 +219,8 @@ def _round(load: Array) -> Array:
 
 def _words(load: Array, form: str) -> str:
     own = [(axis, float(value)) for axis, value in zip(LOADS, load, strict=True) if value]
-    told = [form.format(axis=a, peak=v, other=-v, unit="N" if a.startswith("f") else "N m") for a, v in own]
-    return " with ".join(told)
+    texts = [form.format(axis=a, peak=v, other=-v, unit="N" if a.startswith("f") else "N m") for a, v in own]
+    return " with ".join(texts)
 
 
 def _otherwise(model: BenchModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:

@@ -244,8 +244,8 @@ def _models_to_improve(
     return [(cause, final) for cause in sure], rivals
 
 
-def _fitted(stand: FittedModel) -> Fitted:
-    return Fitted(stand.model, stand.fit.shared, stand.covariance())
+def _fitted(current: FittedModel) -> Fitted:
+    return Fitted(current.model, current.fit.shared, current.covariance())
 
 
 def next_measurements(
@@ -268,8 +268,8 @@ def planned(
     """
     plans: list[MeasurementPlan] = []
     advice: dict[str, Advice] = {}
-    judged = [(_apart(reach, pair), pair) for pair in rivals]
-    for plan, pair in sorted(judged, key=lambda found: found[0].effort):
+    assessed = [(_apart(reach, pair), pair) for pair in rivals]
+    for plan, pair in sorted(assessed, key=lambda found: found[0].effort):
         plans.append(plan)
         for own, other in ((pair.cause, pair.other), (pair.other, pair.cause)):
             advice[own.key] = _separation_advice(plan, own, other, pair.legs)
@@ -310,8 +310,10 @@ def _separation_advice(plan: MeasurementPlan, own: Any, other: Any, legs: int) -
     if plan.choice.is_enough:
         return plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
     if plan.leads:
-        said = plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
-        return replace(said, words=f"{said.words} {by_another}", short=f"{said.short} {by_another}")
+        given_advice = plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
+        return replace(
+            given_advice, words=f"{given_advice.words} {by_another}", short=f"{given_advice.short} {by_another}"
+        )
     return Advice(
         AdviceKind.ANOTHER,
         f"No {plan.options.what[0]} within reach tells {both}: both predict the same there. "
@@ -368,8 +370,8 @@ class _Largest:
     def columns(self, times: float) -> dict[str, Any]:
         """Return the columns of a row after which its uncertainty is so many times that of now."""
         sigma, unit = float(self.value.sigma), self.value.unit
-        told = f"{self.value.name} {self.sure(times)}"
-        return {"expected": told, "sigma_now": sigma, "sigma_expected": times * sigma, "unit": unit}
+        text = f"{self.value.name} {self.sure(times)}"
+        return {"expected": text, "sigma_now": sigma, "sigma_expected": times * sigma, "unit": unit}
 
 
 def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
@@ -377,18 +379,18 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
     part, legs = fitted.model.layout[cause.key], fitted.model.part_count
     scale = fitted.model.effect_sigma(cause)
     values, covariance = fitted.shared[part] * scale, fitted.covariance[part, part] * np.outer(scale, scale)
-    told = cause.reported(values, covariance, legs)
-    measured = [k for k, entry in enumerate(told) if entry.sigma]
-    alike = [k for k in measured if told[k].unit == told[measured[0]].unit]
+    reported = cause.reported(values, covariance, legs)
+    measured = [k for k, entry in enumerate(reported) if entry.sigma]
+    alike = [k for k in measured if reported[k].unit == reported[measured[0]].unit]
     if not alike:
         return None
-    best = max(alike, key=lambda k: told[k].sigma if least_known else abs(told[k].value))
+    best = max(alike, key=lambda k: reported[k].sigma if least_known else abs(reported[k].value))
     direction = np.zeros(len(fitted.shared))
     for place, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
         nudge = step * (np.arange(len(values)) == place)
         ahead, behind = (cause.reported(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0))
         direction[part.start + place] = (ahead - behind) / (2.0 * step) * scale[place]
-    return _Largest(cause, told[best], direction)
+    return _Largest(cause, reported[best], direction)
 
 
 def _name(cause: Any, legs: int) -> str:

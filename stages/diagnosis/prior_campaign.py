@@ -36,32 +36,32 @@ ModelT = TypeVar("ModelT", bound=EffectsModel)
 _UNNAMED = "the earlier campaign"
 
 
-def started(gathered: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any]:
+def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any]:
     """What is compared, with the effects and the knowledge of an earlier model.
 
     Numbers that have changed since are let free, and all of them where the machine is another one. Raises
     CampaignFaults where the text is no model.
     """
     try:
-        campaign, causes, earlier = _known(text, gathered.model)
+        campaign, causes, prior = _known(text, data.model)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise CampaignFaults([Fault("start.toml", f"a model.toml that a run has written ({error})")]) from None
-    alone = with_prior_campaign(gathered.model, earlier.nothing)
+    alone = with_prior_campaign(data.model, prior.nothing)
     try:
-        stand = Fitter(alone, gathered.calibration, gathered.held_out, seed).prepared(gathered.given)
-        assert isinstance(stand.model, MechanismModel | BenchModel)
-        compared = _compared(earlier, stand.model, stand.fit.shared, stand.covariance())
+        fitted = Fitter(alone, data.calibration, data.held_out, seed).prepared(data.given)
+        assert isinstance(fitted.model, MechanismModel | BenchModel)
+        compared = _compared(prior, fitted.model, fitted.fit.shared, fitted.covariance())
     except np.linalg.LinAlgError:
         raise ValueError("with the effects of the earlier model the fit left what the legs can reach") from None
     changed = compared.changed()
-    kept = earlier.nothing
+    kept = prior.nothing
     if changed is not None:
-        kept = earlier.without(sorted({*changed, *chain.from_iterable(compared.instead(changed))}))
-    said = _words(campaign, earlier, stand.model, compared)
-    lost = {cause.id for cause in causes if cause.is_persistent} - {cause.id for cause in earlier.causes}
+        kept = prior.without(sorted({*changed, *chain.from_iterable(compared.instead(changed))}))
+    sentence = _words(campaign, prior, fitted.model, compared)
+    lost = {cause.id for cause in causes if cause.is_persistent} - {cause.id for cause in prior.causes}
     missing = f"{', '.join(sorted(lost))} of {campaign}, whose columns are missing here" if lost else ""
-    words = "; ".join(part for part in (gathered.left_out, missing, said) if part)
-    return replace(gathered, model=with_prior_campaign(gathered.model, kept), left_out=words)
+    words = "; ".join(part for part in (data.left_out, missing, sentence) if part)
+    return replace(data, model=with_prior_campaign(data.model, kept), left_out=words)
 
 
 def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior]:
@@ -73,24 +73,24 @@ def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior
     return found.context.get("campaign", _UNNAMED), found.model.causes, mechanism_prior(found, model)
 
 
-def with_prior_campaign(model: ModelT, earlier: CampaignPrior) -> ModelT:
+def with_prior_campaign(model: ModelT, prior: CampaignPrior) -> ModelT:
     """The model, of points or of readings, that starts from what an earlier campaign found."""
-    return replace(model, prior_campaign=earlier).with_causes(())
+    return replace(model, prior_campaign=prior).with_causes(())
 
 
-def _compared(earlier: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> NumberComparison:
+def _compared(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> NumberComparison:
     """The earlier numbers against those of a model that was fitted without the earlier campaign's knowledge."""
-    now = _now(earlier, model, shared, covariance)
-    return compare(earlier.mean, earlier.covariance, *now, earlier.shared, earlier.frames)
+    now = _now(prior, model, shared, covariance)
+    return compare(prior.mean, prior.covariance, *now, prior.shared, prior.frames)
 
 
-def _now(earlier: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
+def _now(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
     """The earlier numbers (n,) as a model has them, and their covariance (n, n)."""
-    own, slopes = earlier.places(model), earlier.slopes(model, shared)
-    return earlier.values(model, shared), slopes @ covariance[np.ix_(own, own)] @ slopes.T
+    own, slopes = prior.places(model), prior.slopes(model, shared)
+    return prior.values(model, shared), slopes @ covariance[np.ix_(own, own)] @ slopes.T
 
 
-def _words(campaign: str, earlier: CampaignPrior, model: EffectsModel, compared: NumberComparison) -> str:
+def _words(campaign: str, prior: CampaignPrior, model: EffectsModel, compared: NumberComparison) -> str:
     changed = compared.changed()
     if changed is None:
         return (
@@ -98,9 +98,9 @@ def _words(campaign: str, earlier: CampaignPrior, model: EffectsModel, compared:
         )
     if not changed:
         return ""
-    names = [number.label for number in numbers_of(earlier, model)]
-    said = [" or ".join(names[i] for i in (one, *others)) for one, others in alternatives(compared, changed)]
-    return f"what {campaign} knew of {', '.join(said)}, changed since"
+    names = [number.label for number in numbers_of(prior, model)]
+    texts = [" or ".join(names[i] for i in (one, *others)) for one, others in alternatives(compared, changed)]
+    return f"what {campaign} knew of {', '.join(texts)}, changed since"
 
 
 def changes_table(final: FittedModel) -> pa.Table | None:
@@ -109,14 +109,14 @@ def changes_table(final: FittedModel) -> pa.Table | None:
     None where the campaign starts from nothing.
     """
     assert isinstance(final.model, MechanismModel | BenchModel)
-    earlier = final.model.prior_campaign
-    if earlier is None:
+    prior = final.model.prior_campaign
+    if prior is None:
         return None
-    model = with_prior_campaign(final.model, earlier.nothing).with_causes(final.causes)
+    model = with_prior_campaign(final.model, prior.nothing).with_causes(final.causes)
     fit = fit_model(model.predict, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
     covariance = fit.whitened.covariance() * final.noise_ratio**2
-    found = _compared(earlier, model, fit.shared, covariance)
-    told = reported_numbers(earlier, model, fit.shared, covariance)
+    found = _compared(prior, model, fit.shared, covariance)
+    reported = reported_numbers(prior, model, fit.shared, covariance)
     rows = Rows("changes")
-    rows.add(**told.columns, **figures(earlier, told, found, *_now(earlier, model, fit.shared, covariance)))
+    rows.add(**reported.columns, **figures(prior, reported, found, *_now(prior, model, fit.shared, covariance)))
     return rows.table()

@@ -82,8 +82,8 @@ class RayFindings:
 
 def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> RayFindings:
     """Search what rays tell for causes, and say what they do to the points."""
-    gathered, whole = assemble_rays(tables, settings)
-    diagnosis = decided_of_rays(gathered, settings, progress)
+    dataset, whole = assemble_rays(tables, settings)
+    diagnosis = decided_of_rays(dataset, settings, progress)
     keys, effects = effects_on_points(tables["ray_effects"], whole.parameters)
     points = {key: row for row, key in enumerate(keys)}
     pose = np.array([whole.poses.index(key[0]) for key in keys], int)
@@ -98,7 +98,7 @@ def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: P
     if moves:
         off = -np.einsum("nat,nt->na", effects, (model.offsets(final.fit.shared) / scale)[pose])
     by_shared = effects @ (model.by_shared(final.fit.shared) @ _root(final.covariance()))[pose]
-    return RayFindings(diagnosis, gathered, points, off, independent_errors(by_shared), whole.owners(BAR), moves)
+    return RayFindings(diagnosis, dataset, points, off, independent_errors(by_shared), whole.owners(BAR), moves)
 
 
 def _root(covariance: Array) -> Array:
@@ -122,7 +122,7 @@ def corrected(tables: Mapping[str, pa.Table], rays: RayFindings) -> dict[str, pa
 
 
 def with_shared_errors(
-    gathered: DiagnosisData[Recorded], tables: Mapping[str, pa.Table], rays: RayFindings
+    dataset: DiagnosisData[Recorded], tables: Mapping[str, pa.Table], rays: RayFindings
 ) -> DiagnosisData[Recorded]:
     """What is compared of points, with the errors that all poses share, and those that the points of a pose do, among
     its unknowns and not in its noise."""
@@ -136,7 +136,7 @@ def with_shared_errors(
     common = np.where((place >= 0)[:, None, None], rays.common[place], 0.0)
     errors = point_errors(table, tables.get("point_correlations"), None)
     photographed = Photographed(rays.common.shape[-1], 0 if errors is None else MOST_PATTERNS, rays.bars)
-    names = list(zip(gathered.model.targets.bodies, gathered.model.targets.names, strict=True))
+    names = list(zip(dataset.model.targets.bodies, dataset.model.targets.names, strict=True))
 
     def told(poses: Epochs | None) -> Epochs | None:
         if poses is None:
@@ -144,11 +144,11 @@ def with_shared_errors(
         rows = np.array([[row.get((pose, *name), -1) for name in names] for pose in poses.conditions.poses], int)
         return points_with_shared_errors(poses, np.where(poses.measured.seen, rows, -1), common, errors)
 
-    calibration = told(gathered.calibration)
+    calibration = told(dataset.calibration)
     assert calibration is not None
     photographed = replace(photographed, scale_height_m=scale_height(tables, calibration))
-    model = replace(gathered.model.at(calibration.conditions), photographed=photographed)
-    return replace(gathered, model=model, calibration=calibration, held_out=told(gathered.held_out))
+    model = replace(dataset.model.at(calibration.conditions), photographed=photographed)
+    return replace(dataset, model=model, calibration=calibration, held_out=told(dataset.held_out))
 
 
 def _keys(table: pa.Table) -> list[tuple[Any, str]]:
@@ -186,15 +186,15 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
 def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:
     """All rows in the order of their verdicts, those of rays first; what either found is rejected by neither."""
     rows = [*rays, *points.to_pylist()]
-    told = {row["cause"] for row in rows if row["verdict"] not in _LOST}
+    reported = {row["cause"] for row in rows if row["verdict"] not in _LOST}
     kept: list[dict[str, Any]] = []
     for verdict in _ORDER:
         of_verdict = [row for row in rows if row["verdict"] == verdict]
         if verdict in _LOST:
             of_verdict.sort(key=lambda row: -(row["probability"] or 0.0))
-            once = {row["cause"]: row for row in reversed(of_verdict) if row["cause"] not in told}
+            once = {row["cause"]: row for row in reversed(of_verdict) if row["cause"] not in reported}
             of_verdict = [row for row in of_verdict if once.get(row["cause"]) is row]
-            told |= once.keys()
+            reported |= once.keys()
         kept += of_verdict
     return ranked_table(kept)
 

@@ -62,7 +62,7 @@ def assemble_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[D
     model, table = RayModel.of(some_poses(whole, ~held)), tables.get("configurations")
     asked = readings_of(table, poses, settings.campaign.drives)[~held]
     groupings = groupings_of(asked, None if time is None else time[~held], None, chosen(labels_of(table, poses), ~held))
-    gathered = DiagnosisData(
+    data = DiagnosisData(
         model,
         replace(_poses(whole, channels, ~held), groupings=groupings),
         _poses(whole, channels, held) if held.any() else None,
@@ -71,7 +71,7 @@ def assemble_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[D
         shown=RAYS,
         relation=Relation.RAYS_POINTS,
     )
-    return gathered, whole
+    return data, whole
 
 
 def some_poses(rays: RayPoses, rows: NDArray[np.bool_]) -> RayPoses:
@@ -99,7 +99,7 @@ def _vertical(table: pa.Table, poses: tuple[int | str, ...], body: str | None) -
     return found if np.isfinite(found).all() else None
 
 
-def _nothing_more(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _nothing_more(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """No table of rays alone: what they tell stands among that of points."""
     return InstrumentResults({})
 

@@ -60,8 +60,8 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchMo
     sensor = simulated_sensor(tables, settings, steps)
     sigma, _ = _noise(steps, settings, ())
     points, seen = _points(steps, sigma)
-    told = seen.any(1) & np.isfinite(steps.time_s)
-    return BenchModel(_known(sensor, steps, points, seen, sigma, told, settings), _conditions(steps, told))
+    determined = seen.any(1) & np.isfinite(steps.time_s)
+    return BenchModel(_known(sensor, steps, points, seen, sigma, determined, settings), _conditions(steps, determined))
 
 
 def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
@@ -70,12 +70,12 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     sensor = simulated_sensor(tables, settings, steps)
     exchanged = confirmed_by_readings(exchanged_rows(steps, ~steps.held_out), steps, sensor)
     sigma, words = _noise(steps, settings, exchanged)
-    words += [said for said in (excluded_words(out),) if said]
+    words += [text for text in (excluded_words(out),) if text]
     points, seen = _points(steps, sigma)
     kept = decided(steps, settings.keep, "kept").chosen
     # the load of a step that was left out was applied all the same
-    told = (seen | out.chosen).any(1) & np.isfinite(steps.time_s)
-    fitted, held = told & ~steps.held_out, told & steps.held_out
+    determined = (seen | out.chosen).any(1) & np.isfinite(steps.time_s)
+    fitted, held = determined & ~steps.held_out, determined & steps.held_out
     if why := _why_too_little(steps, fitted, settings):
         raise ValueError(why)
     model = BenchModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
@@ -116,8 +116,8 @@ def why_no_diagnosis_of_readings(tables: Mapping[str, pa.Table], settings: Campa
         return unknown
     moved = np.isfinite(steps.reading)
     signal = np.isfinite(steps.signal) & (settings.noise.signal_mv is not None or not moved.any())
-    told = (np.concatenate([moved, signal], 1) | out.chosen).any(1) & np.isfinite(steps.time_s)
-    return _why_too_little(steps, told & ~steps.held_out, settings)
+    determined = (np.concatenate([moved, signal], 1) | out.chosen).any(1) & np.isfinite(steps.time_s)
+    return _why_too_little(steps, determined & ~steps.held_out, settings)
 
 
 def _without_noise(steps: RecordedSteps) -> str:
@@ -251,19 +251,19 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_sensor(extended_sensor(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """How far each reading is missed, the extended model, the sensor's pulls, what has changed, what to apply next."""
-    assert isinstance(gathered.shown, Channels)
-    final, following = diagnosis.final, next_loads_of(diagnosis, settings)
+    assert isinstance(data.shown, Channels)
+    final, next_measurement = diagnosis.final, next_loads_of(diagnosis, settings)
     assert isinstance(final.model, BenchModel)
     left = {
-        "reading_errors": _errors_table(diagnosis, gathered.shown, settings),
+        "reading_errors": _errors_table(diagnosis, data.shown, settings),
         "model": _model_text(final, settings),
         **sensor_pull_tables(final.model.known.sensor.unknowns, diagnosis.plain, final),
         "changes": changes_table(final),
-        "next_loads": following.table,
+        "next_loads": next_measurement.table,
     }
-    return InstrumentResults(left, following.advice)
+    return InstrumentResults(left, next_measurement.advice)
 
 
 def _errors_table(diagnosis: CauseDiagnosis, channels: Channels, settings: Campaign) -> pa.Table:

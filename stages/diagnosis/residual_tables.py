@@ -43,10 +43,10 @@ def identified_table(artifact: str, rows: list[dict[str, Any]], key: str, presen
     return pa.Table.from_pylist(rows, schema=ARTIFACTS[artifact].arrow_schema(identifier, present=tuple(present)))
 
 
-def prediction_table(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any]) -> pa.Table:
+def prediction_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table:
     """Rows of prediction.parquet: every pose without and with what was found."""
-    poses = {"calibration": gathered.calibration.conditions.poses}
-    poses |= {} if gathered.held_out is None else {HELD_OUT: gathered.held_out.conditions.poses}
+    poses = {"calibration": data.calibration.conditions.poses}
+    poses |= {} if data.held_out is None else {HELD_OUT: data.held_out.conditions.poses}
     rows: list[dict[str, Any]] = []
     for role, before, after in errors_by_role(diagnosis):
         columns = {
@@ -62,11 +62,11 @@ def prediction_table(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any]) ->
     return identified_table("prediction", rows, "pose")
 
 
-def left_out_table(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any]) -> pa.Table:
+def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table:
     """Rows of diagnosis_left_out.parquet: what was taken out as a gross error, of which there is something."""
     rows = [
         {
-            **_place(one, gathered),
+            **_place(one, data),
             "subject": _subject(one, diagnosis),
             "reason": _GROSS,
             "value": one.length,
@@ -79,9 +79,9 @@ def left_out_table(diagnosis: CauseDiagnosis, gathered: DiagnosisData[Any]) -> p
     return identified_table("diagnosis_left_out", rows, where[0], where)
 
 
-def _place(one: ScreenedValue, gathered: DiagnosisData[Any]) -> dict[str, Any]:
+def _place(one: ScreenedValue, data: DiagnosisData[Any]) -> dict[str, Any]:
     """The pose, or the run and step, by name."""
-    poses = gathered.held_out if one.held_out else gathered.calibration
+    poses = data.held_out if one.held_out else data.calibration
     conditions: Any = poses.conditions if poses is not None else None
     if not hasattr(conditions, "run"):
         return {"pose": conditions.poses[one.row]}

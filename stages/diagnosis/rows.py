@@ -67,7 +67,7 @@ def _missing_rows(diagnosis: CauseDiagnosis) -> Iterator[dict[str, Any]]:
     """Yield a row per cause that could not be tested because something was not recorded or varied."""
     for cause in cast("tuple[Cause, ...]", diagnosis.unasked):
         if missing := cause.lacks(diagnosis.plain.scene):
-            said = clause(claim_of(cause, diagnosis.plain.model.part_count))
+            text = clause(claim_of(cause, diagnosis.plain.model.part_count))
             yield {
                 "cause": cause.id,
                 "verdict": "not testable",
@@ -79,7 +79,7 @@ def _missing_rows(diagnosis: CauseDiagnosis) -> Iterator[dict[str, Any]]:
                 "next_measurement": "",
                 "unit": "",
                 "settings": "{}",
-                "clause": said,
+                "clause": text,
             }
 
 
@@ -207,8 +207,8 @@ def _plain(value: Any) -> Any:
 
 def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
     """A cause's parameters as the contract names them: value, sigma, unit."""
-    told = verdict.cause.reported(verdict.values, verdict.covariance, legs)
-    return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in told}
+    reported = verdict.cause.reported(verdict.values, verdict.covariance, legs)
+    return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in reported}
 
 
 def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
@@ -239,8 +239,8 @@ def _attributed_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels) -
     for own in diagnosis.attributed:
         names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
         follows = tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
-        told = [set(cause.inputs(legs)) for cause in unnamed if cause.subject in ("", *names)]
-        if any(set(follows) <= columns for columns in told):
+        reported = [set(cause.inputs(legs)) for cause in unnamed if cause.subject in ("", *names)]
+        if any(set(follows) <= columns for columns in reported):
             continue
         where = shown.only(own.channels[0]) if own.channels else shown.overall(final.error)
         yield _without_mean_effect(own.p_value, final, where) | {
@@ -257,8 +257,8 @@ def _attributed_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels) -
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Noise larger than declared is structure too: something moves what was measured that nothing here explains."""
     missed = shown.rms(final.error), shown.floor(final.floor)
-    said = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit)
-    return _of_noise(level, final, shown) | {"explanation": said, "next_measurement": shown.scatter}
+    text = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit)
+    return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
 
 
 def _name(final: FittedModel, target: int) -> str:
@@ -281,11 +281,11 @@ def _noise_dependence_row(own: NoiseDependence, final: FittedModel, shown: Repor
     follows = own_name(own.driver.name) or f"{whose} {names[0]}"
     where = f"Look at {follows}" if names else f"Repeat it where {follows} differs"
     missed = shown.rms(final.error), shown.floor(final.floor)
-    said = noise_explanation(own.ratio, own.sigma, *missed, [follows], shown.unit)
+    text = noise_explanation(own.ratio, own.sigma, *missed, [follows], shown.unit)
     return _of_noise(own, final, shown) | {
         "subject": f"{whose} {names[0]}" if names else "",
         "follows": listed(_dependence_column(own.driver.column)),
-        "explanation": said,
+        "explanation": text,
         "next_measurement": f"{shown.scatter} {where}.",
     }
 
@@ -305,15 +305,15 @@ def _row_of_cause(
     values = cause.reported(np.array([value]), np.array([[sigma**2]]), legs)
     sizes = tuple(ParameterSize(one.name, one.value, one.sigma, one.unit) for one in values)
     claim = replace(claim_of(cause, legs), sizes=sizes)
-    said = clause(claim)
+    text = clause(claim)
     return _without_mean_effect(p_value, final, shown) | {
         "cause": cause.id,
         "subject": cause.subject,
         "parameters": json.dumps({s.name: {"value": s.value, "sigma": s.sigma, "unit": s.unit} for s in sizes}),
-        "explanation": scatter_explanation(said, p_value, doubt),
+        "explanation": scatter_explanation(text, p_value, doubt),
         **({"verdict": "suspected", "reason_code": doubt} if doubt else {}),
         "settings": json.dumps(claim.settings),
-        "clause": said,
+        "clause": text,
         **_advised(confirming(claim, cause.confirm)),
     }
 

@@ -39,16 +39,16 @@ SHARE_OF_RAYS = 1.0 / 3.0
 
 def assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
     """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
-    gathered = _assembled_data(tables, settings)
-    return replace(gathered, given=tuple(searched_for(settings, gathered.given)))
+    data = _assembled_data(tables, settings)
+    return replace(data, given=tuple(searched_for(settings, data.given)))
 
 
 def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
     if "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
     if (own := registered(_OF_TYPES, settings)) is not None:
-        gathered: DiagnosisData[Any] = own.gather(tables, settings)
-        return gathered
+        data: DiagnosisData[Any] = own.gather(tables, settings)
+        return data
     if settings.mechanism.is_legged:
         from truing.stages.diagnosis.mechanism_points import assemble
 
@@ -62,13 +62,13 @@ def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     return assemble_bodies(tables, settings)
 
 
-def _started(gathered: DiagnosisData[Any], tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
+def _started(data: DiagnosisData[Any], tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
     """What is compared, with what the model tells that the campaign starts from."""
     if "start" not in tables:
-        return gathered
+        return data
     from truing.stages.diagnosis.prior_campaign import started
 
-    return started(gathered, str(tables["start"]), settings.diagnosis.seed)
+    return started(data, str(tables["start"]), settings.diagnosis.seed)
 
 
 def kinds_of(settings: Campaign, *, photographed: bool = False) -> Mapping[str, Cause]:
@@ -115,29 +115,29 @@ def rule_with_rays(rule: Settings) -> Settings:
     return replace(rule, false_alarm=(1.0 - SHARE_OF_RAYS) * rule.false_alarm)
 
 
-def decided(gathered: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
+def decided(data: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
     """All that the search over the catalogue decides."""
     rule = rule_of(settings)
-    photographed = isinstance(gathered.model, RecordedModel) and gathered.model.photographed is not None
+    photographed = isinstance(data.model, RecordedModel) and data.model.photographed is not None
     kinds = searched_for(settings, kinds_of(settings, photographed=photographed).values())
-    return _searched(gathered, rule_with_rays(rule) if photographed else rule, kinds, progress)
+    return _searched(data, rule_with_rays(rule) if photographed else rule, kinds, progress)
 
 
-def decided_of_rays(gathered: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
+def decided_of_rays(data: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
     """All that the search for causes of rays decides."""
     kinds = searched_for(settings, catalogue_of_rays().values())
-    return _searched(gathered, rule_of_rays(rule_of(settings)), kinds, progress, "rays: ")
+    return _searched(data, rule_of_rays(rule_of(settings)), kinds, progress, "rays: ")
 
 
 def _searched(
-    gathered: DiagnosisData[Any], rule: Settings, kinds: Sequence[Cause], progress: Progress, of: str = ""
+    data: DiagnosisData[Any], rule: Settings, kinds: Sequence[Cause], progress: Progress, of: str = ""
 ) -> CauseDiagnosis:
     search = CauseSelection(
-        gathered.model,
-        gathered.calibration,
-        gathered.held_out,
+        data.model,
+        data.calibration,
+        data.held_out,
         rule,
         lambda what: progress(0, 1, f"{of}{what}"),
-        gathered.given,
+        data.given,
     )
     return search.run(kinds)

@@ -94,12 +94,12 @@ def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table
 def _names(found: CollectedRows, targets: pa.Table | None) -> tuple[Names, Names, Names]:
     point, body, target = own_names(_text(found, "point"), targets)
     given_body, given_target = _text(found, "body"), _text(found, "target")
-    told = given_target != ""
-    both = told & (given_body != "")
+    reported = given_target != ""
+    both = reported & (given_body != "")
     joined = np.array([f"{b}/{t}" for b, t in zip(given_body, given_target, strict=True)], dtype=object)
-    named = np.where(both, joined, np.where(told, given_target, point))
-    own_body = np.where(told | (given_body != ""), given_body, body)
-    return named, own_body, np.where(told, given_target, target)
+    named = np.where(both, joined, np.where(reported, given_target, point))
+    own_body = np.where(reported | (given_body != ""), given_body, body)
+    return named, own_body, np.where(reported, given_target, target)
 
 
 def _text(found: CollectedRows, name: str, otherwise: str = "") -> Names:
@@ -182,8 +182,8 @@ def _photographs(
     images = list(dict.fromkeys(zip(*(image_points.column(key).to_pylist() for key in keys), strict=True)))
     for camera in dict.fromkeys(camera for _, _, camera in images):
         if formats.get(camera, {}).get("width_px") is None:
-            said = f"[[cameras]] or the table cameras with width_px and height_px of camera {camera}"
-            log.add(Fault(found.first_file, said, column="camera", value=str(camera)))
+            text = f"[[cameras]] or the table cameras with width_px and height_px of camera {camera}"
+            log.add(Fault(found.first_file, text, column="camera", value=str(camera)))
     columns: dict[str, Any] = {key: [image[k] for image in images] for k, key in enumerate(keys)}
     columns |= {"file": [None] * len(images), "principal_distance_px": [None] * len(images)}
     sides = ("width_px", "height_px")

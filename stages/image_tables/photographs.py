@@ -51,9 +51,9 @@ def opened(source: CampaignFiles, settings: Any) -> str:
     log.throw()
     found = photographs.found
     poses, cameras = ({getattr(one, name) for one in found} for name in ("pose", "camera"))
-    said = f"{counted(len(found), 'photograph')} of {counted(len(poses), 'pose')} by {counted(len(cameras), 'camera')}"
+    text = f"{counted(len(found), 'photograph')} of {counted(len(poses), 'pose')} by {counted(len(cameras), 'camera')}"
     left_out = reasons("file", photographs.left_out)
-    return said + (f"; left out {'; '.join(left_out)}" if left_out else "")
+    return text + (f"; left out {'; '.join(left_out)}" if left_out else "")
 
 
 def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> PhotographFiles:

@@ -186,10 +186,10 @@ def _row(given: GivenCamera, rows: Mapping[str, Row], file: str, log: FaultLog) 
     known = rows.get(given.name)
     if known is None:
         return _alone(own)
-    told = {**known, "focal_px": _principal_distance(known)}
+    reported = {**known, "focal_px": _principal_distance(known)}
     stated = {**own, "focal_px": _principal_distance({"pixel_um": known.get("pixel_um"), **own})}
     for name, value in stated.items():
-        other = told.get(name)
+        other = reported.get(name)
         if name in ("free", "c_mm") or value is None or other is None:
             continue
         if abs(value - other) > _SAME * max(abs(value), abs(other)):

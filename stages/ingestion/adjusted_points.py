@@ -57,8 +57,8 @@ class AdjustedPoints:
         point = _texts(self.table, "point")
         body, of_several = _bodies(body, target, surveyed, self.boards)
         for name in dict.fromkeys(target[of_several].tolist()):
-            said = "one body whose survey has this target, or its body in image_targets or image_points"
-            log.add(Fault(FILE, said, column="target", value=name))
+            text = "one body whose survey has this target, or its body in image_targets or image_points"
+            log.add(Fault(FILE, text, column="target", value=name))
         ends = np.array([name in self.ends for name in point], dtype=bool)
         foreign = np.array([bool(bodies) and name not in bodies for name in body], dtype=bool)
         unsurveyed = np.array([name not in surveyed for name in body], dtype=bool)

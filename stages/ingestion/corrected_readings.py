@@ -63,18 +63,18 @@ def corrected(
 
     The air and the temperature at the zero are those of the run's first step.
     """
-    channel, told = texts(found, "channel"), Corrections()
+    channel, corrections = texts(found, "channel"), Corrections()
     grows = [name for name in ("dx", "dy", "dz") if getattr(settings.material, name) and (channel == name).any()]
     if not settings.compensated:
         _check(found, AIR, "readings are not compensated ([interferometer] compensated = false)", log)
     if grows:
         _check(found, (MATERIAL,), "[interferometer.material] says how the frame grows", log)
     if log:
-        return reading, told
-    value = _in_air(found, reading, channel, settings, told)
+        return reading, corrections
+    value = _in_air(found, reading, channel, settings, corrections)
     for name in grows:
-        value = _without_growth(found, value, channel == name, getattr(settings.material, name), settings, told)
-    return value, told
+        value = _without_growth(found, value, channel == name, getattr(settings.material, name), settings, corrections)
+    return value, corrections
 
 
 def _check(found: CollectedRows, names: Sequence[str], why: str, log: FaultLog) -> None:
@@ -94,7 +94,11 @@ def _at_zero(found: CollectedRows, values: Array) -> Array:
 
 
 def _in_air(
-    found: CollectedRows, reading: Array, channel: NDArray[np.object_], settings: Interferometer, told: Corrections
+    found: CollectedRows,
+    reading: Array,
+    channel: NDArray[np.object_],
+    settings: Interferometer,
+    corrections: Corrections,
 ) -> Array:
     """Readings less what the air does; compensated ones as they came, with what their air leaves uncertain."""
     known = all(name in found.table.column_names for name in AIR)
@@ -123,12 +127,12 @@ def _in_air(
         slopes = edlen_slopes(wavelength, celsius, pascal, vapour)
         drift = _APART * index_sigma(slopes, each, 0.0)
         sigma = displacement_sigma(value, dead, index_sigma(slopes, each, spread.index), drift)
-    told.add(channel, "air", change, sigma)
+    corrections.add(channel, "air", change, sigma)
     return value
 
 
 def _without_growth(
-    found: CollectedRows, reading: Array, rows: Mask, growth: Any, settings: Interferometer, told: Corrections
+    found: CollectedRows, reading: Array, rows: Mask, growth: Any, settings: Interferometer, corrections: Corrections
 ) -> Array:
     """Readings of one channel's rows (N,) less what its material grew since the start of each run."""
     celsius = numbers(found, MATERIAL)
@@ -142,7 +146,7 @@ def _without_growth(
         expansion_sigma=growth.expansion_sigma_per_k,
         temperature_sigma=read,
     )
-    told.add(texts(found, "channel")[rows], "material", less.value - reading[rows], less.sigma)
+    corrections.add(texts(found, "channel")[rows], "material", less.value - reading[rows], less.sigma)
     value = reading.copy()
     value[rows] = less.value
     return value
@@ -156,12 +160,12 @@ def positions_at_reference(
     found: CollectedRows, settings: Interferometer, log: FaultLog
 ) -> tuple[CollectedRows, Corrections]:
     """Positions of an axis, mm, as they are at 20 degrees C, where [interferometer.material] says how it grows."""
-    told, axis = Corrections(), settings.material.axis
+    corrections, axis = Corrections(), settings.material.axis
     if axis is None:
-        return found, told
+        return found, corrections
     _check(found, (MATERIAL,), "[interferometer.material] says how the axis grows", log)
     if log:
-        return found, told
+        return found, corrections
     given = numbers(found, "position_mm")
     less: Corrected = at_reference_temperature(
         given,
@@ -171,6 +175,6 @@ def positions_at_reference(
         temperature_sigma=_read_with(settings.surroundings_sigma),
     )
     subject = np.full(len(given), "axis", object)
-    told.add(subject, "material", _UM_PER_MM * (less.value - given), _UM_PER_MM * less.sigma)
+    corrections.add(subject, "material", _UM_PER_MM * (less.value - given), _UM_PER_MM * less.sigma)
     place = found.table.column_names.index("position_mm")
-    return replace(found, table=found.table.set_column(place, "position_mm", pa.array(less.value))), told
+    return replace(found, table=found.table.set_column(place, "position_mm", pa.array(less.value))), corrections

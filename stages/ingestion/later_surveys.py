@@ -63,8 +63,8 @@ def read_later_surveys(
     found = collect_rows(source, RESURVEYS, log)
     if found is None:
         for number in range(1, len(settings.resurvey) * (not source.entries("resurveys")) + 1):
-            said = "the table resurveys.csv, or [files.resurveys]: where the targets were found"
-            log.add(Fault(_FILE, said, column=f"resurvey.{number}"))
+            text = "the table resurveys.csv, or [files.resurveys]: where the targets were found"
+            log.add(Fault(_FILE, text, column=f"resurvey.{number}"))
         return None
     if any(name not in found.table.column_names for name in RESURVEYS.required):
         return None  # told as the table was read
@@ -73,17 +73,17 @@ def read_later_surveys(
     if first is None:
         log.add(Fault(found.first_file, "targets.csv, or [files.targets]: a later survey is compared with the first"))
         return None
-    wished = _resurvey_settings(settings, found, order, log)
+    resurveys = _resurvey_settings(settings, found, order, log)
     cov = _covariances(found, settings.noise.point_mm, log)
     if log:
         return None
     places = _places(first.table, settings.noise.point_mm)
     out = LaterSurveys(left_out=dict(found.left_out))
     surveys, bodies = texts(found, "survey"), texts(found, "body")
-    pairs = [(name, body) for name in _in_time(wished) for body in dict.fromkeys(bodies[surveys == name].tolist())]
+    pairs = [(name, body) for name in _in_time(resurveys) for body in dict.fromkeys(bodies[surveys == name].tolist())]
     for name, body in pairs:
         seen = _seen(found, cov, (surveys == name) & (bodies == body))
-        _compare(out, places.setdefault(body, {}), seen, (name, body), wished[name], FALSE_ALARM / len(pairs))
+        _compare(out, places.setdefault(body, {}), seen, (name, body), resurveys[name], FALSE_ALARM / len(pairs))
     _check_names(out, first.table, found.first_file, log)
     return out
 
@@ -93,8 +93,8 @@ def _check_names(out: LaterSurveys, first: pa.Table, file: str, log: FaultLog) -
     known = Counter(zip(first.column("body").to_pylist(), first.column("target").to_pylist(), strict=True))
     known.update((row["body"], row["target"]) for row in out.added)
     for body, target in (pair for pair, count in known.items() if count > 1):
-        said = f"another name for the survey: body {body} has a target {target} already"
-        log.add(Fault(file, said, column="survey", value=target.rpartition("@")[2]))
+        text = f"another name for the survey: body {body} has a target {target} already"
+        log.add(Fault(file, text, column="survey", value=target.rpartition("@")[2]))
 
 
 @dataclass(frozen=True)
@@ -108,39 +108,39 @@ class _ResurveySettings:
     column: str = ""
 
 
-def _in_time(wished: dict[str, _ResurveySettings]) -> list[str]:
+def _in_time(settings: dict[str, _ResurveySettings]) -> list[str]:
     """Surveys in the order in which they hold; checks come last, in the order of the file."""
-    return sorted(wished, key=lambda name: (1 << 62) if (w := wished[name].window) is None else w[0])
+    return sorted(settings, key=lambda name: (1 << 62) if (w := settings[name].window) is None else w[0])
 
 
 def _resurvey_settings(
     settings: Any, found: CollectedRows, order: PoseTimes, log: FaultLog
 ) -> dict[str, _ResurveySettings]:
     names = [str(name) for name in dict.fromkeys(texts(found, "survey"))]
-    wished = {name: _ResurveySettings() for name in names}
+    resurveys = {name: _ResurveySettings() for name in names}
     since: dict[int, str] = {}
     for number, entry in enumerate(settings.resurvey, 1):
         column = f"resurvey.{number}"
-        if entry.survey not in wished:
+        if entry.survey not in resurveys:
             there = f"a survey of {found.first_file} ({', '.join(names)}){meant(entry.survey, names)}"
             log.add(Fault(_FILE, there, column=f"{column}.survey", value=entry.survey))
             continue
-        if wished[entry.survey].column:
+        if resurveys[entry.survey].column:
             log.add(Fault(_FILE, "each survey once", column=f"{column}.survey", value=entry.survey))
         own = texts(found, "survey") == entry.survey
         targets = [str(target) for target in texts(found, "target")[own]]
         for target in (one for one in entry.moved if one not in targets):
-            said = f"targets of survey {entry.survey}{meant(target, targets)}"
-            log.add(Fault(_FILE, said, column=f"{column}.moved", value=target))
+            text = f"targets of survey {entry.survey}{meant(target, targets)}"
+            log.add(Fault(_FILE, text, column=f"{column}.moved", value=target))
         where = None if entry.from_pose is None else window(order, entry.from_pose, None, column, log)
         if where is not None and where[0] in since:
-            said = f"a pose of its own; {since[where[0]]} holds from this one on, too"
-            log.add(Fault(_FILE, said, column=f"{column}.from_pose", value=str(entry.from_pose)))
+            text = f"a pose of its own; {since[where[0]]} holds from this one on, too"
+            log.add(Fault(_FILE, text, column=f"{column}.from_pose", value=str(entry.from_pose)))
         since |= {} if where is None else {where[0]: column}
         why = ": ".join(filter(None, (entry.by, entry.reason)))
         pose = None if entry.from_pose is None else str(entry.from_pose)
-        wished[entry.survey] = _ResurveySettings(where, pose, entry.moved, why, column)
-    return wished
+        resurveys[entry.survey] = _ResurveySettings(where, pose, entry.moved, why, column)
+    return resurveys
 
 
 def _covariances(found: CollectedRows, declared: float | None, log: FaultLog) -> Array:
@@ -176,25 +176,25 @@ def _compare(
     held: dict[str, Place],
     seen: dict[str, Place],
     of: tuple[str, str],
-    wish: _ResurveySettings,
+    options: _ResurveySettings,
     alarm: float,
 ) -> None:
     """One body in one survey against the places that held before, which become the new ones where it holds."""
     common = [target for target in seen if target in held]
     before, after = [held[target] for target in common], [seen[target] for target in common]
-    known = np.array([target in wish.moved for target in common], dtype=bool)
+    known = np.array([target in options.moved for target in common], dtype=bool)
     found = _comparison(before, after, known, alarm)
     for at, target in enumerate(common):
         new = seen[target], held[target], f"{target}@{of[0]}"
-        kept = wish.window is not None and bool(found.moved[at])
-        out.rows.append(_row(of, target, found, at, new[2] if kept else None, wish))
+        kept = options.window is not None and bool(found.moved[at])
+        out.rows.append(_row(of, target, found, at, new[2] if kept else None, options))
         if kept:
-            held[target] = _moved_on(out, of[1], target, (new[0], new[1]), new[2], found, wish)
+            held[target] = _moved_on(out, of[1], target, (new[0], new[1]), new[2], found, options)
     for target in (one for one in seen if one not in held):
-        told = found.status == "ok" and wish.window is not None
+        reported = found.status == "ok" and options.window is not None
         status = "new" if found.status == "ok" else found.status
-        out.rows.append(_new_row(of, target, status, target if told else None, wish))
-        if told:
+        out.rows.append(_new_row(of, target, status, target if reported else None, options))
+        if reported:
             held[target] = _added(out, of[1], seen[target], target, found)
 
 
@@ -211,16 +211,16 @@ def _moved_on(
     places: tuple[Place, Place],
     name: str,
     found: Any,
-    wish: _ResurveySettings,
+    options: _ResurveySettings,
 ) -> Place:
     """A target that sits elsewhere is another one by name; one that sat at an attachment and does not say that it sits
     there again is none of the survey."""
-    assert wish.window is not None
+    assert options.window is not None
     now, then = places
     for at, rule in enumerate(out.rules):
         if (rule.body, rule.called) == (body, target):
-            out.rules[at] = replace(rule, last=min(rule.last, wish.window[0] - 1))
-    out.rules.append(Relabel(body, target, name, *wish.window, wish.column, wish.why, wish.from_pose))
+            out.rules[at] = replace(rule, last=min(rule.last, options.window[0] - 1))
+    out.rules.append(Relabel(body, target, name, *options.window, options.column, options.why, options.from_pose))
     if then.leg and not now.leg:
         return replace(now, point=found.place(now.point[None], now.cov[None])[0][0], leg=then.leg, name=name)
     return _added(out, body, now, name, found)
@@ -236,14 +236,14 @@ def _added(out: LaterSurveys, body: str, now: Place, name: str, found: SurveyCom
 
 
 def _row(
-    of: tuple[str, str], target: str, found: Any, at: int, holds_as: str | None, wish: _ResurveySettings
+    of: tuple[str, str], target: str, found: Any, at: int, holds_as: str | None, options: _ResurveySettings
 ) -> dict[str, Any]:
-    told = found.status == "ok"
-    sigma = np.sqrt(np.diag(found.cov[at])) / _MM if told else (None,) * 3
-    shift = found.shift[at] / _MM if told else (None,) * 3
-    status = ("moved" if found.moved[at] else "same") if told else found.status
+    reported = found.status == "ok"
+    sigma = np.sqrt(np.diag(found.cov[at])) / _MM if reported else (None,) * 3
+    shift = found.shift[at] / _MM if reported else (None,) * 3
+    status = ("moved" if found.moved[at] else "same") if reported else found.status
     return {
-        **_new_row(of, target, status, holds_as, wish),
+        **_new_row(of, target, status, holds_as, options),
         **{f"shift_{a}_mm": None if v is None else float(v) for a, v in zip("xyz", shift, strict=True)},
         **{f"sigma_{a}_mm": None if v is None else float(v) for a, v in zip("xyz", sigma, strict=True)},
         "p_value": float(found.p_value[at]),
@@ -252,7 +252,7 @@ def _row(
 
 
 def _new_row(
-    of: tuple[str, str], target: str, status: str, holds_as: str | None, wish: _ResurveySettings
+    of: tuple[str, str], target: str, status: str, holds_as: str | None, options: _ResurveySettings
 ) -> dict[str, Any]:
     return {
         "later_survey": of[0],
@@ -261,7 +261,7 @@ def _new_row(
         "p_value": 1.0,
         "relocated": False,
         "holds_as": holds_as,
-        "from_pose": wish.from_pose,
+        "from_pose": options.from_pose,
         "status": status,
     }
 

@@ -202,8 +202,10 @@ def _check_constant(found: CollectedRows, first: Index, log: FaultLog) -> None:
     """A fault at every sample that says in words, or in whole numbers, something else than the first of its step."""
     for name in found.table.column_names:
         if name not in _OF_A_STEP and not _is_averaged(found.table, name):
-            told = texts(found, name)
-            found.fault(log, np.asarray(told != told[first], dtype=bool), name, f"one {name} for all samples of a step")
+            reported = texts(found, name)
+            found.fault(
+                log, np.asarray(reported != reported[first], dtype=bool), name, f"one {name} for all samples of a step"
+            )
 
 
 def checked_steps(

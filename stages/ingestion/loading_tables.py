@@ -104,8 +104,8 @@ def _is_symmetric(file: RawFile, matrix: Array, rows: list[int], log: FaultLog) 
     i, j = np.unravel_index(int(np.argmax(apart)), (6, 6))
     if apart[i, j] <= _TYPED:
         return True
-    said = f"{matrix[j, i]:g}, as in row {rows[j]}, column {LOADS[i]}: a compliance is symmetric"
-    log.add(Fault(file.name, said, row=rows[i], column=LOADS[j], value=f"{matrix[i, j]:g}"))
+    text = f"{matrix[j, i]:g}, as in row {rows[j]}, column {LOADS[i]}: a compliance is symmetric"
+    log.add(Fault(file.name, text, row=rows[i], column=LOADS[j], value=f"{matrix[i, j]:g}"))
     return False
 
 
@@ -175,13 +175,13 @@ class LoadingTables:
         every = (self.readings, self.signals, self.positions)
         tables = [table.table for table in every if table is not None]
         runs = {run for table in tables for run in table.column("run").to_pylist()}
-        said = count(len(runs), "run")
+        text = count(len(runs), "run")
         if done := [row for row in self.corrections if row["largest"] is not None]:
             words = (f"{row['subject']} for {row['correction']} by {row['largest']:.2g} {row['unit']}" for row in done)
-            said += f"; corrected at most: {', '.join(words)}"
+            text += f"; corrected at most: {', '.join(words)}"
         if self.readings is None:
-            said += "; no readings: the platform's displacement is not evaluated"
-        return said + ("; no signals: the sensor's calibration is not evaluated" if self.signals is None else "")
+            text += "; no readings: the platform's displacement is not evaluated"
+        return text + ("; no signals: the sensor's calibration is not evaluated" if self.signals is None else "")
 
 
 def _channels(table: pa.Table) -> str:
@@ -293,11 +293,11 @@ def _check_whole(found: CollectedRows, log: FaultLog) -> None:
         targets, ways, cycles = (set(column.tolist()) for column in columns)
         missing = len(targets) * len(cycles) * len(_WAYS) - int(own.sum())
         if missing or ways != set(_WAYS) or len(cycles) < _FEWEST_CYCLES:
-            said = (
+            text = (
                 f"run {run}: {count(len(targets), 'target')}, {count(len(cycles), 'cycle')}, {', '.join(sorted(ways))}"
             )
-            said += f", {count(missing, 'approach')} missing" if missing else ""
+            text += f", {count(missing, 'approach')} missing" if missing else ""
             expected = f"every target approached from both sides in every cycle, {_FEWEST_CYCLES} cycles at least"
             if len(targets) > _MANY * int(own.sum()) > _MANY * len(set(numbers(found, "position_mm")[own].tolist())):
                 expected += "; are the columns target_mm and position_mm exchanged?"
-            log.add(Fault(found.first_file, expected, column="cycle", value=said))
+            log.add(Fault(found.first_file, expected, column="cycle", value=text))

@@ -227,8 +227,8 @@ class Points:
             self.left_out[file, "circles without a code: no survey (targets.csv) names them by its geometry"] += count
             return
         if self.expected.survey is None:
-            said = "targets.csv (or [files.targets]): points without names are named by the survey's geometry"
-            self.log.add(Fault(file, said, column="target"))
+            text = "targets.csv (or [files.targets]): points without names are named by the survey's geometry"
+            self.log.add(Fault(file, text, column="target"))
             return
         if self.expected.point_mm is None:
             self.log.add(Fault("campaign.toml", "the noise of a point, to name points by", column="noise.point_mm"))
@@ -239,8 +239,8 @@ class Points:
                 yield self._taken(raw, batch)
         self.left_out.update(self.unlabelled.left_out)
         for pose, count in self.unlabelled.too_many.items():
-            said = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
-            self.log.add(Fault(file, said, value=f"{count} in pose {pose}"))
+            text = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
+            self.log.add(Fault(file, text, value=f"{count} in pose {pose}"))
         # in photographs, screws and holes are circles as well: beside targets with names they are only left out
         bodies_by_codes = self._with_own_names if self.source.has_photographs else set()
         for body, why in self.unlabelled.hopeless().items():
@@ -335,8 +335,8 @@ class Points:
                 pose, body, target = self._ledger.name_of(row)
                 value = f"pose {pose}, {body}, {target}"
                 count = len(rows) - SHOWN + 1 if shown == SHOWN - 1 else 1
-                said = "".join(part.called(pose, body, target) for part in self.expected.relabelled)
-                faults = CellFaults(f"each pose, body and target once{said}", None, ((record, value),), count)
+                text = "".join(part.called(pose, body, target) for part in self.expected.relabelled)
+                faults = CellFaults(f"each pose, body and target once{text}", None, ((record, value),), count)
                 self.log.cells(file.raw.name, faults, file.locate)
 
     def _check_bodies(self) -> None:
@@ -354,8 +354,8 @@ class Points:
                 self.log.cells(own.raw.name, faults, own.locate)
         for body in dict.fromkeys((*self.expected.always, *filter(None, (self.expected.reference,)))):
             if body not in bodies:
-                said = f"points of body {body}; there are points of {', '.join(bodies)}{meant(body, bodies)}"
-                self.log.add(Fault(file, said, column="body"))
+                text = f"points of body {body}; there are points of {', '.join(bodies)}{meant(body, bodies)}"
+                self.log.add(Fault(file, text, column="body"))
             elif body in self.expected.always and not self.unlabelled.parts:
                 self._check_every_pose(file, body, seen.any(axis=1) & ~seen[:, bodies.index(body)])
         self._check_names(file)
@@ -365,15 +365,15 @@ class Points:
         labels = self._ledger.labels.values
         surveyed_bodies, bodies = list(self.expected.geometry.survey), self._ledger.bodies()
         if surveyed_bodies and not set(surveyed_bodies) & set(bodies):
-            said = f"points of a body that was surveyed ({', '.join(surveyed_bodies)})"
-            said += meant_by(bodies, surveyed_bodies)
-            self.log.add(Fault(file, said, column="body", value=", ".join(bodies)))
+            text = f"points of a body that was surveyed ({', '.join(surveyed_bodies)})"
+            text += meant_by(bodies, surveyed_bodies)
+            self.log.add(Fault(file, text, column="body", value=", ".join(bodies)))
         for body, surveyed in self.expected.geometry.survey.items():
             seen = [target for name, target in labels if name == body]
             if seen and not any(target in surveyed for target in seen):
-                said = f"targets of {body} by the names they have in the survey ({', '.join(list(surveyed)[:3])}, ...)"
-                said += meant_by(seen, surveyed)
-                self.log.add(Fault(file, said, column="target", value=", ".join(seen[:3])))
+                text = f"targets of {body} by the names they have in the survey ({', '.join(list(surveyed)[:3])}, ...)"
+                text += meant_by(seen, surveyed)
+                self.log.add(Fault(file, text, column="target", value=", ".join(seen[:3])))
 
     def _check_every_pose(self, file: str, body: str, without: Mask) -> None:
         for pose in np.flatnonzero(without).tolist():

@@ -56,9 +56,9 @@ def rotation_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | N
     names = set(found.table.column_names)
     begun = {words: columns for words, columns in _FAMILIES.items() if names & set(columns)}
     if len(begun) != 1:
-        told = " | ".join(_FAMILIES)
+        text = " | ".join(_FAMILIES)
         value = " and ".join(begun) or None
-        log.add(Fault(found.first_file, f"one kind of rotation: {told}", column="poses", value=value))
+        log.add(Fault(found.first_file, f"one kind of rotation: {text}", column="poses", value=value))
         return None
     (columns,) = begun.values()
     missing = [name for name in columns if name not in names]
@@ -207,13 +207,13 @@ def check_bodies(poses: PoseTable, expected: ExpectedPoints, log: FaultLog) -> N
         own = {str(p) for p, b in zip(*map(_listed(poses), ("pose", "body")), strict=True) if b == body}
         if not own:
             cure = '; of an instrument that stood still: [measurement] frame = "campaign"' if body == "base" else ""
-            said = f"poses of body {body}; there are poses of {', '.join(poses.bodies)}{cure}"
-            log.add(Fault(poses.files[0], said, column="body"))
+            text = f"poses of body {body}; there are poses of {', '.join(poses.bodies)}{cure}"
+            log.add(Fault(poses.files[0], text, column="body"))
             continue
         lost = [str(p) for p in dict.fromkeys(_listed(poses)("pose")) if str(p) not in own]
         if body in expected.always and lost:
-            said = f"a pose of body {body} wherever another body has one"
-            log.add(Fault(poses.files[0], said, column="body", value=f"none in pose {lost[0]}", more=len(lost) - 1))
+            text = f"a pose of body {body} wherever another body has one"
+            log.add(Fault(poses.files[0], text, column="body", value=f"none in pose {lost[0]}", more=len(lost) - 1))
 
 
 def _listed(poses: PoseTable) -> Any:
@@ -291,8 +291,8 @@ def _given_covariance(found: CollectedRows, log: FaultLog) -> Array:
     covariance = np.zeros((len(found.table), 6, 6))
     lacking = [name for name in (f"cov_{i}_{i}" for i in range(6)) if name not in names]
     if lacking:
-        said = f"a column {lacking[0]}: a covariance has all six variances, in m², rad²"
-        log.add(Fault(found.first_file, said, column=lacking[0]))
+        text = f"a column {lacking[0]}: a covariance has all six variances, in m², rad²"
+        log.add(Fault(found.first_file, text, column=lacking[0]))
         return np.broadcast_to(np.eye(6), covariance.shape)
     for name in (name for name in POSE_COVARIANCE if name in names):
         i, j = int(name[4]), int(name[6])

@@ -89,11 +89,11 @@ def lengths(found: CollectedRows, settings: Any, log: FaultLog) -> Lengths | Non
     source = "column" if "sigma" in found.table.column_names else "ellipse"
     for name in dict.fromkeys(channel):
         own = order[channel[order] == name]
-        told = _channel_lengths(signals[own], run[own], settings)
-        value[own], sigma[own] = told.length, told.sigma
-        rows.append({"channel": name, **told.facts, "sigma_source": source})
-        if not told.fit.ok[0]:
-            expected = f"signals of {name} that go round their ellipse: {told.fit.status[0]}"
+        reported = _channel_lengths(signals[own], run[own], settings)
+        value[own], sigma[own] = reported.length, reported.sigma
+        rows.append({"channel": name, **reported.facts, "sigma_source": source})
+        if not reported.fit.ok[0]:
+            expected = f"signals of {name} that go round their ellipse: {reported.fit.status[0]}"
             log.add(Fault(found.first_file, expected, column="signal_x"))
     if log:
         return None
@@ -243,8 +243,8 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
 def _check_whole(optics: Interferometer, log: FaultLog) -> None:
     """Six components come as whole displacements: nothing of beams and frame is left to correct."""
     growing = any(getattr(optics.material, name) for name in CHANNELS[:3])
-    for name, said in (("beams", not optics.beams.are_plain), ("material", growing)):
-        if said:
+    for name, is_stated in (("beams", not optics.beams.are_plain), ("material", growing)):
+        if is_stated:
             expected = "readings of an interferometer to correct: the six components of displacement.csv are corrected"
             log.add(Fault("campaign.toml", expected, column=f"interferometer.{name}"))
 

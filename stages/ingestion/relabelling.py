@@ -109,8 +109,8 @@ class Relabelling:
         for rule, count in zip(self.rules, self.count, strict=True):
             if not count:
                 there = [target for body, target in seen if body == rule.body and target != rule.target]
-                said = f"a target that body {rule.body} has under this name in these poses{meant(rule.called, there)}"
-                log.add(Fault(_FILE, said, column=f"{rule.column}.called", value=rule.called))
+                text = f"a target that body {rule.body} has under this name in these poses{meant(rule.called, there)}"
+                log.add(Fault(_FILE, text, column=f"{rule.column}.called", value=rule.called))
 
 
 def _has(batch: TableBatch, rule: Relabel) -> bool:
@@ -124,13 +124,13 @@ def window(order: PoseTimes, from_pose: object, to_pose: object, column: str, lo
     last = len(order.names) - 1 if to_pose is None else order.of_pose(to_pose)
     for key, pose, place in (("from_pose", from_pose, first), ("to_pose", to_pose, last)):
         if place is None:
-            said = f"a pose of the campaign{meant(str(pose), order.names)}"
-            log.add(Fault(_FILE, said, column=f"{column}.{key}", value=str(pose)))
+            text = f"a pose of the campaign{meant(str(pose), order.names)}"
+            log.add(Fault(_FILE, text, column=f"{column}.{key}", value=str(pose)))
     if first is None or last is None:
         return None
     if first > last:
-        said = f"a pose taken no later than to_pose ({to_pose}), in the order of time"
-        log.add(Fault(_FILE, said, column=f"{column}.from_pose", value=str(from_pose)))
+        text = f"a pose taken no later than to_pose ({to_pose}), in the order of time"
+        log.add(Fault(_FILE, text, column=f"{column}.from_pose", value=str(from_pose)))
         return None
     return first, last
 
@@ -143,8 +143,8 @@ def declared(settings: Any, order: PoseTimes, survey: pa.Table | None, log: Faul
         places = window(order, entry.from_pose, entry.to_pose, column, log)
         known = _surveyed(survey, entry.body)
         if known and entry.target not in known:
-            said = f"a target of body {entry.body} in the survey{meant(entry.target, known)}"
-            log.add(Fault(_FILE, said, column=f"{column}.target", value=entry.target))
+            text = f"a target of body {entry.body} in the survey{meant(entry.target, known)}"
+            log.add(Fault(_FILE, text, column=f"{column}.target", value=entry.target))
         if entry.target == entry.called:
             log.add(Fault(_FILE, "another name than the target has", column=f"{column}.called", value=entry.called))
         if places is not None:
@@ -161,14 +161,14 @@ def _contradictions(one: Relabel, other: Relabel) -> Iterator[Fault]:
     if not one.meets(other):
         return
     if one.called == other.called and one.target != other.target:
-        said = f"one target for {one.called} of body {one.body} in one pose; {one.column} says {one.target}"
-        yield Fault(_FILE, said, column=f"{other.column}.target", value=other.target)
+        text = f"one target for {one.called} of body {one.body} in one pose; {one.column} says {one.target}"
+        yield Fault(_FILE, text, column=f"{other.column}.target", value=other.target)
     elif one.called == other.called:
-        said = f"a name once in one pose; {one.column} says the same of {one.called}"
-        yield Fault(_FILE, said, column=f"{other.column}.called", value=other.called)
+        text = f"a name once in one pose; {one.column} says the same of {one.called}"
+        yield Fault(_FILE, text, column=f"{other.column}.called", value=other.called)
     elif one.target == other.target:
-        said = f"one name for {one.target} of body {one.body} in one pose; {one.column} says {one.called}"
-        yield Fault(_FILE, said, column=f"{other.column}.called", value=other.called)
+        text = f"one name for {one.target} of body {one.body} in one pose; {one.column} says {one.called}"
+        yield Fault(_FILE, text, column=f"{other.column}.called", value=other.called)
 
 
 def _surveyed(survey: pa.Table | None, body: str) -> list[str]:

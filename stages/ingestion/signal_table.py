@@ -127,8 +127,8 @@ def with_leg_signals(found: CollectedRows, settings: Any, log: FaultLog) -> Coll
         return found
     shown = np.column_stack([numbers(found, name) for name in SHOWN])
     sensitivity = np.broadcast_to(settings.signals.sensitivity_mv_per_n or _PER_N, 6)
-    told = np.linalg.solve(G, shown.T).T * sensitivity
+    reported = np.linalg.solve(G, shown.T).T * sensitivity
     table = found.table.select([name for name in names if name not in SHOWN])
     for leg in range(6):
-        table = table.append_column(f"v{leg + 1}_mv", pa.array(told[:, leg]))
+        table = table.append_column(f"v{leg + 1}_mv", pa.array(reported[:, leg]))
     return replace(found, table=table)

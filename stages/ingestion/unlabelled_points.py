@@ -141,8 +141,8 @@ class Unlabelled:
 
 def _refusal(labelling: Labelling) -> str:
     rivals = ", ".join(rival.name for rival in labelling.rivals[:_SHOWN_RIVALS])
-    said = f"names refused ({labelling.status.value})"
-    return f"{said}; rivals: {rivals}. {labelling.remedy}" if rivals else f"{said}. {labelling.remedy}"
+    text = f"names refused ({labelling.status.value})"
+    return f"{text}; rivals: {rivals}. {labelling.remedy}" if rivals else f"{text}. {labelling.remedy}"
 
 
 def _groups(pose: list[str], given: list[str]) -> Iterator[tuple[str, str, Index]]:

@@ -52,19 +52,19 @@ def limits_of(prediction: PredictedPrecision) -> list[str]:
     whole = prediction.sigma**2
     camera = 1.0 - largest_sigma(prediction.with_known_camera) ** 2 / whole
     scale = 1.0 - largest_sigma(prediction.with_known_scale) ** 2 / whole
-    said = []
+    texts = []
     for place, variance in enumerate(whole):
         if np.isnan(variance):
-            said.append("not seen twice")
+            texts.append("not seen twice")
         elif scale[place] > 0.5:
-            said.append("scale")
+            texts.append("scale")
         elif camera[place] > 0.5:
-            said.append("camera")
+            texts.append("camera")
         elif prediction.rays[place] < _FEW_RAYS:
-            said.append("few rays")
+            texts.append("few rays")
         else:
-            said.append("narrow rays" if prediction.angle[place] < _NARROW else "noise")
-    return said
+            texts.append("narrow rays" if prediction.angle[place] < _NARROW else "noise")
+    return texts
 
 
 def bodies_table(plan: PhotographPlan) -> pa.Table:
@@ -102,27 +102,27 @@ def curve_table(plan: PhotographPlan) -> pa.Table:
 
 def sentences(plan: PhotographPlan) -> list[str]:
     """What a person in the laboratory takes along."""
-    own, wish = plan.prediction, plan.options
-    told = [
+    own, options = plan.prediction, plan.options
+    texts = [
         f"{counted(plan.stations.count, 'photograph')}, chosen from "
         f"{counted(plan.candidates, 'station')}: the worst target to "
         f"{plan.worst_mm:.2g} mm, in the mean {1e3 * np.sqrt(np.nanmean(own.sigma**2)):.2g} mm (standard deviations)."
     ]
-    if wish.target_sigma_mm is not None:
+    if options.target_sigma_mm is not None:
         reached = (
-            f"That is within the wanted {wish.target_sigma_mm:g} mm"
+            f"That is within the wanted {options.target_sigma_mm:g} mm"
             if plan.reaches
-            else f"The wanted {wish.target_sigma_mm:g} mm are not reached"
+            else f"The wanted {options.target_sigma_mm:g} mm are not reached"
         )
-        told.append(f"{reached}{_remedy(plan)}.")
+        texts.append(f"{reached}{_remedy(plan)}.")
     if plan.undetermined:
-        told.append(f"Seen by fewer than two of them: {', '.join(plan.undetermined[:10])}.")
+        texts.append(f"Seen by fewer than two of them: {', '.join(plan.undetermined[:10])}.")
     known = float(np.nanmax(largest_sigma(own.with_known_camera)))
     if 1e3 * known < 0.8 * plan.worst_mm:
-        told.append(f"With a camera that is calibrated beforehand it would be {1e3 * known:.2g} mm.")
+        texts.append(f"With a camera that is calibrated beforehand it would be {1e3 * known:.2g} mm.")
     if not len(plan.planned.bars.bar):
-        told.append("Nothing gives the scale: what is told here is the shape alone. Name scale_bars with their sigma.")
-    return told
+        texts.append("Nothing gives the scale: what is told here is the shape alone. Name scale_bars with their sigma.")
+    return texts
 
 
 def _remedy(plan: PhotographPlan) -> str:

@@ -88,8 +88,8 @@ def _targets(
         directions[moves] = directions[moves] @ reached.R.T
     layout = PlannedObject(points, directions, _diameters(settings, tables.get("image_targets"), kept))
     left_out = sorted({row["body"] for row in rows} - {row["body"] for row in kept})
-    said = (f"Not planned for, because nothing tells where they are: {', '.join(left_out)}.",) if left_out else ()
-    return PlannedTargets(tuple(row["body"] for row in kept), tuple(row["target"] for row in kept), layout), said
+    statements = (f"Not planned for, because nothing tells where they are: {', '.join(left_out)}.",) if left_out else ()
+    return PlannedTargets(tuple(row["body"] for row in kept), tuple(row["target"] for row in kept), layout), statements
 
 
 def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[tuple[str, str], Array]:
@@ -117,9 +117,9 @@ def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[t
 
 def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[str, Any]]) -> Array:
     """The diameter (P,) of each target in m: its own, else that of all; NaN where nothing tells."""
-    told = {} if image_targets is None else {(row["body"], row["target"]): row for row in image_targets.to_pylist()}
+    reported = {} if image_targets is None else {(row["body"], row["target"]): row for row in image_targets.to_pylist()}
     usual = settings.photographs.target_mm
-    own = [told.get((row["body"], row["target"]), {}).get("diameter_mm") or usual for row in rows]
+    own = [reported.get((row["body"], row["target"]), {}).get("diameter_mm") or usual for row in rows]
     return np.array([np.nan if value is None else 1e-3 * value for value in own])
 
 
@@ -130,11 +130,11 @@ def _bars(table: pa.Table | None, targets: PlannedTargets) -> tuple[Bars, tuple[
     kept = [row for row in rows if row["first"] in place and row["second"] in place]
     kept = list({row["bar"]: row for row in kept}.values())
     astray = sorted({row["bar"] for row in rows} - {row["bar"] for row in kept})
-    said = (f"Not used, because their ends are no surveyed targets: {', '.join(astray)}.",) if astray else ()
+    statements = (f"Not used, because their ends are no surveyed targets: {', '.join(astray)}.",) if astray else ()
     if not kept:
-        return Bars.none(), said
+        return Bars.none(), statements
     number = np.arange(len(kept))
     ends = np.array([[place[row["first"]], place[row["second"]]] for row in kept])
     length = np.linalg.norm(np.diff(targets.layout.points[ends], axis=1)[:, 0], axis=1)  # as the survey has it
     sigma, repeat = (np.array([1e-3 * row[name] for row in kept]) for name in ("sigma_mm", "repeat_sigma_mm"))
-    return Bars(number, ends[:, 0], ends[:, 1], repeat, length, sigma), said
+    return Bars(number, ends[:, 0], ends[:, 1], repeat, length, sigma), statements

@@ -69,20 +69,20 @@ def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, readi
     ratio = float(np.median(found[moved] / moves[moved]))
     slip = next((words for at, words in _SLIPS[columns.unit].items() if abs(abs(ratio) / at - 1.0) < _OF_SLIP), "")
     sign = " with its sign turned" if ratio < 0.0 else ""
-    said = f"{column} moves {ratio:.6g} times as far as {columns.command}"
+    text = f"{column} moves {ratio:.6g} times as far as {columns.command}"
     if slip or (sign and abs(abs(ratio) - 1.0) < _ODD):
         meant = f"in {slip}{sign}" if slip else f"{columns.unit}{sign}"
         return Check(
-            "axis-units", encoder, ratio, 1.0, "1", FAIL, f"{said}: did you mean {meant}? Mend its unit or its sign."
+            "axis-units", encoder, ratio, 1.0, "1", FAIL, f"{text}: did you mean {meant}? Mend its unit or its sign."
         )
     if sign or not 1.0 / _WRONG <= ratio <= _WRONG:
         cure = f"Mend its unit, counts_per_{columns.unit} or the column that [mechanism] names."
-        return Check("axis-units", encoder, ratio, 1.0, "1", FAIL, f"{said}, which no axis does. {cure}")
+        return Check("axis-units", encoder, ratio, 1.0, "1", FAIL, f"{text}, which no axis does. {cure}")
     if abs(ratio - 1.0) > _ODD:
         return Check(
-            "axis-units", encoder, ratio, 1.0, "1", WARN, f"{said}: is its unit or counts_per_{columns.unit} right?"
+            "axis-units", encoder, ratio, 1.0, "1", WARN, f"{text}: is its unit or counts_per_{columns.unit} right?"
         )
-    return Check("axis-units", encoder, ratio, 1.0, "1", PASS, f"{said}.")
+    return Check("axis-units", encoder, ratio, 1.0, "1", PASS, f"{text}.")
 
 
 def _repeated_readings(
@@ -97,12 +97,12 @@ def _repeated_readings(
         return without(
             "too few movements", "axis-standing-rows", encoder, f"the command moves {int(moved.sum())} times"
         )
-    standing = moved & (np.diff(raw) == 0.0)
-    share = float(standing.sum() / moved.sum())
-    named = listed([str(pose) for pose in poses[1:][standing]])
-    said = f"{int(standing.sum())} of {int(moved.sum())} moves of the command leave the reading as it was"
-    said += f": rows {named}. Look whether the axis was disabled, or cells were filled down." if named else "."
-    return limits.of("axis-standing-rows").row(encoder, share, "1", said)
+    current = moved & (np.diff(raw) == 0.0)
+    share = float(current.sum() / moved.sum())
+    named = listed([str(pose) for pose in poses[1:][current]])
+    text = f"{int(current.sum())} of {int(moved.sum())} moves of the command leave the reading as it was"
+    text += f": rows {named}. Look whether the axis was disabled, or cells were filled down." if named else "."
+    return limits.of("axis-standing-rows").row(encoder, share, "1", text)
 
 
 def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_], limits: CampaignLimits) -> Check:
@@ -117,16 +117,16 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
     expected = share * len(again)
     beyond = max(len(again) - expected, 0.0) if share < _COARSE else 0.0
     named = listed([str(pose) for pose in poses[again]])
-    said = f"{len(again)} rows equal an earlier one in every encoder's last digit"
+    text = f"{len(again)} rows equal an earlier one in every encoder's last digit"
     if again.size:
-        said += f": rows {named}. Take out copies; where encoders resolve no more, state their step in [noise]."
+        text += f": rows {named}. Take out copies; where encoders resolve no more, state their step in [noise]."
     else:
-        said += "."
-    return limits.of("axis-repeated-rows").row("", float(np.floor(beyond)), "1", said)
+        text += "."
+    return limits.of("axis-repeated-rows").row("", float(np.floor(beyond)), "1", text)
 
 
 def _approach(direction: Array, limits: CampaignLimits) -> Check:
     share = float(min(np.mean(direction > 0.0), np.mean(direction < 0.0)))
-    said = f"{100.0 * share:.0f} % of the rows were approached from the rarer side"
-    said += "" if share else ": lost motion cannot show. Measure the same commands coming from the other side"
-    return limits.of("axis-approach").row("", share, "1", f"{said}.")
+    text = f"{100.0 * share:.0f} % of the rows were approached from the rarer side"
+    text += "" if share else ": lost motion cannot show. Measure the same commands coming from the other side"
+    return limits.of("axis-approach").row("", share, "1", f"{text}.")

@@ -102,7 +102,7 @@ class CampaignLimits:
         """The limits of a check; per: what one of its declared unit is in that of the values."""
         declared, own = self._declared[check], self.given.get(check, SetLimits())
         warn, fail = in_force(declared, own)
-        said = [
+        texts = [
             f"{verb} {declared.words(limit)} (by default {'never' if default is None else declared.words(default)})"
             for verb, limit, default in (("warns", warn, declared.warn), ("fails", fail, declared.fail))
             if limit is not None and limit != default
@@ -113,7 +113,7 @@ class CampaignLimits:
             None if warn is None else warn * per,
             None if fail is None else fail * per,
             declared.below,
-            f" Limit set by the campaign: {', '.join(said)}{why}." if said else "",
+            f" Limit set by the campaign: {', '.join(texts)}{why}." if texts else "",
         )
 
 

@@ -57,12 +57,12 @@ def _acceptances(checks: Sequence[Check], accept: Sequence[Acceptance]) -> Itera
         rows = [check for check in checks if _covers(entry, check)]
         tripped = sum(check.verdict in (WARN, FAIL) for check in rows)
         named = f"{entry.check} {entry.subject or ''}".strip()
-        said = f"{named}: {tripped} verdict{'s' * (tripped != 1)} accepted by {entry.signed}: {entry.reason}"
+        text = f"{named}: {tripped} verdict{'s' * (tripped != 1)} accepted by {entry.signed}: {entry.reason}"
         if not rows:
             others = [check.subject for check in checks if check.check == entry.check and check.subject]
             known = f"; its subjects are {listed(others)}" if others else ""
-            said = f"{named}: no verdict has this name{known}; nothing was accepted by {entry.signed}"
-        yield Check("overruled", f"accept {number}", float(len(rows)), 1.0, "", PASS if rows else WARN, f"{said}.")
+            text = f"{named}: no verdict has this name{known}; nothing was accepted by {entry.signed}"
+        yield Check("overruled", f"accept {number}", float(len(rows)), 1.0, "", PASS if rows else WARN, f"{text}.")
 
 
 def _rules(settings: Campaign) -> Iterator[tuple[str, int, Overrule]]:
@@ -81,9 +81,9 @@ def _points(observations: pa.Table, rule: Overrule) -> int:
 
 
 def _check(table: str, number: int, rule: Overrule, count: int, what: str) -> Check:
-    said = f"{_VERBS[table]} by {rule.signed}: {rule.reason}"
+    text = f"{_VERBS[table]} by {rule.signed}: {rule.reason}"
     message = (
-        f"{_named(rule)}: {count} {what}{'s' * (count > 1)} {said}."
+        f"{_named(rule)}: {count} {what}{'s' * (count > 1)} {text}."
         if count
         else f"{_named(rule)}: no {what} is so called, and none was {_VERBS[table]} by {rule.signed}."
     )
@@ -93,5 +93,5 @@ def _check(table: str, number: int, rule: Overrule, count: int, what: str) -> Ch
 def _named(rule: Overrule) -> str:
     """What a rule names, as campaign.toml has it."""
     given = [f"{key} {value}" for key in _KEYS if (value := getattr(rule, key)) is not None]
-    said = ", ".join(given) or "everything"
-    return said[0].upper() + said[1:]
+    text = ", ".join(given) or "everything"
+    return text[0].upper() + text[1:]

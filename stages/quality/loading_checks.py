@@ -141,10 +141,10 @@ def _correction_checks(view: LoadingView, corrections: pa.Table, limits: Campaig
         if left is None or name not in noise:
             continue
         by = "" if row["largest"] is None else f" by {row['largest']:.2g} {row['unit']} at most, which"
-        said = f"{name} is corrected for the {row['correction']}{by or ' as it came, which'}"
-        said += f" is known to {left:.2g} {row['unit']} (one sigma)."
+        text = f"{name} is corrected for the {row['correction']}{by or ' as it came, which'}"
+        text += f" is known to {left:.2g} {row['unit']} (one sigma)."
         limit = limits.of("corrections", per=noise[name])
-        yield limit.row(f"channel {name} {row['correction']}", left, row["unit"], said)
+        yield limit.row(f"channel {name} {row['correction']}", left, row["unit"], text)
 
 
 def quadrature_checks(channels: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
@@ -157,16 +157,16 @@ def quadrature_checks(channels: pa.Table, limits: CampaignLimits) -> Iterator[Ch
 def _round(row: dict[str, Any], limits: CampaignLimits) -> Check:
     share, uncut = row["radius_after"] / row["radius_mean"], row["radius_uncut"] / row["radius_mean"]
     name = row["channel"]
-    said = (
+    text = (
         f"{name}: corrected by its ellipse, the radius of the raw signals scatters by {percent(100.0 * share)} of it."
     )
     if row["cut_share"] > 0.0:
-        said += f" {percent(100.0 * row['cut_share'])} of the samples stand at an end of the converter's range;"
-        said += f" the others scatter by {percent(100.0 * uncut)} about an ellipse of their own."
-    return limits.of("signals-round").row(f"channel {name}", share, "1", said)
+        text += f" {percent(100.0 * row['cut_share'])} of the samples stand at an end of the converter's range;"
+        text += f" the others scatter by {percent(100.0 * uncut)} about an ellipse of their own."
+    return limits.of("signals-round").row(f"channel {name}", share, "1", text)
 
 
 def _counted(row: dict[str, Any], limits: CampaignLimits) -> Check:
     risk, name = row["miscount_risk"], row["channel"]
-    said = f"{name}: no step from sample to sample is likelier than {risk:.1g} to have been counted a fringe off."
-    return limits.of("fringes-counted").row(f"channel {name}", risk, "1", said)
+    text = f"{name}: no step from sample to sample is likelier than {risk:.1g} to have been counted a fringe off."
+    return limits.of("fringes-counted").row(f"channel {name}", risk, "1", text)

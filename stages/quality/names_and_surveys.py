@@ -40,7 +40,7 @@ class LikelyName:
 
 
 def likely_names(
-    observations: pa.Table, bodies: Sequence[BodyView], around: PoseSurroundings, settled: set[tuple[str, str]]
+    observations: pa.Table, bodies: Sequence[BodyView], around: PoseSurroundings, declared: set[tuple[str, str]]
 ) -> list[LikelyName]:
     """Unknown names that lie at the place of a target which is not seen in any of their poses.
 
@@ -48,7 +48,7 @@ def likely_names(
     """
     found, names = [], _names(observations)
     for body in bodies:
-        known = {*body.survey.targets, *(name for of, name in settled if of == body.name)}
+        known = {*body.survey.targets, *(name for of, name in declared if of == body.name)}
         unknown = tuple(name for name in names[body.name] if name not in known)
         if unknown:
             points = pose_points(observations, body.name, around.poses, unknown)
@@ -93,7 +93,7 @@ def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
 
 
 def names_known(
-    observations: pa.Table, bodies: Sequence[BodyView], likely: Sequence[LikelyName], settled: set[tuple[str, str]]
+    observations: pa.Table, bodies: Sequence[BodyView], likely: Sequence[LikelyName], declared: set[tuple[str, str]]
 ) -> Iterator[Check]:
     """A row per body; or per unknown name that lies where a target is missing, which warns."""
     names = _names(observations)
@@ -102,11 +102,11 @@ def names_known(
         for one in here:
             since = "" if one.from_pose is None else f" from pose {one.from_pose}"
             until = "" if one.to_pose is None else f" to pose {one.to_pose}"
-            said = (
+            text = (
                 f"{body.name}: {one.called} lies {one.off_mm:.3f} mm from the place of {one.target}, which is not seen"
             )
-            said += f"{since}{until}: is it called so there? Nothing was renamed; [[renamed]] would say so."
-            yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, said)
+            text += f"{since}{until}: is it called so there? Nothing was renamed; [[renamed]] would say so."
+            yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, text)
         if here:
             continue
         if not body.is_surveyed:
@@ -114,12 +114,12 @@ def names_known(
                 "names of targets", "names-known", body.name, f"{body.name}: no survey says how they are called"
             )
             continue
-        other = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in settled]
-        said = f"{body.name}: all targets are known by their names."
+        other = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in declared]
+        text = f"{body.name}: all targets are known by their names."
         if other:
-            said = f"{body.name}: {listed(other)} {'is' if len(other) == 1 else 'are'} in no survey, and at no "
-            said += f"missing target{meant_by(other, body.survey.targets) or '.'}"
-        yield Check("names-known", body.name, 0.0, 0.0, "1", PASS, said)
+            text = f"{body.name}: {listed(other)} {'is' if len(other) == 1 else 'are'} in no survey, and at no "
+            text += f"missing target{meant_by(other, body.survey.targets) or '.'}"
+        yield Check("names-known", body.name, 0.0, 0.0, "1", PASS, text)
 
 
 def declared_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
@@ -189,15 +189,15 @@ def _of_body(
     for row in moved:
         size, ratio = _size(row), _over_sigma(row)
         taken = _taken_into_account(row, exclude)
-        said = f"{body}: {row['target']} lies {size:.3f} mm elsewhere in survey {row['later_survey']} ("
-        said += ", ".join(f"{row[f'shift_{a}_mm']:+.3f} ± {row[f'sigma_{a}_mm']:.3f}" for a in _AXES) + " mm); "
-        said += taken or "since when is not said, and its first place holds for all poses."
-        yield limit.row(f"target {row['target']} survey {row['later_survey']}", ratio, "sigma", said, counts=not taken)
+        text = f"{body}: {row['target']} lies {size:.3f} mm elsewhere in survey {row['later_survey']} ("
+        text += ", ".join(f"{row[f'shift_{a}_mm']:+.3f} ± {row[f'sigma_{a}_mm']:.3f}" for a in _AXES) + " mm); "
+        text += taken or "since when is not said, and its first place holds for all poses."
+        yield limit.row(f"target {row['target']} survey {row['later_survey']}", ratio, "sigma", text, counts=not taken)
     if not moved:
         worst = max(compared, key=_over_sigma)
-        said = f"{subject}: all {len(compared)} targets lie where they did, their common motion taken out; most off is "
-        said += f"{worst['target']}, by {_size(worst):.3f} mm (p = {worst['p_value']:.2g})."
-        yield limit.row(subject, 0.0, "sigma", said)
+        text = f"{subject}: all {len(compared)} targets lie where they did, their common motion taken out; most off is "
+        text += f"{worst['target']}, by {_size(worst):.3f} mm (p = {worst['p_value']:.2g})."
+        yield limit.row(subject, 0.0, "sigma", text)
 
 
 def _untold(subject: str, rows: list[dict[str, Any]]) -> Check:
@@ -206,9 +206,9 @@ def _untold(subject: str, rows: list[dict[str, Any]]) -> Check:
     if status not in (FitStatus.NO_CONSENSUS, FitStatus.AMBIGUOUS):
         why = f"its targets of both surveys, but those known to have moved, fix no frame ({status})"
         return without("a later survey", "resurvey", subject, why)
-    said = f"{subject}: targets lie otherwise than before, but which of them moved cannot be told ({status}); "
-    said += "the first survey holds for all poses."
-    return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, said)
+    text = f"{subject}: targets lie otherwise than before, but which of them moved cannot be told ({status}); "
+    text += "the first survey holds for all poses."
+    return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, text)
 
 
 def _size(row: dict[str, Any]) -> float:

@@ -66,35 +66,35 @@ def _oriented(photographs: pa.Table, orientations: pa.Table, limits: CampaignLim
     limit = limits.of("images-oriented")
     for pose, all_of_pose in images.items():
         lost = [image for image in all_of_pose if (pose, image) not in known]
-        said = (
+        text = (
             f"pose {pose}: {len(all_of_pose) - len(lost)} of "
             f"{counted(len(all_of_pose), 'photograph')} with an orientation"
         )
-        said += f"; without: {listed(lost)}." if lost else "."
-        yield limit.row(f"pose {pose}", len(lost) / len(all_of_pose), "1", said)
+        text += f"; without: {listed(lost)}." if lost else "."
+        yield limit.row(f"pose {pose}", len(lost) / len(all_of_pose), "1", text)
 
 
 def _rays_per_point(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
     rays = number_column(points, "rays")
     few = text_column(points, "point")[rays < _FEWEST_RAYS]
-    said = f"{subject}: {counted(len(rays), 'point')}, {np.median(rays):.0f} rays each in the middle"
-    said += f"; fewer than three to {listed(few.tolist())}." if len(few) else ", three or more to all."
-    return limits.of("rays-per-point").row(subject, len(few) / len(rays), "1", said)
+    text = f"{subject}: {counted(len(rays), 'point')}, {np.median(rays):.0f} rays each in the middle"
+    text += f"; fewer than three to {listed(few.tolist())}." if len(few) else ", three or more to all."
+    return limits.of("rays-per-point").row(subject, len(few) / len(rays), "1", text)
 
 
 def _angles(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
     angle = number_column(points, "largest_angle_deg")
     worst = float(np.quantile(angle, _WORST))
     name = text_column(points, "point")[int(np.argmin(angle))]
-    said = f"{subject}: rays meet at {np.median(angle):.0f} deg in the middle, those to the worst-placed tenth of the "
-    said += f"points at {worst:.0f} deg at most; least at {name}, {angle.min():.1f} deg."
-    return limits.of("intersection-angles").row(subject, worst, "deg", said)
+    text = f"{subject}: rays meet at {np.median(angle):.0f} deg in the middle, those to the worst-placed tenth of the "
+    text += f"points at {worst:.0f} deg at most; least at {name}, {angle.min():.1f} deg."
+    return limits.of("intersection-angles").row(subject, worst, "deg", text)
 
 
 def _coverage(camera: str, figures: Figures, limits: CampaignLimits) -> Check:
     share = figures["covered share of the format"].get(camera, 0.0)
-    said = f"Camera {camera}: image points lie in {100 * share:.0f} % of its format's cells."
-    return limits.of("format-coverage").row(f"camera {camera}", share, "1", said)
+    text = f"Camera {camera}: image points lie in {100 * share:.0f} % of its format's cells."
+    return limits.of("format-coverage").row(f"camera {camera}", share, "1", text)
 
 
 def _rejected(camera: str, residuals: pa.Table, limits: CampaignLimits) -> Check:
@@ -105,9 +105,9 @@ def _rejected(camera: str, residuals: pa.Table, limits: CampaignLimits) -> Check
     image = text_column(residuals, "image")[rejected]
     names, times = np.unique(image.astype(str), return_counts=True)
     first = [f"{name} ({k})" for k, name in sorted(zip(times.tolist(), names.tolist(), strict=True), reverse=True)[:3]]
-    said = f"Camera {camera}: {int(rejected.sum())} of {count} rays are left out"
-    said += f", most in {', '.join(first)}." if first else "."
-    return limits.of("rejected-rays").row(f"camera {camera}", rejected.sum() / max(count, 1), "1", said)
+    text = f"Camera {camera}: {int(rejected.sum())} of {count} rays are left out"
+    text += f", most in {', '.join(first)}." if first else "."
+    return limits.of("rejected-rays").row(f"camera {camera}", rejected.sum() / max(count, 1), "1", text)
 
 
 def _systematic(camera: str, figures: Figures, residuals: pa.Table) -> Check:
@@ -118,9 +118,9 @@ def _systematic(camera: str, figures: Figures, residuals: pa.Table) -> Check:
         return without("residuals by region", "residuals-systematic", subject, "no ray is left")
     sigma = float(np.median(number_column(rows_of(residuals, "camera", camera), "sigma_x_px")))
     trips = p_value < _BEYOND_CHANCE and mean > _MATTERS * sigma
-    said = f"Camera {camera}: the largest mean residual of a part of its format is {mean:.3f} px"
-    said += f" (p = {p_value:.2g} of all parts together), the noise of a ray {sigma:.3f} px."
-    return Check("residuals-systematic", subject, p_value, _BEYOND_CHANCE, "1", WARN if trips else PASS, said)
+    text = f"Camera {camera}: the largest mean residual of a part of its format is {mean:.3f} px"
+    text += f" (p = {p_value:.2g} of all parts together), the noise of a ray {sigma:.3f} px."
+    return Check("residuals-systematic", subject, p_value, _BEYOND_CHANCE, "1", WARN if trips else PASS, text)
 
 
 def _noise(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
@@ -129,8 +129,8 @@ def _noise(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
     for subject, ratio in figures["noise over stated"].items():
         off = max(ratio, 1.0 / ratio)
         sigma = spread.get(subject, 0.0)
-        said = f"{subject}: the noise of image coordinates is {ratio:.2f} ± {sigma:.2f} times what is stated."
-        yield limit.row(subject, off, "times", said, counts=abs(ratio - 1.0) > _KNOWN * sigma)
+        text = f"{subject}: the noise of image coordinates is {ratio:.2f} ± {sigma:.2f} times what is stated."
+        yield limit.row(subject, off, "times", text, counts=abs(ratio - 1.0) > _KNOWN * sigma)
 
 
 def camera_stability(
@@ -188,10 +188,10 @@ def _stability(camera: str, poses: list[object], score: Array, information: Arra
     deviation = found.deviation_px[worst]
     shown = ", ".join(f"{name} by {deviation[k]:+.2f} ± {sigma[worst, k]:.2f} px" for k, name in enumerate(_WATCHED))
     p_value, ratio = found.overall_p_value, np.sqrt(found.overall_chi2 / found.freedom)
-    said = f"Camera {camera}: poses differ in principal distance and point by {ratio:.2f} times their uncertainty "
-    said += f"(p = {p_value:.2g}); most in pose {poses[worst]} (p = {found.p_value[worst]:.2g}): {shown}."
+    text = f"Camera {camera}: poses differ in principal distance and point by {ratio:.2f} times their uncertainty "
+    text += f"(p = {p_value:.2g}); most in pose {poses[worst]} (p = {found.p_value[worst]:.2g}): {shown}."
     verdict = PASS if p_value >= _BEYOND_CHANCE else FAIL if ratio > _FAR else WARN
-    return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", verdict, said)
+    return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", verdict, text)
 
 
 Row = dict[str, Any]
@@ -211,14 +211,14 @@ def _images_apart(camera: str, rows: list[Row], figures: Figures) -> Check:
     p_value = figures[SHARED].get(camera, 0.0)
     moved = figures[BENT]
     worst = max(moved, key=lambda pose: moved[pose], default="")
-    said = f"Camera {camera}: {len(apart)} of {len(rows)} photographs have another principal distance than the others "
-    said += f"(p = {p_value:.2g}): {'; '.join(_reported_settings(apart, rows))}."
+    text = f"Camera {camera}: {len(apart)} of {len(rows)} photographs have another principal distance than the others "
+    text += f"(p = {p_value:.2g}): {'; '.join(_reported_settings(apart, rows))}."
     if moved:
-        said += f" Points of {worst} move by {moved[worst]:.1f} standard deviations where these have a camera of their "
-        said += "own."
-    said += f' Give them one: [[cameras]] name = "{camera} 2", of = "{camera}", {_chosen(apart, rows)}.'
+        text += f" Points of {worst} move by {moved[worst]:.1f} standard deviations where these have a camera of their "
+        text += "own."
+    text += f' Give them one: [[cameras]] name = "{camera} 2", of = "{camera}", {_chosen(apart, rows)}.'
     fails = not moved or moved[worst] > _MOVES_POINTS
-    return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", FAIL if fails else WARN, said)
+    return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", FAIL if fails else WARN, text)
 
 
 def _reported_settings(apart: list[Row], rows: list[Row]) -> Iterator[str]:
@@ -273,16 +273,16 @@ def _known(subject: str, rows: list[dict[str, Any]]) -> Check:
     if not tested and not lost:
         return without("known points", "known-points", subject, "rays alone do not check them")
     p_value = min((row["p_value"] for row in tested), default=1.0) * max(len(tested), 1)
-    said = f"{subject}: {counted(len(rows), 'known point')}"
+    text = f"{subject}: {counted(len(rows), 'known point')}"
     if wrong:
-        said += f"; {wrong[0]['reason']}: {'; '.join(map(_off, wrong[:_TOLD_POINTS]))}"
-        said += f"; and {len(wrong) - _TOLD_POINTS} more" if len(wrong) > _TOLD_POINTS else ""
-    said += f"; without any ray that is left, and not measured: {listed(lost)}" if lost else ""
+        text += f"; {wrong[0]['reason']}: {'; '.join(map(_off, wrong[:_TOLD_POINTS]))}"
+        text += f"; and {len(wrong) - _TOLD_POINTS} more" if len(wrong) > _TOLD_POINTS else ""
+    text += f"; without any ray that is left, and not measured: {listed(lost)}" if lost else ""
     if not wrong and tested:
         worst = max(tested, key=_distance)
-        said += f"; the furthest is {_off(worst)}"
+        text += f"; the furthest is {_off(worst)}"
     verdict = FAIL if wrong or lost else PASS
-    return Check("known-points", subject, min(p_value, 1.0), _LEVEL, "1", verdict, f"{said}.")
+    return Check("known-points", subject, min(p_value, 1.0), _LEVEL, "1", verdict, f"{text}.")
 
 
 def _distance(row: dict[str, Any]) -> float:

@@ -70,13 +70,13 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     around = _surroundings(observations, tables.get("configurations"), settings.campaign.drives)
     bodies, reference = _reference_first(_body_views(tables, around), settings)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    settled = declared_names(tables.get("relabelled"))
+    declared = declared_names(tables.get("relabelled"))
     relations = relations_of_points(bodies, around, tables, settings)
-    likely = likely_names(observations, bodies, around, settled)
+    likely = likely_names(observations, bodies, around, declared)
     found: Iterable[Check] = chain(
         belonging_checks(relations),
         _checks(bodies, reference, around, settings, limits, tables),
-        names_known(observations, bodies, likely, settled),
+        names_known(observations, bodies, likely, declared),
         later_surveys(tables.get("resurveys"), settings.exclude, limits),
         overruled_points(observations, settings),
         photograph_checks(tables, limits),

@@ -148,24 +148,24 @@ def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
         why = "a single target tells neither unit nor sign"
         return without("positions against targets", "positions-against-targets", run.subject, why)
     limit = _NO_MATCH * travel
-    said = f"Run {run.name}: positions depart from their targets by {match.misfit:.3g} mm rms over {travel:g} mm."
+    text = f"Run {run.name}: positions depart from their targets by {match.misfit:.3g} mm rms over {travel:g} mm."
     if match.deviations:
-        said += " They are deviations, it seems: position_mm is the target plus the deviation."
+        text += " They are deviations, it seems: position_mm is the target plus the deviation."
     elif match.slips:
-        said += f" Did you mean: {'; and '.join(slip_words(slip) for slip in match.slips)}?"
-        said += f" The misfit is then {match.explained:.3g} mm."
+        text += f" Did you mean: {'; and '.join(slip_words(slip) for slip in match.slips)}?"
+        text += f" The misfit is then {match.explained:.3g} mm."
         if match.rivals:
-            said += f" As likely: {'; or '.join(slip_words(slip) for slip in match.rivals[:_FEW])}."
+            text += f" As likely: {'; or '.join(slip_words(slip) for slip in match.rivals[:_FEW])}."
     elif match.misfit > limit:
-        said += " No slip that was tried explains that."
+        text += " No slip that was tried explains that."
     verdict = FAIL if _departs(run, match) else WARN if match.misfit > _NOTED * travel else PASS
-    return Check("positions-against-targets", run.subject, match.misfit, limit, "mm", verdict, said)
+    return Check("positions-against-targets", run.subject, match.misfit, limit, "mm", verdict, text)
 
 
 def _cycles(run: PositioningRun, limits: CampaignLimits) -> Check:
     count = len(run.cycles)
-    said = f"Run {run.name}: {counted(count, 'cycle')} at {counted(len(run.target), 'target')}; ISO 230-2 asks for 5."
-    return limits.of("approach-cycles").row(run.subject, float(count), "1", said)
+    text = f"Run {run.name}: {counted(count, 'cycle')} at {counted(len(run.target), 'target')}; ISO 230-2 asks for 5."
+    return limits.of("approach-cycles").row(run.subject, float(count), "1", text)
 
 
 def _temperature(run: PositioningRun) -> Check:
@@ -173,10 +173,10 @@ def _temperature(run: PositioningRun) -> Check:
         return without("temperature of the axis", "axis-temperature", run.subject, "it was not recorded")
     found = temperatures_out_of_reach(run.temperature_c.ravel())
     worst = float(np.nanmax(np.abs(run.temperature_c)))
-    said = f"Run {run.name}: the axis' temperature is {worst:.4g} °C at most"
-    said += ", beyond what a laboratory has; is the unit right?" if len(found.where) else "."
+    text = f"Run {run.name}: the axis' temperature is {worst:.4g} °C at most"
+    text += ", beyond what a laboratory has; is the unit right?" if len(found.where) else "."
     verdict = FAIL if len(found.where) else PASS
-    return Check("axis-temperature", run.subject, worst, found.limit, "degC", verdict, said)
+    return Check("axis-temperature", run.subject, worst, found.limit, "degC", verdict, text)
 
 
 def _overflow(run: PositioningRun, match: TargetMatch) -> Check:
@@ -187,11 +187,11 @@ def _overflow(run: PositioningRun, match: TargetMatch) -> Check:
         return without("overflow of an encoder", "encoder-overflow", run.subject, why)
     found = overflow(run.deviation, step)
     if found is None:
-        said = f"Run {run.name}: no positions differ by 2^n steps of {step:.3g} um."
-        return Check("encoder-overflow", run.subject, 0.0, 0.0, "um", PASS, said)
-    said = f"Run {run.name}: positions jump by {found.jump / _UM:.6g} mm, 2^{found.bits} steps of {step:.3g} um: an "
-    said += f"encoder overflowed at {run.places(found.where)}."
-    return Check("encoder-overflow", run.subject, found.jump, 0.0, "um", FAIL, said)
+        text = f"Run {run.name}: no positions differ by 2^n steps of {step:.3g} um."
+        return Check("encoder-overflow", run.subject, 0.0, 0.0, "um", PASS, text)
+    text = f"Run {run.name}: positions jump by {found.jump / _UM:.6g} mm, 2^{found.bits} steps of {step:.3g} um: an "
+    text += f"encoder overflowed at {run.places(found.where)}."
+    return Check("encoder-overflow", run.subject, found.jump, 0.0, "um", FAIL, text)
 
 
 def _jumps(run: PositioningRun, limits: CampaignLimits) -> Check:
@@ -200,30 +200,30 @@ def _jumps(run: PositioningRun, limits: CampaignLimits) -> Check:
     for order, known_by in ((run.row_order, "rows"), (run.cycle_order, "cycles")):
         step = row_jump(run.deviation, order, run.step_um)
         if step is not None and step.p_value < _JUMP and limit.verdict(abs(step.size) / step.scatter) != PASS:
-            said = f"Run {run.name}: from {run.place(step.after)} on, in the order of the {known_by}, positions stand "
-            said += f"{step.size:+.3g} um elsewhere; their scatter is {step.scatter:.2g} um."
-            return limit.row(run.subject, abs(step.size) / step.scatter, "1", said)
+            text = f"Run {run.name}: from {run.place(step.after)} on, in the order of the {known_by}, positions stand "
+            text += f"{step.size:+.3g} um elsewhere; their scatter is {step.scatter:.2g} um."
+            return limit.row(run.subject, abs(step.size) / step.scatter, "1", text)
     found = widest_gap(run.deviation, run.step_um)
     if found is None:
-        said = f"Run {run.name}: deviations part by direction alone."
-        return limit.row(run.subject, 0.0, "1", said)
-    said = f"Run {run.name}: the widest gap between deviations is {found.size:.3g} um, the range on its wider side "
-    said += f"{found.spread:.3g} um."
+        text = f"Run {run.name}: deviations part by direction alone."
+        return limit.row(run.subject, 0.0, "1", text)
+    text = f"Run {run.name}: the widest gap between deviations is {found.size:.3g} um, the range on its wider side "
+    text += f"{found.spread:.3g} um."
     if limit.verdict(found.ratio) != PASS:
-        said += f" Apart stands {run.places(found.where)}."
-    return limit.row(run.subject, min(found.ratio, 1e9), "1", said)
+        text += f" Apart stands {run.places(found.where)}."
+    return limit.row(run.subject, min(found.ratio, 1e9), "1", text)
 
 
 def _errors(run: PositioningRun) -> Check:
     found = gross_errors(run.deviation, _CHANCE, 0.5 * run.step_um)
     count, times = int(found.where.sum()), abs(found.off) / max(found.scatter, 1e-300)
-    said = f"Run {run.name}: the approach farthest from the others of its target and direction is "
-    said += f"{run.place(found.worst)}, {found.off:+.3g} um off, scatter of the others {found.scatter:.2g} um"
-    said += f". Beyond chance: {run.places(found.where)}." if count else "."
+    text = f"Run {run.name}: the approach farthest from the others of its target and direction is "
+    text += f"{run.place(found.worst)}, {found.off:+.3g} um off, scatter of the others {found.scatter:.2g} um"
+    text += f". Beyond chance: {run.places(found.where)}." if count else "."
     if count and len(run.cycles) == _TWO:
-        said += " Of two cycles nobody can tell which one is wrong."
+        text += " Of two cycles nobody can tell which one is wrong."
     verdict = PASS if not count else FAIL if times > _TIMES_SCATTER else WARN
-    return Check("position-errors", run.subject, abs(found.off), _TIMES_SCATTER * found.scatter, "um", verdict, said)
+    return Check("position-errors", run.subject, abs(found.off), _TIMES_SCATTER * found.scatter, "um", verdict, text)
 
 
 def _copied(run: PositioningRun) -> Check:
@@ -231,19 +231,19 @@ def _copied(run: PositioningRun) -> Check:
     still = _still(run)
     alike = float(np.ptp(run.read, axis=2).max()) == 0.0
     count = len(pairs) if chance < _COPIED or alike else 0
-    said = f"Run {run.name}: no two series of approaches are equal in every digit, and no reading stands still."
+    text = f"Run {run.name}: no two series of approaches are equal in every digit, and no reading stands still."
     if alike:
-        said = (
+        text = (
             f"Run {run.name}: all {len(run.cycles)} cycles are equal in every digit: copies, or a reading coarser than "
         )
-        said += "the axis' scatter. Nothing tells its repeatability."
+        text += "the axis' scatter. Nothing tells its repeatability."
     elif count:
         named = [f"{_series(run, i)} and {_series(run, j)}" for i, j in pairs]
-        said = f"Run {run.name}: series are equal in every digit: {listed(named, 3)}."
+        text = f"Run {run.name}: series are equal in every digit: {listed(named, 3)}."
     elif len(still):
-        said = f"Run {run.name}: the reading stands still from one target to another: {listed(still, 3)}."
+        text = f"Run {run.name}: the reading stands still from one target to another: {listed(still, 3)}."
     verdict = FAIL if alike or count or len(still) else PASS
-    return Check("copied-approaches", run.subject, float(max(count, len(still))), 0.0, "1", verdict, said)
+    return Check("copied-approaches", run.subject, float(max(count, len(still))), 0.0, "1", verdict, text)
 
 
 def _series(run: PositioningRun, number: int) -> str:
@@ -263,19 +263,19 @@ def _still(run: PositioningRun) -> list[str]:
 def _directions(run: PositioningRun) -> Check:
     turned = turned_cycles(run.deviation)
     contrary = _contrary(run)
-    said = f"Run {run.name}: by the order of the rows the axis moved forward and backward as written."
+    text = f"Run {run.name}: by the order of the rows the axis moved forward and backward as written."
     if turned:
         names = listed([str(run.cycles[k]) for k in turned])
-        said = f"Run {run.name}: in cycle {names} forward and backward are exchanged: its reversal has the sign "
-        said += "opposite to that of the others."
+        text = f"Run {run.name}: in cycle {names} forward and backward are exchanged: its reversal has the sign "
+        text += "opposite to that of the others."
     elif contrary:
-        said = f"Run {run.name}: by the order of the rows the axis moved backward wherever forward is written, and "
-        said += "forward wherever backward is. Exchanged, the reversal changes its sign; nothing else does."
+        text = f"Run {run.name}: by the order of the rows the axis moved backward wherever forward is written, and "
+        text += "forward wherever backward is. Exchanged, the reversal changes its sign; nothing else does."
     elif not _shows_movements(run):
         why = "the order of the rows does not show how the axis moved; all of a run exchanged would look the same"
         return without("directions", "approach-directions", run.subject, why)
     verdict = FAIL if turned else WARN if contrary else PASS
-    return Check("approach-directions", run.subject, float(len(turned)), 0.0, "1", verdict, said)
+    return Check("approach-directions", run.subject, float(len(turned)), 0.0, "1", verdict, text)
 
 
 def _contrary(run: PositioningRun) -> bool:
@@ -307,7 +307,7 @@ def _drift(run: PositioningRun) -> Check:
     if found is None:
         return without("drift", "position-drift", run.subject, "fewer than four cycles tell no walk")
     walks = found.p_value < _DRIFT and found.share > _STRAIGHT
-    said = f"Run {run.name}: from the first cycle to the last the deviations walk by {found.walked:+.3g} um"
-    said += f", {100.0 * found.share:.0f} % of their differences between cycles." if walks else ", no more than chance "
-    said += "" if walks else "or other differences between cycles make."
-    return Check("position-drift", run.subject, abs(found.walked), None, "um", WARN if walks else PASS, said)
+    text = f"Run {run.name}: from the first cycle to the last the deviations walk by {found.walked:+.3g} um"
+    text += f", {100.0 * found.share:.0f} % of their differences between cycles." if walks else ", no more than chance "
+    text += "" if walks else "or other differences between cycles make."
+    return Check("position-drift", run.subject, abs(found.walked), None, "um", WARN if walks else PASS, text)

@@ -44,17 +44,17 @@ def units(view: LoadingView, found: Answers) -> Iterator[Check]:
     wrong = units_mistaken(found.slope, found.sigma, expected)
     for where, factor in zip(wrong.where, wrong.size, strict=True):
         subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
-        said = f"{subject} reads {factor:.4g} times what is expected; is its unit, or that of the load, right?"
-        yield Check("units", subject, float(factor), 1.0, "1", FAIL, said)
+        text = f"{subject} reads {factor:.4g} times what is expected; is its unit, or that of the load, right?"
+        yield Check("units", subject, float(factor), 1.0, "1", FAIL, text)
     beyond = beyond_simulation(found, wrong.where)
     for where in beyond:
         subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
-        said = f"{subject} reads {found.slope[where]:.3g} times what is simulated, and no unit explains that; "
-        said += "are the elements, or the compliance, those of this sensor?"
-        yield Check("units", subject, float(found.slope[where]), 1.0, "1", FAIL, said)
+        text = f"{subject} reads {found.slope[where]:.3g} times what is simulated, and no unit explains that; "
+        text += "are the elements, or the compliance, those of this sensor?"
+        yield Check("units", subject, float(found.slope[where]), 1.0, "1", FAIL, text)
     if not len(wrong) and not beyond:
-        said = f"The readings of {len(found.slope)} runs and channels are of a likely size."
-        yield Check("units", "", 1.0, 1.0, "1", PASS, said)
+        text = f"The readings of {len(found.slope)} runs and channels are of a likely size."
+        yield Check("units", "", 1.0, 1.0, "1", PASS, text)
 
 
 def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[Check]:
@@ -65,8 +65,8 @@ def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[
     flipped = turned_round(found, share)
     for number in dict.fromkeys(found.run[flipped].tolist()):
         names = " ".join(found.channel[at] for at in flipped if found.run[at] == number)
-        said = f"{view.run_name(number)}: {names} with the opposite sign; of the load, or of the channel?"
-        yield Check("signs", f"{view.run_name(number)} {names}", -1.0, 0.0, "1", FAIL, said)
+        text = f"{view.run_name(number)}: {names} with the opposite sign; of the load, or of the channel?"
+        yield Check("signs", f"{view.run_name(number)} {names}", -1.0, 0.0, "1", FAIL, text)
     alike, count = int(np.count_nonzero(same_sign(found, share))), len(found.slope)
     if not flipped and not alike:
         why = "no run answers clearly that another one under the same axis, or a simulation, could be compared with"
@@ -74,10 +74,10 @@ def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[
     elif not flipped:
         against = "the simulation" if found.simulated else "each other"
         some = f"{count}" if alike == count else f"{alike} of {count}"
-        said = f"{of}: {some} runs and channels have the same sign as {against}."
+        text = f"{of}: {some} runs and channels have the same sign as {against}."
         if alike < count:
-            said += " The others answer too little, or have no like run to be compared with."
-        yield Check("signs", of, 1.0, 0.0, "1", PASS, said)
+            text += " The others answer too little, or have no like run to be compared with."
+        yield Check("signs", of, 1.0, 0.0, "1", PASS, text)
 
 
 def noise(channel: ChannelView, share: float) -> Check:
@@ -91,13 +91,13 @@ def noise(channel: ChannelView, share: float) -> Check:
     ratio = float(scatter.ratio[0])
     unusable = min(scatter.p_above(_TOLERATED)[0], scatter.p_below(1.0 / _TOLERATED)[0]) < share
     noted = min(scatter.p_above(_NOTED)[0], scatter.p_below(1.0 / _NOTED)[0]) < share
-    said = (
+    text = (
         f"{channel.name}: the scatter is {ratio:.2f} times the declared noise "
         f"({counted(channel.fit.dof, 'degree')} of freedom)."
     )
-    said += unit_slip(ratio, channel.declared * channel.in_files, channel.unit)
+    text += unit_slip(ratio, channel.declared * channel.in_files, channel.unit)
     verdict = FAIL if unusable else WARN if noted else PASS
-    return Check("noise", name, ratio, _TOLERATED, "1", verdict, said)
+    return Check("noise", name, ratio, _TOLERATED, "1", verdict, text)
 
 
 def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits) -> Check:
@@ -105,9 +105,9 @@ def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits
     out = np.flatnonzero(~channel.fit.kept)
     share = len(out) / len(channel.rows)
     places = view.places(channel.rows[out])
-    said = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are far from their place"
-    said += f" ({listed(places)})." if places else "."
-    return limits.of("gross-errors").row(f"channel {channel.name}", share, "1", said)
+    text = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are far from their place"
+    text += f" ({listed(places)})." if places else "."
+    return limits.of("gross-errors").row(f"channel {channel.name}", share, "1", text)
 
 
 def jumps(view: LoadingView, share: float) -> Iterator[Check]:
@@ -121,8 +121,8 @@ def jumps(view: LoadingView, share: float) -> Iterator[Check]:
             row = channel.rows[channel.fit.jump_row[at]]
             run = view.run_name(int(channel.runs[at]))
             by = f"{'+' if size > 0.0 else ''}{handy(size, None, channel.unit)}"
-            said = f"{run}: {channel.name} jumps by {by} before step {view.steps.step[row]}."
-            yield Check("jumps", f"{run} {channel.name}", size, 0.0, channel.unit, WARN, said)
+            text = f"{run}: {channel.name} jumps by {by} before step {view.steps.step[row]}."
+            yield Check("jumps", f"{run} {channel.name}", size, 0.0, channel.unit, WARN, text)
     if not found:
         yield Check("jumps", "", 0.0, 0.0, "", PASS, f"No run jumps, of {count} runs and channels.")
 
@@ -143,9 +143,9 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
     run = view.run_name(int(channel.runs[worst]))
     shown, spread, unit = value[worst] * channel.in_files, sigma[worst] * channel.in_files, channel.unit
     by = handy(float(shown), float(spread), unit)
-    said = f"{channel.name}: the zero walks by {by} over {run}, where it is clearest."
+    text = f"{channel.name}: the zero walks by {by} over {run}, where it is clearest."
     verdict = WARN if walks else PASS
-    return Check("drift", f"channel {channel.name}", abs(float(shown)), noise * channel.in_files, unit, verdict, said)
+    return Check("drift", f"channel {channel.name}", abs(float(shown)), noise * channel.in_files, unit, verdict, text)
 
 
 def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Check:
@@ -162,14 +162,14 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
     noted = pooled.p_above(_REPEATS_NOTED)[0] < 0.5 * share
     noted |= bool((scatter.p_above(_REPEATS_NOTED) < 0.5 * share / len(groups)).any())
     ratio = float(pooled.ratio[0])
-    said = f"{channel.name}: runs of the same loads scatter by {ratio:.2f} times the declared noise"
+    text = f"{channel.name}: runs of the same loads scatter by {ratio:.2f} times the declared noise"
     apart = equal_scatter(scatter.chi_square, scatter.dof)
     if apart is not None and apart.p_value < _UNEQUAL:
         ratio, noted = float(scatter.ratio[apart.worst]), True
-        said = f"{channel.name}: repeats of {groups[apart.worst].run} scatter by {ratio:.2f} times the declared noise, "
-        said += f"those of all other loads by {apart.others:.2f} times"
-    said += f" ({counted(round(pooled.dof[0]), 'degree')} of freedom)."
-    return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", WARN if noted else PASS, said)
+        text = f"{channel.name}: repeats of {groups[apart.worst].run} scatter by {ratio:.2f} times the declared noise, "
+        text += f"those of all other loads by {apart.others:.2f} times"
+    text += f" ({counted(round(pooled.dof[0]), 'degree')} of freedom)."
+    return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", WARN if noted else PASS, text)
 
 
 def run_zeros(view: LoadingView) -> Iterator[Check]:
@@ -186,13 +186,13 @@ def run_zeros(view: LoadingView) -> Iterator[Check]:
             yield without("zeros of runs", "run-zeros", name, "no run begins without load")
             continue
         spread, noise = float(np.sqrt(np.nanmean(own**2))), float(np.sqrt(2.0) * sigma[k] * channel.in_files)
-        said = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; noise makes it {noise:.2g} {unit}."
+        text = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; noise makes it {noise:.2g} {unit}."
         if found.wrong[k]:
             order = np.argsort(-np.abs(np.nan_to_num(own)))[: max(int(found.far[:, k].sum()), 1)]
             places = [f"{view.run_name(int(run))} {own[run]:+.3g} {unit}" for run in order]
-            said += f" Furthest: {listed(places)}. Was it set to zero before each run?"
-            said += " They are taken to count from zeros of their own."
-        yield Check("run-zeros", name, spread, noise, unit, WARN if found.wrong[k] else PASS, said)
+            text += f" Furthest: {listed(places)}. Was it set to zero before each run?"
+            text += " They are taken to count from zeros of their own."
+        yield Check("run-zeros", name, spread, noise, unit, WARN if found.wrong[k] else PASS, text)
 
 
 def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
@@ -210,12 +210,12 @@ def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     worst = int(np.argmax(np.abs(off)))
     value, unit = float(off[worst] * channel.in_files), channel.unit
     run = view.run_name(int(channel.runs[back[worst]]))
-    said = (
+    text = (
         f"{channel.name}: after {run} it stands {value:+.3g} {unit} from its zero, the most of "
         f"{counted(len(back), 'run')}."
     )
     verdict = WARN if abs(off[worst]) > limit else PASS
-    return Check("zero-return", f"channel {channel.name}", abs(value), limit * channel.in_files, unit, verdict, said)
+    return Check("zero-return", f"channel {channel.name}", abs(value), limit * channel.in_files, unit, verdict, text)
 
 
 def _came_back(rows: Index, empty: Index) -> bool:
@@ -226,20 +226,20 @@ def _came_back(rows: Index, empty: Index) -> bool:
 def exchanged_channels(view: LoadingView) -> Iterator[Check]:
     """Runs in which a channel reads what another should: of a pair both ways, or one that reads a main answer."""
     expected = view.simulated if view.simulated is not None else as_others(view)
-    told, count = read_as(view, expected)
-    pairs = {(int(view.axis[run]), has, like) for run, has, like, _ in told}
+    reported, count = read_as(view, expected)
+    pairs = {(int(view.axis[run]), has, like) for run, has, like, _ in reported}
     wrong: dict[int, list[tuple[int, int]]] = {}
-    for run, has, like, is_main in told:
+    for run, has, like, is_main in reported:
         if is_main or (int(view.axis[run]), like, has) in pairs:
             wrong.setdefault(run, []).append((has, like))
     for run, found in wrong.items():
         names = " ".join(dict.fromkeys(CHANNELS[has] for has, _ in found))
         what = " and ".join(f"{CHANNELS[has]} reads what {CHANNELS[like]} should" for has, like in found)
-        said = f"{view.run_name(run)}: {what}; are labels exchanged, of the channels or of the load?"
-        yield Check("channels-exchanged", f"{view.run_name(run)} {names}", float(len(found)), 0.0, "1", FAIL, said)
+        text = f"{view.run_name(run)}: {what}; are labels exchanged, of the channels or of the load?"
+        yield Check("channels-exchanged", f"{view.run_name(run)} {names}", float(len(found)), 0.0, "1", FAIL, text)
     if not count:
         why = "no run whose channels should answer differently enough"
         yield without("labels of channels", "channels-exchanged", "", why)
     elif not wrong:
-        said = f"{count} runs and channels read what they should, and not what another should."
-        yield Check("channels-exchanged", "", 0.0, 0.0, "1", PASS, said)
+        text = f"{count} runs and channels read what they should, and not what another should."
+        yield Check("channels-exchanged", "", 0.0, 0.0, "1", PASS, text)

@@ -65,10 +65,10 @@ class Contradiction:
         size = f"{1e3 * abs(self.by):.3g} ± {1e3 * self.sigma:.1g} mm/m {'larger' if self.by > 0 else 'smaller'}"
         one, others = listed(self.odd), listed(self.others)
         if len(self.others) == 1:
-            said = f"{one} and {others} contradict each other about the scale: lengths by {one} are {size}."
-            return f"{said} One of them is wrong; a third length would tell which."
-        said = f"{one} contradicts {others} about the scale: lengths by {one} are {size}, and the others agree."
-        return f"{said} Look at its length, its ends and its unit."
+            text = f"{one} and {others} contradict each other about the scale: lengths by {one} are {size}."
+            return f"{text} One of them is wrong; a third length would tell which."
+        text = f"{one} contradicts {others} about the scale: lengths by {one} are {size}, and the others agree."
+        return f"{text} Look at its length, its ends and its unit."
 
 
 def scale_contradiction(figures: Figures) -> Contradiction | None:
@@ -94,7 +94,7 @@ def _statements(figures: Figures) -> tuple[list[str], Array, Array]:
     ratio, spread = figures[LENGTH], figures[LENGTH_SIGMA]
     bodies = [name for name in ratio if name.startswith(_SURVEY)]
     others = [name for name in ratio if name not in bodies]
-    x, s = (np.array([told[name] for name in bodies]) for told in (ratio, spread))
+    x, s = (np.array([reported[name] for name in bodies]) for reported in (ratio, spread))
     names, values, sigmas = others, [ratio[name] for name in others], [spread[name] for name in others]
     if len(bodies) > 1 and np.ptp(x) <= max(_MATTERS, _BEYOND * float(s.max())):
         names, values, sigmas = [*others, "the survey"], [*values, float(np.mean(x))], [*sigmas, float(s.max())]
@@ -111,8 +111,8 @@ def without_consequences(checks: Iterable[Check]) -> Iterator[Check]:
     """Checks of a network whose scale is contradicted, of which those that this trips say nothing."""
     for check in checks:
         if check.check in _CONSEQUENCES and check.verdict in (FAIL, WARN):
-            said = "Not evaluated: lengths contradict each other about the scale, as the check scale says."
-            yield replace(check, value=None, limit=None, unit="", verdict=NOT_EVALUATED, message=said)
+            text = "Not evaluated: lengths contradict each other about the scale, as the check scale says."
+            yield replace(check, value=None, limit=None, unit="", verdict=NOT_EVALUATED, message=text)
         else:
             yield check
 
@@ -121,8 +121,8 @@ def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iter
     """Whether each pose has a scale, from what, and what checks it; surveyed: the shape of bodies is known."""
     free = list(figures["scale from none"])
     if free:
-        said = f"Nothing gives the scale of {listed(free)}: all lengths there are open together."
-        yield Check("scale", "", float(len(free)), 0.0, "1", FAIL, said)
+        text = f"Nothing gives the scale of {listed(free)}: all lengths there are open together."
+        yield Check("scale", "", float(len(free)), 0.0, "1", FAIL, text)
         return
     columns = [] if lengths is None else [lengths.column(name).to_pylist() for name in ("bar", "serves")]
     serving = dict(zip(*columns, strict=True)) if columns else {}
@@ -131,13 +131,13 @@ def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iter
         yield Check("scale", "", 1e3 * abs(contradiction.by), 0.0, "mm/m", FAIL, contradiction.sentence)
         return
     checks = _checked_by(serving, figures, surveyed)
-    said = f"{sum(known.values())} poses have a scale, from {' and '.join(_sources(serving, known))}"
+    text = f"{sum(known.values())} poses have a scale, from {' and '.join(_sources(serving, known))}"
     if checks:
-        said += f", checked by {' and '.join(checks)}."
+        text += f", checked by {' and '.join(checks)}."
     else:
-        said += " alone. Nothing checks it: were it in another unit, or wrong by a factor, all lengths would be, and "
-        said += "nothing would tell."
-    yield Check("scale", "", 0.0, 0.0, "1", PASS, said)
+        text += " alone. Nothing checks it: were it in another unit, or wrong by a factor, all lengths would be, and "
+        text += "nothing would tell."
+    yield Check("scale", "", 0.0, 0.0, "1", PASS, text)
 
 
 def _sources(serving: dict[str, str], known: dict[str, int]) -> list[str]:
@@ -168,8 +168,8 @@ def target_sizes(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
         why = "no target's size is stated and seen, but for those that give the scale"
         yield without("sizes of targets", "target-sizes", "", why)
     for kind, ratio in sizes.items():
-        said = f"{kind}: they are {ratio:.3g} times as wide as stated (target_mm, marker_mm, image_targets.csv)."
-        yield limits.of("target-sizes").row(kind, max(ratio, 1.0 / ratio), "times", said)
+        text = f"{kind}: they are {ratio:.3g} times as wide as stated (target_mm, marker_mm, image_targets.csv)."
+        yield limits.of("target-sizes").row(kind, max(ratio, 1.0 / ratio), "times", text)
 
 
 def bar_lengths(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Check]:
@@ -191,12 +191,12 @@ def bar_lengths(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Ch
     error = 1e3 * found.error_m
     relative = 1e6 * error / length
     worst = int(np.argmax(np.abs(relative)))
-    said = f"{len(error)} reference lengths from {length.min():.0f} to {length.max():.0f} mm: errors of "
-    said += f"{np.sqrt(np.mean(error**2)) * 1e3:.1f} um (rms), {relative[worst]:+.1f} um/m at most ("
-    said += f"{checking.column('bar').to_pylist()[worst]} in pose {checking.column('pose').to_pylist()[worst]})."
-    said += f" In common they have {1e6 * found.scale:+.1f} ± {1e6 * found.sigma_scale:.1f} um/m."
-    said += f" For an acceptance test the guideline asks for more: {'; '.join(found.lacks)}." if found.lacks else ""
-    yield limits.of("length-errors").row("", float(np.abs(relative[worst])), "um/m", said)
+    text = f"{len(error)} reference lengths from {length.min():.0f} to {length.max():.0f} mm: errors of "
+    text += f"{np.sqrt(np.mean(error**2)) * 1e3:.1f} um (rms), {relative[worst]:+.1f} um/m at most ("
+    text += f"{checking.column('bar').to_pylist()[worst]} in pose {checking.column('pose').to_pylist()[worst]})."
+    text += f" In common they have {1e6 * found.scale:+.1f} ± {1e6 * found.sigma_scale:.1f} um/m."
+    text += f" For an acceptance test the guideline asks for more: {'; '.join(found.lacks)}." if found.lacks else ""
+    yield limits.of("length-errors").row("", float(np.abs(relative[worst])), "um/m", text)
 
 
 def _errors(checking: pa.Table) -> LengthErrors:
@@ -222,26 +222,26 @@ def _subject(bar: str, first: str) -> str:
 
 def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
     deviation, sigma = number_column(rows, "deviation_mm"), number_column(rows, "deviation_sigma_mm")
-    told = sigma > 1e-6 * number_column(rows, "length_mm") * 1e-3
-    if not told.any():
+    determined = sigma > 1e-6 * number_column(rows, "length_mm") * 1e-3
+    if not determined.any():
         why = "it gives the scale alone, so that its adjusted length is the calibrated one"
         return without("deviation of the bar", "bar-lengths", subject, why)
-    over = np.where(told, np.abs(deviation) / np.where(told, sigma, 1.0), 0.0)
+    over = np.where(determined, np.abs(deviation) / np.where(determined, sigma, 1.0), 0.0)
     worst = int(np.argmax(over))
     limit, name = limits.of("bar-lengths"), rows.column("bar").to_pylist()[worst]
     off = f"{1e3 * deviation[worst]:+.1f} ± {1e3 * sigma[worst]:.1f} um from its"
     length, pose = number_column(rows, "length_mm")[worst], rows.column("pose").to_pylist()[worst]
     if not name.startswith(_NO_BAR):
-        said = (
+        text = (
             f"Bar {name} ({rows.column('serves').to_pylist()[0]}) is {off} calibrated {length:.3f} mm in pose {pose}, "
         )
-        said += f"the furthest of {counted(len(over), 'pose')}."
+        text += f"the furthest of {counted(len(over), 'pose')}."
     else:
         far = int(sum(limit.verdict(float(one)) != PASS for one in over))
         count, poses = (len(set(rows.column(column).to_pylist())) for column in ("bar", "pose"))
-        said = (
+        text = (
             f"{subject}: {counted(count, 'distance')} in {counted(poses, 'pose')}, {far} of "
             f"{len(over)} beyond the limit; the furthest, "
         )
-        said += f"{name.partition(', ')[2]}, is {off} {length:.3f} mm in pose {pose}."
-    return limit.row(subject, float(over[worst]), "sigma", said)
+        text += f"{name.partition(', ')[2]}, is {off} {length:.3f} mm in pose {pose}."
+    return limit.row(subject, float(over[worst]), "sigma", text)

@@ -63,15 +63,15 @@ def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check
     wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
     wall[saturated(value, predicted_by_loads(steps.load[rows], value)).where] = True
     places = view.places(rows[wall])
-    said = f"{name}: no sample stands at an end of its range."
+    text = f"{name}: no sample stands at an end of its range."
     if places:
         ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
-        said = (
+        text = (
             f"{name}: {counted(len(places), 'sample')} {'is' if len(places) == 1 else 'are'} "
             f"cut at {ends}: {listed(places)}."
         )
     count = float(len(places))
-    return Check("saturated", f"signal {name}", count, 0.0, "1", FAIL if places else PASS, said)
+    return Check("saturated", f"signal {name}", count, 0.0, "1", FAIL if places else PASS, text)
 
 
 def _noise(view: LoadingView, noise_mv: float | None) -> Check:
@@ -85,13 +85,13 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
         return without("noise", "noise", "signals", "too few load steps beside what they may follow")
     ratio = float(np.median(known))
     slip = unit_slip(ratio, noise_mv, "mV")
-    said = (
+    text = (
         f"signals: the scatter is {ratio:.3g} times the declared noise, in the middle of "
         f"{counted(len(known), 'signal')}."
     )
     if slip and ratio > 1.0:
         slip += " Else signals follow something that was not recorded."
-    return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, said + slip)
+    return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, text + slip)
 
 
 def _loads_span(load: Array, names: list[str]) -> Check:
@@ -102,13 +102,13 @@ def _loads_span(load: Array, names: list[str]) -> Check:
     seen = observe(load, 1.0 / np.linalg.norm(load, axis=0), names, unidentifiable=_APART)
     rank = int(seen.rank)
     if rank < len(names):
-        said = f"The loads leave directions out, V V^T is singular: {_open(seen)}."
-        return Check("loads-span", "", float(rank), float(len(names)), "1", FAIL, said)
+        text = f"The loads leave directions out, V V^T is singular: {_open(seen)}."
+        return Check("loads-span", "", float(rank), float(len(names)), "1", FAIL, text)
     if never:
-        said = (
+        text = (
             f"{listed(never)} never loaded: of the wrench {rank} components can be calibrated, and V V^T is singular."
         )
-        return Check("loads-span", "", float(rank), 6.0, "1", WARN, said)
+        return Check("loads-span", "", float(rank), 6.0, "1", WARN, text)
     return Check("loads-span", "", 6.0, 6.0, "1", PASS, "The loads span all six components of the wrench.")
 
 
@@ -121,8 +121,8 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
     wanted, count = min(len(names), loaded), len(about)
     size = float(np.linalg.norm(about, axis=0).max())
     if size == 0.0:
-        said = "No signal changes with the load: V V^T is singular."
-        return Check("signals-independent", "", 0.0, float(wanted), "1", FAIL, said)
+        text = "No signal changes with the load: V V^T is singular."
+        return Check("signals-independent", "", 0.0, float(wanted), "1", FAIL, text)
     seen = observe(about, np.full(len(names), 1.0 / size), names, unidentifiable=1.0 / _ROUNDING)
     verdict, but = FAIL, ""
     if seen.rank >= wanted and noise_mv:
@@ -131,11 +131,11 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
         verdict, but = WARN, " but for noise"
     rank = float(seen.rank)
     if rank >= wanted:
-        said = f"The {len(names)} signals hold {rank:.0f} independent numbers, for {loaded} components of the load."
-        return Check("signals-independent", "", rank, float(wanted), "1", PASS, said)
-    said = f"The {len(names)} signals hold {rank:.0f} independent numbers, and the loads {loaded}: "
-    said += f"V V^T is singular{but}; {_open(seen)}."
-    return Check("signals-independent", "", rank, float(wanted), "1", verdict, said)
+        text = f"The {len(names)} signals hold {rank:.0f} independent numbers, for {loaded} components of the load."
+        return Check("signals-independent", "", rank, float(wanted), "1", PASS, text)
+    text = f"The {len(names)} signals hold {rank:.0f} independent numbers, and the loads {loaded}: "
+    text += f"V V^T is singular{but}; {_open(seen)}."
+    return Check("signals-independent", "", rank, float(wanted), "1", verdict, text)
 
 
 def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, share: float) -> Iterator[Check]:
@@ -164,21 +164,21 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
     shares = least_seen(table, share)[used] / span[used]
     names = [LOADS[k] for k in used]
     least = float(shares.max(initial=0.0))
-    said = f"No exchange of loads stands out from chance among {len(table.loads)} rows, by a calibration of all. "
+    text = f"No exchange of loads stands out from chance among {len(table.loads)} rows, by a calibration of all. "
     unseen = [name for name, own in zip(names, shares, strict=True) if own >= 1.0]
     if unseen:
-        said += f"No exchange of {listed(unseen)} would: signals tell it less well than by its range. "
+        text += f"No exchange of {listed(unseen)} would: signals tell it less well than by its range. "
     elif names:
         worst = names[int(np.argmax(shares))]
-        said += f"Rows may be exchanged unseen where loads differ by less than {100.0 * least:.2g} % of the range "
-        said += f"({worst}, the worst). "
-    said += "Loads that are exchanged or turned round in whole runs would not show here."
-    return Check("exchanged-rows", "", least, None, "1", PASS, said)
+        text += f"Rows may be exchanged unseen where loads differ by less than {100.0 * least:.2g} % of the range "
+        text += f"({worst}, the worst). "
+    text += "Loads that are exchanged or turned round in whole runs would not show here."
+    return Check("exchanged-rows", "", least, None, "1", PASS, text)
 
 
 def _pair(view: LoadingView, rows: Index, one: RowExchange) -> Check:
     places = view.places(rows[[one.first, one.second]])
     names = " ".join(LOADS[k] for k in one.components)
-    said = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: their signals miss by {one.before:.0f} "
-    said += f"sigmas as they stand, and by {one.after:.1f} the other way round."
-    return Check("exchanged-rows", " and ".join(places), one.before, one.after, "1", FAIL, said)
+    text = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: their signals miss by {one.before:.0f} "
+    text += f"sigmas as they stand, and by {one.after:.1f} the other way round."
+    return Check("exchanged-rows", " and ".join(places), one.before, one.after, "1", FAIL, text)

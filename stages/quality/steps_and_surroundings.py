@@ -50,9 +50,9 @@ def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
     share = missing / max(missing + len(steps.step), 1)
     places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
     places += view.places(lost)
-    said = f"{counted(missing, 'step')} {'is' if missing == 1 else 'are'} missing: {listed(places)}."
-    said = said if missing else "No step is missing."
-    return limits.of("steps-missing").row("", share, "1", said)
+    text = f"{counted(missing, 'step')} {'is' if missing == 1 else 'are'} missing: {listed(places)}."
+    text = text if missing else "No step is missing."
+    return limits.of("steps-missing").row("", share, "1", text)
 
 
 def runs_whole(view: LoadingView) -> Check:
@@ -62,8 +62,8 @@ def runs_whole(view: LoadingView) -> Check:
     alike = np.zeros_like(view.axis) if few else view.axis
     found = runs_cut_short(steps.run, steps.step - first_steps(view)[steps.run], alike[steps.run])
     names = [view.run_name(steps.run[row]) for row in found.where]
-    said = f"Runs that end earlier than others like them: {listed(names)}." if names else "No run was cut short."
-    return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, said)
+    text = f"Runs that end earlier than others like them: {listed(names)}." if names else "No run was cut short."
+    return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, text)
 
 
 def readings_there(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]:
@@ -75,8 +75,8 @@ def readings_there(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]
         if not watched.any():
             continue
         share = float(1.0 - seen[watched, k].mean())
-        said = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that it was watched in."
-        yield limits.of("completeness").row(f"channel {channel}", share, "1", said)
+        text = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that it was watched in."
+        yield limits.of("completeness").row(f"channel {channel}", share, "1", text)
     if never := [channel for k, channel in enumerate(CHANNELS) if not seen[:, k].any()]:
         yield without("never read", "completeness", f"channels {' '.join(never)}", "what they would show stays unknown")
 
@@ -94,8 +94,8 @@ def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
     after = within[longest] + 1
     (where,) = view.places([after])
     times = pause[longest] / usual
-    said = f"The longest pause within a run is {pause[longest]:.0f} s, {times:.1f} times the usual, before {where}."
-    return limits.of("time-gaps", per=usual).row(where, float(pause[longest]), "s", said)
+    text = f"The longest pause within a run is {pause[longest]:.0f} s, {times:.1f} times the usual, before {where}."
+    return limits.of("time-gaps", per=usual).row(where, float(pause[longest]), "s", text)
 
 
 def load_range(view: LoadingView, loading: Loading, limits: CampaignLimits) -> Iterator[Check]:
@@ -107,12 +107,12 @@ def load_range(view: LoadingView, loading: Loading, limits: CampaignLimits) -> I
         if full is None or allowed is None or largest[k] == 0.0:
             continue
         share = float(largest[k] / full)
-        said = f"{LOADS[k]}: loads go to {100.0 * share:.0f} % of the range."
+        text = f"{LOADS[k]}: loads go to {100.0 * share:.0f} % of the range."
         if share > 1.0 + _ROUNDED:
-            said += f" [loading] declares an overload test up to {100.0 * allowed / full:.0f} %."
+            text += f" [loading] declares an overload test up to {100.0 * allowed / full:.0f} %."
         if enough.verdict(share) != PASS:
-            said += " Beyond that, everything is extrapolated."
-        yield enough.row(f"load {LOADS[k]}", share, "1", said)
+            text += " Beyond that, everything is extrapolated."
+        yield enough.row(f"load {LOADS[k]}", share, "1", text)
 
 
 def surroundings_checks(
@@ -143,15 +143,15 @@ def _likely(view: LoadingView, name: str, what: str) -> Check:
     worst = float(np.nanmax(np.abs(value)))
     unit = "degC" if is_temperature else "hPa"
     limit = found.limit if is_temperature else found.limit / _HPA
-    said = f"The {what} is what a laboratory has."
+    text = f"The {what} is what a laboratory has."
     likely = "" if is_temperature else likely_pressure_unit(float(np.nanmedian(value)))
     if places:
         meant = f"; did you mean {likely}?" if likely else "; is the unit right?"
-        said = f"The {what} is beyond what a laboratory has{meant} {listed(places)}."
+        text = f"The {what} is beyond what a laboratory has{meant} {listed(places)}."
     elif likely:
-        said = f"The {what} is what a laboratory at great height has; did you mean {likely}?"
+        text = f"The {what} is what a laboratory at great height has; did you mean {likely}?"
     verdict = FAIL if places else WARN if likely else PASS
-    return Check("surroundings", what, worst, limit, unit, verdict, said)
+    return Check("surroundings", what, worst, limit, unit, verdict, text)
 
 
 def _humidity(view: LoadingView) -> Iterator[Check]:
@@ -161,9 +161,9 @@ def _humidity(view: LoadingView) -> Iterator[Check]:
         return
     largest = float(np.nanmax(value))
     is_share = 0.0 < largest <= 1.0
-    said = f"The relative humidity is {largest:.3g} % at most"
-    said += "; did you mean a share of 1, that is " + f"{100.0 * largest:.3g} %?" if is_share else "."
-    yield Check("surroundings", "relative humidity", largest, 1.0, "%", WARN if is_share else PASS, said)
+    text = f"The relative humidity is {largest:.3g} % at most"
+    text += "; did you mean a share of 1, that is " + f"{100.0 * largest:.3g} %?" if is_share else "."
+    yield Check("surroundings", "relative humidity", largest, 1.0, "%", WARN if is_share else PASS, text)
 
 
 def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> Check:
@@ -177,12 +177,12 @@ def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> 
     unit = "K" if is_temperature else "hPa"
     read = np.isfinite(view.steps.reading).any(axis=1)
     missing = float(1.0 - np.isfinite(value[read]).mean())
-    said = f"The {what} walked by {over_all:.3g} {unit} in all, within a run by {span[worst]:.3g} {unit} at most "
-    said += f"({view.run_name(worst)})."
+    text = f"The {what} walked by {over_all:.3g} {unit} in all, within a run by {span[worst]:.3g} {unit} at most "
+    text += f"({view.run_name(worst)})."
     if missing:
-        said += f" It is missing in {100.0 * missing:.0f} % of the steps."
+        text += f" It is missing in {100.0 * missing:.0f} % of the steps."
     limit = limits.of("temperature-span") if is_temperature else limits.of("pressure-span")
-    row = limit.row(what, float(span[worst]), unit, said)
+    row = limit.row(what, float(span[worst]), unit, text)
     return replace(row, verdict=WARN) if missing and row.verdict == PASS else row
 
 
@@ -210,7 +210,7 @@ def _air(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> C
             worst, at = float(worth.max()), channel.name
     if not at:
         return without("worth of the air", "worth-of-air", "", "no linear channel was read")
-    said = f"Within a run the air changed by {1e6 * worst:.2g} um in {at} at most; readings are "
-    said += "compensated as they came." if optics.compensated else "compensated here."
+    text = f"Within a run the air changed by {1e6 * worst:.2g} um in {at} at most; readings are "
+    text += "compensated as they came." if optics.compensated else "compensated here."
     limit = limits.of("worth-of-air", per=1e6 * noise)
-    return limit.row(at, 1e6 * worst, "um", said, counts=optics.compensated)
+    return limit.row(at, 1e6 * worst, "um", text, counts=optics.compensated)

@@ -50,8 +50,8 @@ def unobserved_poses(around: PoseSurroundings, limits: CampaignLimits) -> Check:
     """Configurations of which no point was measured: forgotten, or named otherwise in the points."""
     lost = [str(pose) for pose in around.unobserved]
     share = len(lost) / max(len(lost) + len(around.poses), 1)
-    said = f"No point was measured in pose {listed(lost)}." if lost else "Points were measured in every pose."
-    return limits.of("unobserved-poses").row("", share, "1", said)
+    text = f"No point was measured in pose {listed(lost)}." if lost else "Points were measured in every pose."
+    return limits.of("unobserved-poses").row("", share, "1", text)
 
 
 def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterator[Check]:
@@ -63,34 +63,34 @@ def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterato
         for t in marked:
             distance = np.linalg.norm(attachments - body.survey.points[t], axis=1)
             own, nearest = body.survey.leg[t], int(distance.argmin()) + 1
-            said = f"platform: target {body.survey.targets[t]} lies {1e3 * distance[own - 1]:.2f} mm from b_{own}"
+            text = f"platform: target {body.survey.targets[t]} lies {1e3 * distance[own - 1]:.2f} mm from b_{own}"
             value, limit = 1e3 * float(distance[own - 1]), 1e3 * float(np.delete(distance, own - 1).min())
             verdict, subject = PASS if nearest == own else FAIL, f"target {body.survey.targets[t]}"
-            said += (
+            text += (
                 "." if nearest == own else f", but {1e3 * distance.min():.2f} mm from b_{nearest}: is its leg right?"
             )
-            yield Check("attachment-labels", subject, value, limit, "mm", verdict, said)
+            yield Check("attachment-labels", subject, value, limit, "mm", verdict, text)
 
 
 def completeness(body: BodyView, due: Mask, limits: CampaignLimits) -> Iterator[Check]:
     """Targets seen per pose of those that were due (B, T), and poses without a frame."""
     seen = body.points.seen
     missing = due & ~seen
-    said = f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
-    said += f"({count(seen.shape[1], 'target')}, {count(seen.shape[0], 'pose')})."
-    yield limits.of("completeness").row(body.name, float(missing.sum()) / max(int(due.sum()), 1), "1", said)
+    text = f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
+    text += f"({count(seen.shape[1], 'target')}, {count(seen.shape[0], 'pose')})."
+    yield limits.of("completeness").row(body.name, float(missing.sum()) / max(int(due.sum()), 1), "1", text)
     lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
-    said = f"{count(len(lost), 'pose')} with too few usable targets ({listed(lost)})" if lost else ""
-    said = f"{body.name}: {said or 'every pose can be determined'}."
-    yield limits.of("poses-determined", per=len(seen)).row(body.name, float(len(lost)), "1", said)
+    text = f"{count(len(lost), 'pose')} with too few usable targets ({listed(lost)})" if lost else ""
+    text = f"{body.name}: {text or 'every pose can be determined'}."
+    yield limits.of("poses-determined", per=len(seen)).row(body.name, float(len(lost)), "1", text)
 
 
 def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     """Whether the targets fix a frame: spread across a line and a plane, and no single target on which it hangs."""
     points = body.survey.points[body.frame]
     if len(points) < 3:
-        said = f"{body.name}: fewer than three targets."
-        yield Check("geometry", body.name, float(len(points)), 3.0, "1", FAIL, said)
+        text = f"{body.name}: fewer than three targets."
+        yield Check("geometry", body.name, float(len(points)), 3.0, "1", FAIL, text)
         return
     shape = body_shape(points)
     length = shape.extents[0] if shape.extents[0] > 0.0 else 1.0  # all targets in one place are neither wide nor thick
@@ -101,13 +101,13 @@ def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     yield line.row(body.name, spread, "mm", f"{body.name}: targets spread {sizes} mm (rms){in_line}.")
     plane, many = limits.of("geometry-plane"), len(points) > 3
     flat = many and plane.verdict(float(thick)) != PASS
-    said = f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
-    said += ": nearly planar, mirrored labels would not be noticed." if flat else "."
-    yield plane.row(body.name, float(thick), "1", said, counts=many)
+    text = f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
+    text += ": nearly planar, mirrored labels would not be noticed." if flat else "."
+    yield plane.row(body.name, float(thick), "1", text, counts=many)
     names = np.array(body.survey.targets, dtype=object)[body.frame]
     for name, leverage in zip(names, shape.leverage, strict=True):
-        said = f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame."
-        yield limits.of("geometry-leverage").row(f"target {name}", float(leverage), "1", said, counts=many)
+        text = f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame."
+        yield limits.of("geometry-leverage").row(f"target {name}", float(leverage), "1", text, counts=many)
 
 
 def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
@@ -120,8 +120,8 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     per_target = gross.sum(axis=0)
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
-    said = f"{body.name}: {int(gross.sum())} of {seen} readings are far from their place{tail}."
-    yield limits.of("gross-errors").row(body.name, share, "1", said)
+    text = f"{body.name}: {int(gross.sum())} of {seen} readings are far from their place{tail}."
+    yield limits.of("gross-errors").row(body.name, share, "1", text)
 
 
 def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check]:
@@ -139,8 +139,8 @@ def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check
     for a, b in sorted({(a, b) for _, a, b in pairs}):
         poses = [str(around.poses[p]) for p, i, j in pairs if (i, j) == (a, b)]
         names = f"{body.survey.targets[a]} {body.survey.targets[b]}"
-        said = f"{body.name}: the labels {names} are exchanged in pose {listed(poses)}."
-        yield Check("exchanged-labels", f"targets {names}", float(len(poses)), 0.0, "1", FAIL, said)
+        text = f"{body.name}: the labels {names} are exchanged in pose {listed(poses)}."
+        yield Check("exchanged-labels", f"targets {names}", float(len(poses)), 0.0, "1", FAIL, text)
 
 
 def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
@@ -148,8 +148,8 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
     seen = body.points.seen & body.fit.ok[:, None]
     own = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
     kept = seen & ~isolated(body.residuals, own, seen, limit=4.0)
-    judged = kept.sum(axis=0) >= 2 * _EITHER_SIDE
-    if not judged.any():
+    assessed = kept.sum(axis=0) >= 2 * _EITHER_SIDE
+    if not assessed.any():
         why = f"{body.name}: no target was seen in three poses before and three after a step"
         yield without("moved targets", "moved-targets", body.name, body.why_no_places or why)
         return
@@ -159,16 +159,16 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
         t for t in moved if not is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])
     ]
     if not shifted:
-        said = f"{body.name}: no target has moved on its body."
-        if rare := [body.survey.targets[t] for t in np.flatnonzero(~judged)]:
-            said += f" Seen in too few poses to tell: {listed(rare)}."
-        yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, said)
+        text = f"{body.name}: no target has moved on its body."
+        if rare := [body.survey.targets[t] for t in np.flatnonzero(~assessed)]:
+            text += f" Seen in too few poses to tell: {listed(rare)}."
+        yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, text)
     for t in shifted:
         d = step.size[t] * 1e3
         size, target = float(np.linalg.norm(d)), f"target {body.survey.targets[t]}"
-        said = f"{body.name}: {target} sits {size:.3f} mm elsewhere ({d[0]:+.3f}, {d[1]:+.3f}, {d[2]:+.3f}) "
-        said += f"from pose {around.poses[step.onset[t]]} on."
-        yield Check("moved-targets", target, size, 0.0, "mm", WARN, said)
+        text = f"{body.name}: {target} sits {size:.3f} mm elsewhere ({d[0]:+.3f}, {d[1]:+.3f}, {d[2]:+.3f}) "
+        text += f"from pose {around.poses[step.onset[t]]} on."
+        yield Check("moved-targets", target, size, 0.0, "mm", WARN, text)
 
 
 def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
@@ -214,22 +214,22 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
 def noise_by_pose(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
     """Poses whose residuals are larger than the body's own scatter: one is a pose to look at, many are no campaign."""
     scatter = scatter_by_pose(body)
-    judged = scatter.dof > 0.0
-    if judged.sum() < 3:
+    assessed = scatter.dof > 0.0
+    if assessed.sum() < 3:
         yield without(f"noise by pose of {body.name}", "noise-by-pose", body.name, "too few targets per pose")
         return
     odd = odd_poses(scatter)
-    much = scatter.p_above(_POSE_NOISE_TOLERATED) < share / judged.sum()
-    worst = int(np.argmax(np.where(judged, np.nan_to_num(scatter.ratio), -1.0)))
-    failing = much.sum() > _ODD_POSES_FAIL * judged.sum()
+    much = scatter.p_above(_POSE_NOISE_TOLERATED) < share / assessed.sum()
+    worst = int(np.argmax(np.where(assessed, np.nan_to_num(scatter.ratio), -1.0)))
+    failing = much.sum() > _ODD_POSES_FAIL * assessed.sum()
     pose, ratio, verdict = (
         around.poses[worst],
         float(scatter.ratio[worst]),
         FAIL if failing else WARN if odd.any() else PASS,
     )
-    said = f"{body.name}: the noisiest pose is {pose}, {ratio:.2f} times the ordinary "
-    said += f"scatter; {int(odd.sum())} of {int(judged.sum())} poses stand out."
-    yield Check("noise-by-pose", f"{body.name} pose {pose}", ratio, _POSE_NOISE_TOLERATED, "1", verdict, said)
+    text = f"{body.name}: the noisiest pose is {pose}, {ratio:.2f} times the ordinary "
+    text += f"scatter; {int(odd.sum())} of {int(assessed.sum())} poses stand out."
+    yield Check("noise-by-pose", f"{body.name} pose {pose}", ratio, _POSE_NOISE_TOLERATED, "1", verdict, text)
 
 
 def repeatability(
@@ -277,11 +277,11 @@ def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: f
     verdict = FAIL if verdicts[1] else WARN if verdicts[0] else PASS
     ratio, repeats = float(pooled.ratio[0]), int(pooled.dof[0] / 3)
     apart = equal_scatter(scatter.chi_square, scatter.dof)
-    said = f"{name}: repeated poses scatter {ratio:.2f} times as much as their noise says "
+    text = f"{name}: repeated poses scatter {ratio:.2f} times as much as their noise says "
     if apart is not None and apart.p_value < _UNEQUAL:
         ratio = float(scatter.ratio[apart.worst])
         verdict = WARN if verdict == PASS else verdict
-        said = f"{name}: repeats of pose {poses[apart.worst]} scatter {ratio:.2f} times as much as their noise says, "
-        said += f"those of all others {apart.others:.2f} times: no one number holds for all "
-    said += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, known by {how})."
-    return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, said)
+        text = f"{name}: repeats of pose {poses[apart.worst]} scatter {ratio:.2f} times as much as their noise says, "
+        text += f"those of all others {apart.others:.2f} times: no one number holds for all "
+    text += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, known by {how})."
+    return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, text)

@@ -81,13 +81,13 @@ def time_unit(time: Array, run: Index | None, table: str, what: str, *, is_count
         return without("unit of times", "time-unit", "", "too few rows with times")
     found = mistaken_times(time, run)
     if found is None:
-        said = f"The times of {table} may well be seconds."
-        return Check("time-unit", table, 1.0, 1.0, "s", PASS, said)
+        text = f"The times of {table} may well be seconds."
+        return Check("time-unit", table, 1.0, 1.0, "s", PASS, text)
     factor = SECONDS[found.unit]
-    said = f"time_s of {table} goes on by {found.pace:.3g} from {what} to {what}, and is likely in "
-    said += f"{_UNITS.get(found.unit, found.unit)} ({_paced(found, found.unit)})"
-    said += "".join(f", or in {_UNITS[unit]} ({_paced(found, unit)})" for unit in found.others)
-    return Check("time-unit", table, factor, 1.0, "s", WARN, f"{said}: write {_cure(found.unit)} in [files.{table}].")
+    text = f"time_s of {table} goes on by {found.pace:.3g} from {what} to {what}, and is likely in "
+    text += f"{_UNITS.get(found.unit, found.unit)} ({_paced(found, found.unit)})"
+    text += "".join(f", or in {_UNITS[unit]} ({_paced(found, unit)})" for unit in found.others)
+    return Check("time-unit", table, factor, 1.0, "s", WARN, f"{text}: write {_cure(found.unit)} in [files.{table}].")
 
 
 def _paced(found: MistakenTimes, unit: str) -> str:
@@ -105,8 +105,8 @@ def temperature_span(around: PoseSurroundings, limits: CampaignLimits) -> Check:
     if around.temperature is None or not np.isfinite(around.temperature).any():
         return without("temperature", "temperature-span", "", "no temperatures were recorded")
     low, high = float(np.nanmin(around.temperature)), float(np.nanmax(around.temperature))
-    said = f"Temperature ran from {low:.2f} to {high:.2f} degrees C."
-    return limits.of("temperature-span").row("", high - low, "K", said)
+    text = f"Temperature ran from {low:.2f} to {high:.2f} degrees C."
+    return limits.of("temperature-span").row("", high - low, "K", text)
 
 
 def temperature_columns(names: Iterable[str]) -> list[str]:
@@ -145,10 +145,10 @@ def _of_part(name: str, value: Array, part: MistakenRows, reference_c: float, ro
     low, high = float(value[part.rows].min()), float(value[part.rows].max())
     read = f"{low:.5g}" if low == high else f"{low:.5g} to {high:.5g}"
     known = int(np.isfinite(value).sum())
-    said = f"{name}: {len(part.rows)} of {count(known, 'row')} ({read}) likely in {_WORDS[part.unit]}, the others in "
-    said += f"degrees Celsius: did you mean {part.celsius:.5g} degC, beside {part.others:.5g}? "
-    said += f"Convert {listed(_stretches(part.rows, rows))}."
-    return Check("temperature-unit", name, high, reference_c, "degC", FAIL, said)
+    text = f"{name}: {len(part.rows)} of {count(known, 'row')} ({read}) likely in {_WORDS[part.unit]}, the others in "
+    text += f"degrees Celsius: did you mean {part.celsius:.5g} degC, beside {part.others:.5g}? "
+    text += f"Convert {listed(_stretches(part.rows, rows))}."
+    return Check("temperature-unit", name, high, reference_c, "degC", FAIL, text)
 
 
 def _stretches(at: Index, names: Sequence[str]) -> list[str]:
@@ -165,16 +165,16 @@ def _named(row: int, names: Sequence[str]) -> str:
 def _check(name: str, value: Array, reference_c: float, found: MistakenUnit | None) -> Check:
     typical = float(np.nanmedian(value))
     if found is None:
-        said = f"{name}: {typical:.5g} degC, beside a reference of {reference_c:g} degC."
-        return Check("temperature-unit", name, typical, reference_c, "degC", PASS, said)
+        text = f"{name}: {typical:.5g} degC, beside a reference of {reference_c:g} degC."
+        return Check("temperature-unit", name, typical, reference_c, "degC", PASS, text)
     what = f"reference_temperature_c = {reference_c:g}" if found.of_reference else f"{name}: {typical:.5g}"
     beside = f" beside a reference of {reference_c:g}" if not found.of_reference else f" beside {typical:.5g} in {name}"
-    said = f"{what}{beside if found.certain else ''} is likely in {_WORDS[found.unit]}; "
-    said += f"did you mean {found.celsius:.5g} degC"
+    text = f"{what}{beside if found.certain else ''} is likely in {_WORDS[found.unit]}; "
+    text += f"did you mean {found.celsius:.5g} degC"
     if found.of_reference:
-        said += "?"
+        text += "?"
     elif found.rows < np.isfinite(value).sum():
-        said += f"? It concerns {count(found.rows, 'row')}; convert these, for the others are in degrees Celsius."
+        text += f"? It concerns {count(found.rows, 'row')}; convert these, for the others are in degrees Celsius."
     else:
-        said += f'? It concerns {count(found.rows, "row")}; units = {{ {name} = "{found.unit}" }}.'
-    return Check("temperature-unit", name, typical, reference_c, "degC", FAIL if found.certain else WARN, said)
+        text += f'? It concerns {count(found.rows, "row")}; units = {{ {name} = "{found.unit}" }}.'
+    return Check("temperature-unit", name, typical, reference_c, "degC", FAIL if found.certain else WARN, text)

@@ -37,19 +37,19 @@ def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
     groups = repeated_runs(steps)
     if not groups:
         return Rows("repeats"), Rows("lack_of_fit")
-    told, names = Repeats(groups, SAME_LOADS, within_runs), steps.signals
+    repeats, names = Repeats(groups, SAME_LOADS, within_runs), steps.signals
     readings = Repeated("reading", CHANNELS, READING_UNITS)
-    told.add(readings, steps.reading / READING_SI, np.sqrt(known_mean(steps.sigma**2)) / READING_SI)
+    repeats.add(readings, steps.reading / READING_SI, np.sqrt(known_mean(steps.sigma**2)) / READING_SI)
     if names:
         signals, noise = Repeated("signal", names, ("mV",) * len(names)), settings.noise.signal_mv
-        told.add(signals, 1e3 * steps.signal, np.full(len(names), np.nan if noise is None else noise))
+        repeats.add(signals, 1e3 * steps.signal, np.full(len(names), np.nan if noise is None else noise))
         left, squares = left_by_lines(1e3 * steps.signal, steps.load, steps.run, ~steps.held_out)
-        told.add_fit(signals, "linear in the loads", lack_of_fit(squares, within_runs(left, groups)))
-    _add_diagnosis(told, tables, steps, readings)
-    return told.repeats, told.fits
+        repeats.add_fit(signals, "linear in the loads", lack_of_fit(squares, within_runs(left, groups)))
+    _add_diagnosis(repeats, tables, steps, readings)
+    return repeats.repeats, repeats.fits
 
 
-def _add_diagnosis(told: Repeats, tables: Mapping[str, pa.Table], steps: RecordedSteps, readings: Repeated) -> None:
+def _add_diagnosis(repeats: Repeats, tables: Mapping[str, pa.Table], steps: RecordedSteps, readings: Repeated) -> None:
     """Add what the simulation and the extended model leave of the readings, each run from its own zero."""
     errors = tables.get("reading_errors")
     if errors is None or not errors.num_rows:
@@ -70,8 +70,8 @@ def _add_diagnosis(told: Repeats, tables: Mapping[str, pa.Table], steps: Recorde
         left[row[own], channel[own]] = number_column(errors, column)[own]
         whole = within_groups(left, [np.flatnonzero(steps.run == number) for number in range(len(steps.runs))])
         freedom = whole.freedom - spent / max(len(set(errors.column("channel").to_pylist())), 1)
-        repeated = within_runs(left, told.groups)
-        told.add_fit(readings, model, lack_of_fit(Squares(whole.square, freedom), repeated))
+        repeated = within_runs(left, repeats.groups)
+        repeats.add_fit(readings, model, lack_of_fit(Squares(whole.square, freedom), repeated))
 
 
 def _numbers_found(diagnosis: pa.Table | None) -> float:

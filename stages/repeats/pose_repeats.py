@@ -144,20 +144,20 @@ def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
     groups, how = repeated_poses(configurations, settings.campaign.drives, settings.noise.actuator_mm)
     if not groups:
         return Rows("repeats"), Rows("lack_of_fit")
-    told = Repeats(groups, how, within_groups)
+    repeats = Repeats(groups, how, within_groups)
     poses = tuple(configurations.column("pose").to_pylist())
     readings = drive_readings(configurations, settings.campaign.drives)
     bodies = {}
     for body, values, sigma in _relative_poses(tables.get("poses"), poses, groups, settings.is_frame_fixed):
         bodies[body] = at_one_reading(values, readings, groups) if how == DECLARED else values
         what = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS)
-        told.add(what, bodies[body] / _SI, sigma / _SI)
-    _add_points(told, tables.get("residuals"), poses, settings.noise.point_mm)
+        repeats.add(what, bodies[body] / _SI, sigma / _SI)
+    _add_points(repeats, tables.get("residuals"), poses, settings.noise.point_mm)
     fitted = np.array(configurations.column("role").to_pylist(), dtype=object) != "verification"
     inside = [group[fitted[group]] for group in groups]
-    _add_attachments(told, tables, poses, fitted, inside)
-    _add_calibrations(told, tables, poses, inside)
-    return told.repeats, told.fits, repeatability_rows(bodies, tables, poses, groups, how)
+    _add_attachments(repeats, tables, poses, fitted, inside)
+    _add_calibrations(repeats, tables, poses, inside)
+    return repeats.repeats, repeats.fits, repeatability_rows(bodies, tables, poses, groups, how)
 
 
 def _relative_poses(
@@ -191,7 +191,7 @@ def _relative_poses(
             yield str(body), own, np.sqrt(known_mean(variance))
 
 
-def _add_points(told: Repeats, table: pa.Table | None, poses: Ids, declared_mm: float | None) -> None:
+def _add_points(repeats: Repeats, table: pa.Table | None, poses: Ids, declared_mm: float | None) -> None:
     """Add places of targets in their body's frame, a body as a whole: a rigid motion of each repeat is taken out."""
     if table is None or not table.num_rows:
         return
@@ -202,16 +202,16 @@ def _add_points(told: Repeats, table: pa.Table | None, poses: Ids, declared_mm: 
         own = tuple(dict.fromkeys(targets[bodies == body]))
         used = used_targets(table, body, poses, own)
         left = np.where(used[..., None], residual_points(table, body, poses, own), np.nan)
-        spread = within_groups(1e6 * left.reshape(len(poses), -1), told.groups)
-        motions = sum(max(int(used[group].any(axis=1).sum()) - 1, 0) for group in told.groups)
+        spread = within_groups(1e6 * left.reshape(len(poses), -1), repeats.groups)
+        motions = sum(max(int(used[group].any(axis=1).sum()) - 1, 0) for group in repeats.groups)
         square[at], freedom[at] = spread.square.sum(), spread.freedom.sum() - 6.0 * motions
     what = Repeated("point", tuple(f"{body} targets" for body in names), ("um",) * len(names))
     stated = np.nan if declared_mm is None else 1e3 * declared_mm
-    told.add_squares(what, Squares(square, np.maximum(freedom, 0.0)), np.full(len(names), stated))
+    repeats.add_squares(what, Squares(square, np.maximum(freedom, 0.0)), np.full(len(names), stated))
 
 
 def _add_attachments(
-    told: Repeats, tables: Mapping[str, pa.Table], poses: Ids, fitted: Mask, inside: Sequence[Index]
+    repeats: Repeats, tables: Mapping[str, pa.Table], poses: Ids, fitted: Mask, inside: Sequence[Index]
 ) -> None:
     """Add shifts of attachments between repeats, and what the deformation models leave where they were fitted (B,)."""
     table = tables.get("deformation")
@@ -228,7 +228,7 @@ def _add_attachments(
     variance[at] = number_column(table, stated)[kept] ** 2
     subjects = tuple(f"leg {number + 1}" for number in range(legs))
     what = Repeated("attachment", subjects, ("um",) * legs)
-    told.add(what, shift, np.sqrt(known_mean(variance)))
+    repeats.add(what, shift, np.sqrt(known_mean(variance)))
     # Of every leg, for a matrix takes also those whose attachments carry no targets; their zero is of no account.
     drive = _readings(tables["configurations"])
     for model, left in _deformation_left(tables.get("deformation_models"), shift, drive):
@@ -237,7 +237,7 @@ def _add_attachments(
         spent = 1.0 + (1.0 if model == "linear" else drive.shape[1])
         centred = left - known_mean(left)
         all_left = Squares(np.nansum(centred**2, axis=0), count - spent)
-        told.add_fit(what, model, lack_of_fit(all_left, within_groups(left, inside)))
+        repeats.add_fit(what, model, lack_of_fit(all_left, within_groups(left, inside)))
 
 
 def _readings(configurations: pa.Table) -> Array:
@@ -261,7 +261,7 @@ def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> It
         yield str(model), shift - 1e3 * followed
 
 
-def _add_calibrations(told: Repeats, tables: Mapping[str, pa.Table], poses: Ids, groups: Sequence[Index]) -> None:
+def _add_calibrations(repeats: Repeats, tables: Mapping[str, pa.Table], poses: Ids, groups: Sequence[Index]) -> None:
     """Add what each calibrated model leaves of the platform's poses that it was fitted to."""
     accuracy = tables.get("accuracy")
     if accuracy is None or not accuracy.num_rows or _PARTS[0] not in accuracy.column_names:
@@ -277,7 +277,7 @@ def _add_calibrations(told: Repeats, tables: Mapping[str, pa.Table], poses: Ids,
         left[place[rows]] = parts[rows]
         count = np.isfinite(left).sum(axis=0)
         all_left = Squares(np.nansum(left**2, axis=0), count - spent.get(name, 0.0) / 6.0)
-        told.add_fit(what, name, lack_of_fit(all_left, within_groups(left, groups)))
+        repeats.add_fit(what, name, lack_of_fit(all_left, within_groups(left, groups)))
 
 
 def _model_names(table: pa.Table) -> NDArray[np.object_]:

@@ -58,32 +58,32 @@ class Repeats:
 
     def _add(self, what: Repeated, found: Squares, declared: Array, p_equal: Array | None) -> None:
         lower, upper = found.interval()
-        told = np.flatnonzero(found.freedom > 0)
-        if len(told):
+        reported = np.flatnonzero(found.freedom > 0)
+        if len(reported):
             self.repeats.add(
                 repeated=what.kind,
-                subject=[what.subjects[c] for c in told],
-                pure_error=found.sigma[told],
-                lower=lower[told],
-                upper=upper[told],
-                declared_sigma=declared[told],
-                unit=[what.units[c] for c in told],
-                freedom_of_error=found.freedom[told],
+                subject=[what.subjects[c] for c in reported],
+                pure_error=found.sigma[reported],
+                lower=lower[reported],
+                upper=upper[reported],
+                declared_sigma=declared[reported],
+                unit=[what.units[c] for c in reported],
+                freedom_of_error=found.freedom[reported],
                 groups=len(self.groups),
                 told_by=self.how,
-                p_equal=None if p_equal is None else p_equal[told],
+                p_equal=None if p_equal is None else p_equal[reported],
             )
 
     def add_fit(self, what: Repeated, model: str, found: LackOfFit) -> None:
         """Add a row per subject of which a model could be held against pure error."""
-        told = np.flatnonzero(np.isfinite(found.p_value))
-        if len(told):
+        reported = np.flatnonzero(np.isfinite(found.p_value))
+        if len(reported):
             self.fits.add(
                 repeated=what.kind,
                 contender=model,
-                subject=[what.subjects[c] for c in told],
-                f_ratio=found.ratio[told],
-                freedom_of_fit=found.of_fit[told],
-                freedom_of_error=found.of_error[told],
-                p_value=found.p_value[told],
+                subject=[what.subjects[c] for c in reported],
+                f_ratio=found.ratio[reported],
+                freedom_of_fit=found.of_fit[reported],
+                freedom_of_error=found.of_error[reported],
+                p_value=found.p_value[reported],
             )

@@ -196,20 +196,20 @@ def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
     rows = tables["reading_residuals"].select(["rejected", "decision"]).to_pylist()
     by_person = sum(row["decision"] == "excluded" for row in rows)
     gross = sum(row["rejected"] for row in rows) - by_person
-    said = [gross_errors(gross, "reading")] if gross else []
-    said += [f"{by_person} reading{'s' * (by_person > 1)} excluded by a person"] if by_person else []
-    said += [f"the drift of {loaded.drifts} runs and channels"] if loaded.drifts else []
-    return ", ".join(said) or "nothing"
+    texts = [gross_errors(gross, "reading")] if gross else []
+    texts += [f"{by_person} reading{'s' * (by_person > 1)} excluded by a person"] if by_person else []
+    texts += [f"the drift of {loaded.drifts} runs and channels"] if loaded.drifts else []
+    return ", ".join(texts) or "nothing"
 
 
 def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, ComplianceComparison]) -> str:
     shares = {name: r_squared(fits["none"], fits["matrix"], k) for k, name in enumerate(CHANNELS)}
     words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if np.isfinite(share))
-    said = f"compliance matrix explains {words}"
+    text = f"compliance matrix explains {words}"
     if "matrix" not in against:
-        return said
+        return text
     one = against["matrix"]
-    return f"{said}; {one.dof} of 36 entries beside the simulated ones, p {one.p_value:.2g}"
+    return f"{text}; {one.dof} of 36 entries beside the simulated ones, p {one.p_value:.2g}"
 
 
 def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | None) -> Rows:
@@ -253,12 +253,12 @@ def with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: C
         return found
     positions, withheld = tables["positions"], withheld_runs(tables)
     rows = positioning_rows(positions, settings.interferometer, withheld).table(str(positions.schema.field("run").type))
-    read, said = f"{count(positions.num_rows, 'approach')} of an axis", positioning_words(rows, withheld)
+    read, text = f"{count(positions.num_rows, 'approach')} of an axis", positioning_words(rows, withheld)
     return replace(
         found,
         artifacts={**found.artifacts, "positioning": rows},
         read=read if found.read == "nothing" else f"{found.read}; {read}",
-        figure=said if found.read == "nothing" else f"{found.figure}; {said}",
+        figure=text if found.read == "nothing" else f"{found.figure}; {text}",
     )
 
 

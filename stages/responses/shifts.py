@@ -106,19 +106,19 @@ def handed_on(
 ) -> dict[str, pa.Table]:
     """The artifacts with what the shifts seen (B, L) have in common with poses, with each other, and with all poses."""
     covariances, sensitivities = Rows("shift_covariances"), Rows("shift_sensitivities")
-    told = seen & shifts.there[:, None]
-    b, leg, number = np.nonzero(told[:, :, None] & np.isfinite(shifts.with_poses))
+    determined = seen & shifts.there[:, None]
+    b, leg, number = np.nonzero(determined[:, :, None] & np.isfinite(shifts.with_poses))
     _covariance_rows(covariances, poses, b, leg, [shifts.numbers[i] for i in number], shifts.with_poses[b, leg, number])
-    b, leg, other = np.nonzero(told[:, :, None] & told[:, None] & np.tri(told.shape[1], dtype=bool))
+    b, leg, other = np.nonzero(determined[:, :, None] & determined[:, None] & np.tri(determined.shape[1], dtype=bool))
     _covariance_rows(covariances, poses, b, leg, _shift_numbers(other), shifts.whole[b, leg, other])
-    b, leg, parameter = np.nonzero(np.broadcast_to(told[..., None], shifts.effects.shape))
+    b, leg, parameter = np.nonzero(np.broadcast_to(determined[..., None], shifts.effects.shape))
     sensitivities.add(
         pose=[poses[i] for i in b],
         leg=leg + 1,
         parameter=[shifts.parameters[i] for i in parameter],
         effect_um=shifts.effects[b, leg, parameter] * 1e6,
     )
-    names = [*shifts.numbers, *_shift_numbers(np.arange(told.shape[1]))]
+    names = [*shifts.numbers, *_shift_numbers(np.arange(determined.shape[1]))]
     one, other = np.nonzero(np.tri(len(names), dtype=bool))
     frames = Rows("survey_covariances")
     frames.add(
@@ -237,10 +237,10 @@ def _leg_model_rows(found: AttachmentModels) -> Rows:
     return rows
 
 
-def _coefficient_rows(rows: Rows, name: str, fit: ResponseFit, told: Mask, axes: str) -> None:
+def _coefficient_rows(rows: Rows, name: str, fit: ResponseFit, determined: Mask, axes: str) -> None:
     """The coefficients of a model of shifts along some axes, one after the other of each leg."""
     sigma, p, significant = entry_tests(fit)
-    shift, column = np.nonzero(fit.free & told[:, None])
+    shift, column = np.nonzero(fit.free & determined[:, None])
     rows.add(
         model=name,
         leg=shift // len(axes) + 1,
@@ -309,8 +309,8 @@ def _leg_words(shifts: LegShifts, rejected: Mask, fits: Mapping[str, ResponseFit
     )
     left_out = gross_errors(int(rejected.sum()), "shift") if rejected.any() else "nothing"
     rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
-    told = [f"{rms[name]:.1f} {name}" for name in ("linear", "matrix") if name in rms]
-    figure = ", ".join([f"rms left {rms['none']:.1f} um without a model", *told])
+    texts = [f"{rms[name]:.1f} {name}" for name in ("linear", "matrix") if name in rms]
+    figure = ", ".join([f"rms left {rms['none']:.1f} um without a model", *texts])
     untold = [name for name in ("linear", "matrix") if name not in rms]
     figure += f"; not evaluated: {', '.join(untold)}, which so few movements leave open" if untold else ""
     if shifts.modulo_plane:

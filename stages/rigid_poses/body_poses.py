@@ -228,8 +228,8 @@ def sensitivities_table(
 ) -> pa.Table:
     """What one standard deviation of each parameter common to all poses does to each default pose."""
     base = next((body for body in bodies if body.name == reference), None)
-    told = [body for body in bodies if body.effects is not None]
-    parts = [_effect_columns(body, None if body is base else base, parameters) for body in told]
+    reported = [body for body in bodies if body.effects is not None]
+    parts = [_effect_columns(body, None if body is base else base, parameters) for body in reported]
     return _table("pose_sensitivities", parts, identifier)
 
 
@@ -273,8 +273,8 @@ def _between(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[
         own, far = (relative_slope(base.fit.R, base.fit.t, one.fit.t) for one in (body, other))
         whole = np.block([[base.fit.covariance, by_other], [by_base, known]])
         covariance = own @ whole @ np.swapaxes(far, 1, 2)
-    told = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)))
-    pose, i, j = (grid.ravel() for grid in np.meshgrid(told, np.arange(6), np.arange(6), indexing="ij"))
+    reported = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)))
+    pose, i, j = (grid.ravel() for grid in np.meshgrid(reported, np.arange(6), np.arange(6), indexing="ij"))
     return {
         "pose": np.array(body.points.poses, dtype=object)[pose],
         "measured_number": pose_numbers(body.name)[i],

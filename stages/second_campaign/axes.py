@@ -33,7 +33,7 @@ def predicted_encoders(text: str, second: SecondCampaign) -> Iterator[Prediction
     names = [effect.cause.id for effect in extended.effects if effect.cause.is_persistent]
     words = f"with {', '.join(dict.fromkeys(names))}" if names else "no effect that lasts"
     value, _ = predict_axis(extended, rows)
-    for by, said, off_command in ((NOMINAL, "as commanded", np.zeros(value.shape)), (EXTENDED, words, value)):
+    for by, sentence, off_command in ((NOMINAL, "as commanded", np.zeros(value.shape)), (EXTENDED, words, value)):
         for k, encoder in enumerate(columns.encoders):
             if encoder not in extended.axis.encoders:
                 continue
@@ -42,4 +42,4 @@ def predicted_encoders(text: str, second: SecondCampaign) -> Iterator[Prediction
             missed = deviations[:, k] - predicted
             sigma = encoder_sigma(second.settings, encoder)
             noise = None if sigma is None else float(np.hypot(sigma, off) / si)
-            yield PredictionErrors(by, said, encoder, unit, (missed - np.nanmean(missed)) / si, noise)
+            yield PredictionErrors(by, sentence, encoder, unit, (missed - np.nanmean(missed)) / si, noise)

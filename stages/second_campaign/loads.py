@@ -52,12 +52,12 @@ def predicted_readings(text: str, second: SecondCampaign) -> Iterator[Prediction
     alone = replace(extended, compliance=extended.nominal, effects=(), covariance=extended.covariance[:size, :size])
     names = [cause.id for cause in extended.causes if cause.is_persistent]
     words = f"with {', '.join(dict.fromkeys(names))}" if names else "compliance as identified"
-    for by, model, said in ((NOMINAL, alone, "compliance as simulated"), (EXTENDED, extended, words)):
+    for by, model, sentence in ((NOMINAL, alone, "compliance as simulated"), (EXTENDED, extended, words)):
         missed = _without_zeros(steps.reading - predict_readings(model, _conditions(model, steps)).value, steps)
         for k, channel in enumerate(CHANNELS):
             sigma = steps.sigma[np.isfinite(missed[:, k]), k]
             noise = float(np.sqrt(np.mean(sigma**2)) / READING_SI[k]) if len(sigma) else None
-            yield PredictionErrors(by, said, channel, READING_UNITS[k], missed[:, k] / READING_SI[k], noise)
+            yield PredictionErrors(by, sentence, channel, READING_UNITS[k], missed[:, k] / READING_SI[k], noise)
 
 
 def _check(extended: ExtendedSensor, second: SecondCampaign) -> None:

@@ -66,9 +66,9 @@ def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
     np.add.at(used, cases.of_step, (seen & ~found.curves.rejected).sum(1))
     np.add.at(rejected, cases.of_step, (found.curves.rejected | out.readings).sum(1))
     known = np.isfinite(found.value)
-    told = np.where(known[:, :, None] & known[:, None] | np.eye(6, dtype=bool), found.covariance, np.nan)
-    told = np.where(np.isfinite(told), told, np.nan)
-    entries = {f"cov_{i}_{j}": told[:, i, j] for i in range(6) for j in range(i, 6)}
+    reported = np.where(known[:, :, None] & known[:, None] | np.eye(6, dtype=bool), found.covariance, np.nan)
+    reported = np.where(np.isfinite(reported), reported, np.nan)
+    entries = {f"cov_{i}_{j}": reported[:, i, j] for i in range(6) for j in range(i, 6)}
     roles = {"role": np.where(cases.held_out, "verification", "calibration")} if cases.held_out.any() else {}
     rows.add(
         case=np.arange(1, len(cases.load) + 1),
@@ -91,8 +91,8 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided, kep
     sigma = curves.sigma[at, k] / READING_SI[k]
     spoken = out.words + kept.words
     reasons = [
-        said or (f"{GROSS}: {abs(r) / s:.0f} sigma off its run's curve" if gross else None)
-        for said, gross, r, s in zip(spoken[at, k], rejected, residual, sigma, strict=True)
+        text or (f"{GROSS}: {abs(r) / s:.0f} sigma off its run's curve" if gross else None)
+        for text, gross, r, s in zip(spoken[at, k], rejected, residual, sigma, strict=True)
     ]
     rows.add(
         run=[steps.runs[r] for r in steps.run[at]],
@@ -192,8 +192,8 @@ def _corrected(found: PlatformPoses) -> str:
     if found.geometry is None:
         return ""
     most = np.nanmax(np.abs(found.geometry.added / READING_SI), axis=0, initial=0.0)
-    said = [f"{name} by {m:.2g} {u}" for name, m, u in zip(CHANNELS, most, READING_UNITS, strict=True) if m > 0.0]
-    return f"; corrected for the geometry of beams: {', '.join(said)} at most" if said else ""
+    texts = [f"{name} by {m:.2g} {u}" for name, m, u in zip(CHANNELS, most, READING_UNITS, strict=True) if m > 0.0]
+    return f"; corrected for the geometry of beams: {', '.join(texts)} at most" if texts else ""
 
 
 def _by_axis(found: PlatformPoses) -> dict[str, Mask]:

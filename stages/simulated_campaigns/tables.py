@@ -55,8 +55,8 @@ def _table(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> pa.Table:
 
 def _kind_row(question: DetectionQuestion) -> dict[str, Any]:
     sort, unit = question.kind, question.unit
-    told = {"parameter": unit.parameter, "unit": unit.unit, "beside": unit.beside}
-    return {"cause": sort.kind, "concerns": sort.concerns, **told}
+    reported = {"parameter": unit.parameter, "unit": unit.unit, "beside": unit.beside}
+    return {"cause": sort.kind, "concerns": sort.concerns, **reported}
 
 
 def _sizes_row(curve: Curve) -> dict[str, Any]:
@@ -69,7 +69,7 @@ def _sizes_row(curve: Curve) -> dict[str, Any]:
         row |= dict(zip((f"found_{level}", f"lower_{level}", f"upper_{level}"), bounds, strict=True))
     expected = question.expected
     row["signal_to_noise_80"] = None if expected is None else question.signal_to_noise(expected)
-    row["instead"] = ", ".join(f"{said} ({count})" for said, count in curve.others_found[:3])
+    row["instead"] = ", ".join(f"{text} ({count})" for text, count in curve.others_found[:3])
     return row
 
 

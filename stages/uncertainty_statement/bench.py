@@ -53,13 +53,13 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
         found = None
     places = [(CHANNELS.index(row["response"]), LOADS.index(row["load"])) for row in rows]
     whole = np.array([row["sigma"] for row in rows], float)
-    told = None if found is None else budget_of_entries(found, loaded, places)
-    if told is None or not np.allclose(told.standard, whole, rtol=_CLOSES):
-        told = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), whole[None])
+    budget = None if found is None else budget_of_entries(found, loaded, places)
+    if budget is None or not np.allclose(budget.standard, whole, rtol=_CLOSES):
+        budget = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), whole[None])
     estimate = np.array([row["coefficient"] for row in rows], float)
-    told = told.with_source(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
+    budget = budget.with_source(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
     names, units = [f"{row['response']} per {row['load']}" for row in rows], [row["unit"] for row in rows]
-    statement.state("compliance", "loads as written down", names, estimate, units, told.filled())
+    statement.state("compliance", "loads as written down", names, estimate, units, budget.filled())
     _omit(statement, tables, settings)
 
 
@@ -124,19 +124,19 @@ def _chosen(tables: Mapping[str, pa.Table]) -> str | None:
 
 
 def _state_matrix(statement: Statement, made: Calibrated) -> None:
-    matrix, told = budget_of_matrix(made)
+    matrix, budget = budget_of_matrix(made)
     rows, columns = (index.ravel() for index in np.indices(matrix.shape))
     names = [f"{made.table.load_names[i]} per {made.table.signal_names[j]}" for i, j in zip(rows, columns, strict=True)]
-    statement.state("G_B", made.fit.model.name, names, matrix.ravel(), [f"{_LOAD_UNITS[i]}/mV" for i in rows], told)
+    statement.state("G_B", made.fit.model.name, names, matrix.ravel(), [f"{_LOAD_UNITS[i]}/mV" for i in rows], budget)
 
 
 def _state_loads(statement: Statement, made: Calibrated, ranges: Array) -> None:
     """State each load at its full range, as one reading of the signals tells it."""
     axes = np.flatnonzero(np.isfinite(ranges))
-    value, told = budget_of_loads(made, np.diag(ranges)[axes], axes)
+    value, budget = budget_of_loads(made, np.diag(ranges)[axes], axes)
     names, units = [made.table.load_names[k] for k in axes], [_LOAD_UNITS[k] for k in axes]
     subject = [f"one reading at {ranges[k]:g} {_LOAD_UNITS[k]} of {made.table.load_names[k]}" for k in axes]
-    statement.state("load", subject, names, value, units, told)
+    statement.state("load", subject, names, value, units, budget)
 
 
 def _state_held_out(statement: Statement, made: Calibrated) -> None:

@@ -58,10 +58,10 @@ def _state_cause(statement: Statement, row: dict[str, Any], parts: Parts) -> Non
     cause, concerned = row["cause"], row["subject"] or ""
     subject = f"{cause} {concerned}".strip()
     parameters = json.loads(row["parameters"] or "{}")
-    told = {name: one for name, one in parameters.items() if isinstance(one, dict) and one.get("sigma") is not None}
-    for name in parameters.keys() - told.keys():
+    reported = {name: one for name, one in parameters.items() if isinstance(one, dict) and one.get("sigma") is not None}
+    for name in parameters.keys() - reported.keys():
         statement.not_evaluated("cause", name, "it is no measured number, or nothing bounds it", subject)
-    for name, one in told.items():
+    for name, one in reported.items():
         own = _budget_of_cause(parts.get((cause, concerned, name), {}), float(one["sigma"]))
         statement.state("cause", subject, [name], np.array([float(one["value"])]), [one["unit"]], own)
 

@@ -38,13 +38,13 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
     rows = [row for row in tables["calibration"].to_pylist() if (row["model"], row["deformation"]) == key]
     names = [_name(row["parameter"], row["leg"], row.get("effect_of")) for row in rows]
     held = {row.get("effect_of") for row in rows}
-    told = [row["sigma"] is not None and row["identified"] is not None for row in rows]
-    whole = np.array([row["sigma"] if known else 0.0 for row, known in zip(rows, told, strict=True)], float)
+    reported = [row["sigma"] is not None and row["identified"] is not None for row in rows]
+    whole = np.array([row["sigma"] if known else 0.0 for row, known in zip(rows, reported, strict=True)], float)
     parts = _budget(tables, settings, key, rows)
     if parts is None or not np.allclose(parts.standard, whole, rtol=_CLOSES):
         parts = Budget((Source("fit as a whole: poses, readings and tolerances", "B"),), whole[None])
     subject = f"{key[0]}, {key[1]} deformation"
-    kept = np.flatnonzero(told)
+    kept = np.flatnonzero(reported)
     statement.state(
         "calibration",
         subject,
@@ -53,7 +53,7 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
         [rows[i]["unit"] for i in kept],
         Budget(parts.sources, parts.contributions[:, kept]),
     )
-    for i in np.flatnonzero(~np.array(told, bool)):
+    for i in np.flatnonzero(~np.array(reported, bool)):
         statement.not_evaluated("calibration", names[i], "the data do not determine it", subject)
     statement.omitted("calibration", "the choice of the model", "each budget holds for the model that was chosen")
     for name, cause in found_causes(tables).items():
@@ -112,8 +112,8 @@ def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], setting
                 why = f"needs {LEAST_POSES} poses that nothing was fitted to, found {len(errors)}"
                 statement.not_evaluated("accuracy", quantity, why, subject)
                 continue
-            value, told = root_mean_square(errors)
-            statement.state("accuracy", subject, [quantity], np.array([value]), unit, told)
+            value, stated = root_mean_square(errors)
+            statement.state("accuracy", subject, [quantity], np.array([value]), unit, stated)
     statement.omitted("accuracy", "places and conditions that were not measured", "it holds for poses like those taken")
 
 
@@ -146,11 +146,11 @@ def state_positioning(statement: Statement, tables: Mapping[str, pa.Table], sett
         repeated = positioning_uncertainty(deviation, target * 1e3, np.random.default_rng(SEED))
         whole = np.array([row["sigma"] for row in own], float)
         by_repeats = np.minimum([repeated[row["figure"]].sigma for row in own], whole)
-        told = Budget((REPEATS,), by_repeats[None])
+        reported = Budget((REPEATS,), by_repeats[None])
         if instrument(taken, optics).stretch > 0.0:
-            told = told.with_source(LENGTH, np.sqrt(whole**2 - by_repeats**2))
+            reported = reported.with_source(LENGTH, np.sqrt(whole**2 - by_repeats**2))
         half = np.array([max(row["high"] - row["value"], row["value"] - row["low"]) for row in own], float)
         estimate = np.array([row["value"] for row in own], float)
-        statement.state("positioning", f"run {run}", [row["figure"] for row in own], estimate, "um", told, half)
+        statement.state("positioning", f"run {run}", [row["figure"] for row in own], estimate, "um", reported, half)
     why = "nothing in campaign.toml declares it for positions of an axis"
     statement.omitted("positioning", "wavelength and device, alignment of the beam, drift in a cycle", why)

@@ -55,8 +55,8 @@ def state_poses(statement: Statement, tables: Mapping[str, pa.Table], settings: 
         _state(statement, tables, body, parents[body], poses)
     if bodies:
         if not has_scale(tables):
-            said = "no scale bar or certified length tells it from here"
-            statement.omitted("pose", "scale of the measurement", said)
+            text = "no scale bar or certified length tells it from here"
+            statement.omitted("pose", "scale of the measurement", text)
         for name, cause in found_causes(tables).items():
             if of_instrument(cause):
                 statement.omitted("pose", name, NOT_HELD)
@@ -80,11 +80,11 @@ def _state(
     estimate = np.concatenate([found.p[seen] * 1e3, vector], 1)
     to_units = np.zeros((len(seen), 6, 6))
     to_units[:, :3, :3], to_units[:, 3:, 3:] = np.eye(3) * 1e3, turn
-    told = {
+    reported = {
         source: np.einsum("bij,bjk,bik->bi", to_units, covariance[seen], to_units, optimize=True)
         for source, covariance in parts.items()
     }
-    contributions = np.sqrt(np.maximum(np.array([own.ravel() for own in told.values()]), 0.0))
+    contributions = np.sqrt(np.maximum(np.array([own.ravel() for own in reported.values()]), 0.0))
     subject = [f"{body} in {parent}, pose {poses[n]}" for n in seen for _ in _COMPONENTS]
     statement.state(
         "pose",
@@ -92,7 +92,7 @@ def _state(
         list(_COMPONENTS) * len(seen),
         estimate.ravel(),
         list(_UNITS) * len(seen),
-        Budget(tuple(told), contributions),
+        Budget(tuple(reported), contributions),
     )
 
 

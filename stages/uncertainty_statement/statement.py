@@ -28,7 +28,7 @@ class Statement:
         quantity: Sequence[str],
         estimate: Array,
         unit: Sequence[str] | str,
-        told: Budget,
+        budget: Budget,
         interval: Array | None = None,
     ) -> None:
         """State N results with their budgets; interval (N,): expanded uncertainties that no Student's law gives."""
@@ -39,19 +39,19 @@ class Statement:
             "quantity": list(quantity),
             "unit": _each(unit, count),
         }
-        expanded = told.expanded if interval is None else interval
-        standard = told.standard
+        expanded = budget.expanded if interval is None else interval
+        standard = budget.standard
         factor = np.divide(expanded, standard, out=np.full(count, np.nan), where=standard > 0.0)
         self.stated.add(
             **names,
             estimate=estimate,
             standard_uncertainty=standard,
-            degrees_of_freedom=np.where(told.dof < _MANY, told.dof, np.nan),
+            degrees_of_freedom=np.where(budget.dof < _MANY, budget.dof, np.nan),
             coverage_factor=np.where(np.isfinite(factor), factor, np.nan),
             expanded_uncertainty=expanded,
             stated=True,
         )
-        for source, own, share in zip(told.sources, told.contributions, told.shares, strict=True):
+        for source, own, share in zip(budget.sources, budget.contributions, budget.shares, strict=True):
             self.parts.add(
                 **names,
                 input_source=source.name,

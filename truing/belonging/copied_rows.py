@@ -67,8 +67,8 @@ def copied_parts(
         if _chance(value[there[0]], likely, distinct // length, length, tries) < np.log(_CHANCE / len(pairs)):
             found.append(CopiedPart(first, second, covered[0], share))
     longest = max((len(own) for own in rows), default=0)
-    telling = bool(len(value)) and _chance(value, chance.typical(), max(FEWEST // length, 1), length, longest**2)
-    return found, bool(telling and telling < np.log(_CHANCE))
+    informative = bool(len(value)) and _chance(value, chance.typical(), max(FEWEST // length, 1), length, longest**2)
+    return found, bool(informative and informative < np.log(_CHANCE))
 
 
 def _together(value: Array) -> int:
@@ -132,11 +132,11 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
 
     Whole runs are compared row by row from the first of both, parts of them wherever they stand.
     """
-    found, pairs, telling, parts_tell = dict[tuple[str, str], list[_Copy]](), 0, False, True
+    found, pairs, informative, parts_tell = dict[tuple[str, str], list[_Copy]](), 0, False, True
     rows = [np.flatnonzero(run == one) for one in range(len(runs))]
     for table in map(_rounded, tables):
         chance = ChanceEquality.of_runs(table.value, rows, load, table.noise)
-        telling |= any(
+        informative |= any(
             bool((chance.between(first, second) < _TELLING).any())
             for first, second in combinations(range(len(runs)), 2)
         )
@@ -154,7 +154,7 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
         pairs += len(runs) * (len(runs) - 1) // 2
     if found:
         return tuple(_relation_tests(found, pairs))
-    if not pairs or not telling:
+    if not pairs or not informative:
         return (RelationTest(RELATION, RelationState.NOT_TESTED, "coarse" if pairs else "one-run"),)
     return (RelationTest(RELATION, RelationState.OK, "no-copies" if parts_tell else "no-whole-copies", tried=pairs),)
 

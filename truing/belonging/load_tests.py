@@ -48,12 +48,12 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], se
     each = list(slips_of_run_loads(found, steps.runs, expected))
     broad = [one for one in overall if not one.slip.subjects]
     others = [one for one in overall if one.slip.subjects]
-    told = explain(found, expected, [*others, *each], broad)
-    if told.slips:
-        return told.tested(READINGS, RelationState.FAILS, "slip", ())
+    explained = explain(found, expected, [*others, *each], broad)
+    if explained.slips:
+        return explained.tested(READINGS, RelationState.FAILS, "slip", ())
     of_all_runs = [one for one in overall if not any(name in steps.runs for name in one.slip.subjects)]
     unseen = (*hidden(found, expected, of_all_runs), *_hardly_answering(found, expected, steps.runs))
-    return told.tested(READINGS, *_departure(found, expected), unseen)
+    return explained.tested(READINGS, *_departure(found, expected), unseen)
 
 
 def by_compliance(seen: Array) -> ExpectedResponse:
@@ -165,8 +165,8 @@ class _ValueTable:
         still = [*used.still, *frozen(steps.load, steps.run, steps.value, answers, self.noise)]
         share = 100.0 * max((one.share for one in still), default=0.0)
         for slip in _frozen_slips(still, self.columns, steps.runs):
-            told = (named_shortly(slip.subjects), share, None, None, "%")
-            yield RelationTest(self.relation, RelationState.FAILS, "frozen", *told, (slip,), tried=len(still))
+            reported = (named_shortly(slip.subjects), share, None, None, "%")
+            yield RelationTest(self.relation, RelationState.FAILS, "frozen", *reported, (slip,), tried=len(still))
         if not still:
             found, tried = row_slips(steps.load, steps.run, time_s, steps.value, steps.runs, self.name)
             for row in found:
@@ -301,10 +301,10 @@ def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known:
     alike = signal_tests.against_each_other(recorded, columns, signal_tests.RELATION)
     if known.leg_forces is None:
         return alike
-    told = signal_tests.against_geometry(recorded, columns, known.leg_forces, known.gain)
-    if told is None:
+    reported = signal_tests.against_geometry(recorded, columns, known.leg_forces, known.gain)
+    if reported is None:
         return alike
-    tested = _either(told, alike, recorded.runs)
+    tested = _either(reported, alike, recorded.runs)
     return tested if known.gain is None else _or_sensitivity(tested)
 
 

@@ -154,8 +154,8 @@ def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base
 
 def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest) -> RelationTest | None:
     """The result where slips explain some rows of the table, and the rest agrees."""
-    told = np.flatnonzero(np.isfinite(asked).all(axis=1))
-    whole, wanted = motion.chosen(told), asked[told]
+    reachable = np.flatnonzero(np.isfinite(asked).all(axis=1))
+    whole, wanted = motion.chosen(reachable), asked[reachable]
     agreed = agreement(whole.readings, wanted, motion.noise)
     if agreed is None:
         return None
@@ -165,8 +165,8 @@ def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: 
         undone = meant.undone(whole.readings)
         rows = slipped_rows(undone, wanted, agreed)
         if rows is not None and 0 < len(slips) <= _MOST_SLIPS:
-            groups = [(name, [values[row] for row in told.tolist()]) for name, values in names.groups]
-            where = places(*rows, [names.poses[row] for row in told.tolist()], groups)
+            groups = [(name, [values[row] for row in reachable.tolist()]) for name, values in names.groups]
+            where = places(*rows, [names.poses[row] for row in reachable.tolist()], groups)
             left = np.where(rows[0][:, None], undone, whole.readings) - wanted
             found = tuple(_there(slip, tuple(where)) for slip in slips)
             after = 1e3 * _rms(left - left.mean(axis=0))
@@ -252,9 +252,9 @@ def _left_by_physics(motion: MeasuredMotion) -> float:
 
 def _strays(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """Single readings that are none of their pose."""
-    told = np.isfinite(asked).all(axis=1)
-    at = np.flatnonzero(told)
-    found = stray_readings(motion.readings[told], asked[told], motion.noise)
+    determined = np.isfinite(asked).all(axis=1)
+    at = np.flatnonzero(determined)
+    found = stray_readings(motion.readings[determined], asked[determined], motion.noise)
     places = tuple(f"{names.columns[leg]} in pose {names.poses[at[row]]}" for row, leg in found.tolist())
     return (RecordSlip(SlipKind.STRAY, "readings", places),) if places else ()
 
@@ -264,9 +264,11 @@ def _plain_misfit(motion: MeasuredMotion, asked: Array) -> tuple[float, float, I
     known = np.isfinite(asked).all(axis=1)
     if known.mean() < 0.5:
         return float("inf"), 0.0, np.arange(0)
-    told = np.flatnonzero(known)
-    told = told[np.lexsort(motion.readings[told].T)]  # the order of the rows leaves no trace in the sums' last digits
-    wanted, read = (values[told] - values[told].mean(axis=0) for values in (asked, motion.readings))
+    rows_known = np.flatnonzero(known)
+    rows_known = rows_known[
+        np.lexsort(motion.readings[rows_known].T)
+    ]  # the order of the rows leaves no trace in the sums' last digits
+    wanted, read = (values[rows_known] - values[rows_known].mean(axis=0) for values in (asked, motion.readings))
     own, moved = np.sqrt(np.mean((read - wanted) ** 2, axis=0)), np.sqrt(np.mean(wanted**2, axis=0))
     wrong = (own > _APART * moved) & (moved > _MOVED * motion.noise)
     return 1e3 * _rms(read - wanted), 1e3 * _rms(wanted), np.flatnonzero(wrong)

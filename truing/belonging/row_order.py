@@ -88,9 +88,9 @@ def _row_slips(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> I
     limit = _MUCH + np.log(max(len(tried), 1))
     for order in _ORDERS:
         mine = [one for one in tried if one.order == order]
-        telling = [one for one in mine if abs(one.gain) > _MUCH]
-        better = [one for one in telling if one.gain > 0.0]
-        if len(better) > 1 and len(better) >= _MOST_RUNS * len(telling) and _halves(better):
+        informative = [one for one in mine if abs(one.gain) > _MUCH]
+        better = [one for one in informative if one.gain > 0.0]
+        if len(better) > 1 and len(better) >= _MOST_RUNS * len(informative) and _halves(better):
             yield RowSlip(order.slip(quantity, ()), *_left(better))
             return
     clear = [one for one in tried if one.gain > limit and _halves([one])]

@@ -93,19 +93,19 @@ class _Line:
         if not kept.any() or not _differ(other[kept] / one[kept]).any():
             return
         place = np.flatnonzero(kept).tolist()
-        told = replace(self, value=self.value[:, kept], places=tuple(self.places[k] for k in place))
+        reported = replace(self, value=self.value[:, kept], places=tuple(self.places[k] for k in place))
         one, other, answers = one[kept], other[kept], answers[kept]
         off = [np.sum(np.abs(_off(slope, answers, np.minimum(np.abs(one), np.abs(other))))) for slope in (one, other)]
         first = bool(off[0] > off[1])
         part, ratio = (~second, one / other) if first else (second, other / one)
-        before = told._left(told.way, told.value)
-        for mine, factor, after in told._undone(part, ratio, [columns[k] for k in place], units):
+        before = reported._left(reported.way, reported.value)
+        for mine, factor, after in reported._undone(part, ratio, [columns[k] for k in place], units):
             own = list(mine) if mine else slice(None)
             known = _is_known(answers, np.minimum(np.abs(one), np.abs(other)))[own]
             if factor < 0.0 and not known.any() and (mine or len(known) < 2):
                 continue  # a single column may answer both signs of a load alike
             if np.all(after[own] < _FIFTH * before[own]):
-                concerned = tuple(told.places[k] for k in mine)
+                concerned = tuple(reported.places[k] for k in mine)
                 left = float(before[own].max()), float(after[own].max())
                 yield RunPart(self.run, self.rows[part], first, -sign if first else sign, concerned, factor, *left)
 

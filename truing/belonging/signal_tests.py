@@ -111,9 +111,9 @@ def against_geometry(
         return None
     best: RelationTest | None = None
     for expected in _by_legs(found, legs, gain):
-        told, unseen = _explained(found, expected, steps, columns, gain)
-        if _off(told.misses, found, expected) <= _MATCHES:
-            tested = _tested(told, RELATION, unseen)
+        explained, unseen = _explained(found, expected, steps, columns, gain)
+        if _off(explained.misses, found, expected) <= _MATCHES:
+            tested = _tested(explained, RELATION, unseen)
             if not tested.slips:
                 return tested
             if not _turns_most(tested, steps) and (best is None or _named(tested) < _named(best)):
@@ -145,11 +145,11 @@ def _explained(
     if gain is None:
         overall = [one for one in overall if not _is_of_all(one, columns)]
     broad = [one for one in overall if not one.slip.subjects]
-    told = explain(found, expected, [*each, *(one for one in overall if one.slip.subjects)], broad)
-    if told.slips:
-        return told, ()
+    explained = explain(found, expected, [*each, *(one for one in overall if one.slip.subjects)], broad)
+    if explained.slips:
+        return explained, ()
     unseen = [one for one in overall if not any(name in steps.runs for name in one.slip.subjects)]
-    return told, (*_blind(gain), *hidden(found, expected, unseen))
+    return explained, (*_blind(gain), *hidden(found, expected, unseen))
 
 
 def _the_other_way(tested: RelationTest) -> tuple[RecordSlip, ...]:
@@ -175,10 +175,10 @@ def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], re
         *slips_of_run_loads(found, steps.runs, expected),
         *slips_of_columns(found, columns, steps.runs, expected, of_all=False),
     ]
-    told = explain(found, expected, candidates)
+    explained = explain(found, expected, candidates)
     of_one_quantity = len({column.quantity for column in columns}) == 1  # so that any two may be exchanged
     exchanges = [*exchanges_by_axis(found, columns)] if of_one_quantity else []
-    return _tested(told, relation, (*unseen, *hidden(found, expected, exchanges)))
+    return _tested(explained, relation, (*unseen, *hidden(found, expected, exchanges)))
 
 
 def responses_of(steps: SignalSteps, columns: int) -> Array:
@@ -191,9 +191,11 @@ def _clear(steps: SignalSteps, count: int) -> Responses:
     return clear(responses(steps.load, steps.run, steps.value, has_zero=not steps.tared), count)
 
 
-def _tested(told: Explained, relation: str, unseen: Sequence[RecordSlip]) -> RelationTest:
-    state, reason = (RelationState.OK, "agrees") if told.before <= _NO_BETTER else (RelationState.ATTENTION, "departs")
-    return told.tested(relation, state, reason, unseen)
+def _tested(explained: Explained, relation: str, unseen: Sequence[RecordSlip]) -> RelationTest:
+    state, reason = (
+        (RelationState.OK, "agrees") if explained.before <= _NO_BETTER else (RelationState.ATTENTION, "departs")
+    )
+    return explained.tested(relation, state, reason, unseen)
 
 
 def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[ExpectedResponse]:

@@ -325,10 +325,10 @@ def _gain(
 ) -> float:
     """Log evidence that another way to read responses has over one, by those that either way should or do tell."""
     here, there = one[1], _compare(found, expected, other)
-    telling = here.is_large | there.is_large
-    if not telling.any():
+    informative = here.is_large | there.is_large
+    if not informative.any():
         return -np.inf
-    return _evidence(other, there, expected, telling) - _evidence(one[0], here, expected, telling)
+    return _evidence(other, there, expected, informative) - _evidence(one[0], here, expected, informative)
 
 
 def _evidence(read: ColumnReading, compared: _ScaledResponses, expected: ExpectedResponse, rows: Mask) -> float:

@@ -199,7 +199,7 @@ class AssessedCalibration:
     equations: int
 
 
-def choice(judged: Sequence[AssessedCalibration]) -> ContenderChoice:
+def choice(assessed: Sequence[AssessedCalibration]) -> ContenderChoice:
     """Return which of the maximum-likelihood calibrations is chosen."""
     return choose_model(
         [
@@ -210,7 +210,7 @@ def choice(judged: Sequence[AssessedCalibration]) -> ContenderChoice:
                 len(one.calibration.values),
                 one.calibration.status == "ok",
             )
-            for one in judged
+            for one in assessed
         ]
     )
 
@@ -244,12 +244,12 @@ def shortcoming(one: AssessedCalibration) -> str:
 def doubts(one: AssessedCalibration) -> str:
     """Return what speaks against a calibration itself, in short; nothing where its misfit and its pulls are likely."""
     figures = {name: value for name, value, _ in fit_figures(one)}
-    said = []
+    texts = []
     if figures.get("misfit_p_value", 1.0) < _UNLIKELY:
-        said.append(f"misfit {np.sqrt(figures['chi_square'] / figures['freedom']):.1f} times the declared noise")
+        texts.append(f"misfit {np.sqrt(figures['chi_square'] / figures['freedom']):.1f} times the declared noise")
     if figures.get("pull_p_value", 1.0) < _UNLIKELY:
-        said.append(f"parts {figures['rms_pull']:.1f} times further from nominal than their tolerances let expect")
-    return "; ".join(said)
+        texts.append(f"parts {figures['rms_pull']:.1f} times further from nominal than their tolerances let expect")
+    return "; ".join(texts)
 
 
 @dataclass(frozen=True)
@@ -287,13 +287,13 @@ def error_of_95_percent(errors: NDArray, variances: NDArray) -> Interval | None:
     errors (N,), NaN where there is none, variances (N,) of the measurement, both in one unit; None without any error.
     The interval is that of the rms of so many normal errors.
     """
-    told = np.isfinite(errors)
-    count = int(told.sum())
+    reported = np.isfinite(errors)
+    count = int(reported.sum())
     if not count:
         return None
-    mean = float(np.mean(errors[told] ** 2))
+    mean = float(np.mean(errors[reported] ** 2))
     # A measurement that is said to be noisier than what was seen of it tells less, not more.
-    return Interval.of_mean(mean, min(float(np.mean(variances[told])), mean), count)
+    return Interval.of_mean(mean, min(float(np.mean(variances[reported])), mean), count)
 
 
 def deciding(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) -> Decision | None:
@@ -305,13 +305,13 @@ def deciding(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) 
     found = error_of_95_percent(errors, variances)
     if found is None or not found.low <= limit < found.high:
         return None
-    told = np.isfinite(errors)
-    mean = float(np.mean(errors[told] ** 2))
-    noise, there = min(float(np.mean(variances[told])), mean), int(told.sum()) - spare
+    reported = np.isfinite(errors)
+    mean = float(np.mean(errors[reported] ** 2))
+    noise, there = min(float(np.mean(variances[reported])), mean), int(reported.sum()) - spare
     totals = (count for count in range(there + 1, there + MOST_DECIDING + 1))
     each = ((count, Interval.of_mean(mean, noise, count)) for count in totals)
     fits = next(((count, then) for count, then in each if not then.low <= limit < then.high), None)
-    return Decision(int(told.sum())) if fits is None else Decision(int(told.sum()), fits[0] - there, fits[1])
+    return Decision(int(reported.sum())) if fits is None else Decision(int(reported.sum()), fits[0] - there, fits[1])
 
 
 def error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:
@@ -323,10 +323,10 @@ def error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:
         ("orientation", errors.orientation, "arcsec", ARCSEC),
     ):
         for name, rows in (("calibration", roles != "verification"), ("verification", roles == "verification")):
-            told = values[rows][np.isfinite(values[rows])] / si
-            if len(told):
-                figures.append((f"{part}_mean_{name}", float(told.mean()), unit))
-                figures.append((f"{part}_max_{name}", float(told.max()), unit))
+            reported = values[rows][np.isfinite(values[rows])] / si
+            if len(reported):
+                figures.append((f"{part}_mean_{name}", float(reported.mean()), unit))
+                figures.append((f"{part}_max_{name}", float(reported.max()), unit))
                 floor = errors.expected(0 if part == "position" else 3)[rows] / si
                 figures.append((f"{part}_noise_{name}", float(np.sqrt(np.mean(floor**2))), unit))
     return figures
@@ -337,20 +337,20 @@ def fit_figures(one: AssessedCalibration) -> list[Figure]:
 
     calibration = one.calibration
     geometry = [not is_deformation(entry) for entry in calibration.parameters.entries]
-    told = calibration.pull[np.isfinite(calibration.pull) & geometry]
+    reported = calibration.pull[np.isfinite(calibration.pull) & geometry]
     figures: list[Figure] = [
         ("parameters", float(len(calibration.values)), "1"),
         ("poses", float(calibration.kept.sum()), "1"),
         ("poses_downweighted", float((~calibration.kept).sum()), "1"),
         ("chi_square", calibration.chi_square, "1"),
         ("freedom", calibration.freedom, "1"),
-        ("pull_freedom", float(len(told)), "1"),
+        ("pull_freedom", float(len(reported)), "1"),
     ]
     if np.isfinite(calibration.chi_square) and calibration.freedom > 0:
         figures.append(("misfit_p_value", float(chdtrc(calibration.freedom, calibration.chi_square)), "1"))
-    if len(told):
-        figures.append(("rms_pull", float(np.sqrt(np.mean(told**2))), "1"))
-    if len(told) and calibration.estimator == MAXIMUM_LIKELIHOOD:
+    if len(reported):
+        figures.append(("rms_pull", float(np.sqrt(np.mean(reported**2))), "1"))
+    if len(reported) and calibration.estimator == MAXIMUM_LIKELIHOOD:
         figures.append(("pull_p_value", _pull_p_value(calibration, np.isfinite(calibration.pull) & geometry), "1"))
     if np.isfinite(calibration.log_evidence):
         figures.append(("log_evidence", calibration.log_evidence, "1"))

@@ -41,14 +41,12 @@ def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> Cali
     return replace(problem, leg_bodies=bodies) if bodies.fits(problem.structure, problem.nominal) else problem
 
 
-def with_shifts(
-    problem: CalibrationProblem, gathered: CalibrationData, measured: MeasuredPlatform
-) -> CalibrationProblem:
+def with_shifts(problem: CalibrationProblem, data: CalibrationData, measured: MeasuredPlatform) -> CalibrationProblem:
     """Return the problem with the shifts of attachments that carry targets, where these have been measured."""
-    if measured.shifts is None or gathered.surveyed is None:
+    if measured.shifts is None or data.surveyed is None:
         return problem
     seen = np.flatnonzero(np.isfinite(measured.shifts.shift).any(0))
-    heights = np.array([gathered.surveyed.b[gathered.surveyed.legs == leg, 2].mean() for leg in seen])
+    heights = np.array([data.surveyed.b[data.surveyed.legs == leg, 2].mean() for leg in seen])
     found = AttachmentShifts(seen, np.nan_to_num(measured.shifts.shift[:, seen]), heights)
     return replace(problem, shifts=found) if len(seen) else problem
 
@@ -63,16 +61,16 @@ def _in_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> tuple
     """Return what a network of rays tells of the deviations: covariance (B, N, N), NaN where it tells nothing, and
     effects (B, N, K) of errors common to all poses."""
     legs, poses = measured.rho.shape[1], len(measured.rho)
-    names, told = [*pose_numbers("platform"), *[""] * legs], [np.ones((poses, 6 + legs), bool)]
+    names, is_measured = [*pose_numbers("platform"), *[""] * legs], [np.ones((poses, 6 + legs), bool)]
     if problem.leg_bodies is not None:
         for leg in problem.leg_bodies.leg:
             names += [*pose_numbers(f"leg{leg + 1}")]
-            told.append(np.repeat(measured.legs[int(leg)].found[:, None], 6, 1))
+            is_measured.append(np.repeat(measured.legs[int(leg)].found[:, None], 6, 1))
     if problem.shifts is not None and measured.shifts is not None:
         names += [shift_number(int(leg) + 1) for leg in problem.shifts.leg]
-        told.append(np.isfinite(measured.shifts.sigma[:, problem.shifts.leg]))
+        is_measured.append(np.isfinite(measured.shifts.sigma[:, problem.shifts.leg]))
     assert measured.network is not None
-    return measured.network.of(names, np.concatenate(told, 1))
+    return measured.network.of(names, np.concatenate(is_measured, 1))
 
 
 def noise_of_all(problem: CalibrationProblem, measured: MeasuredPlatform, noise: NDArray) -> NDArray:
@@ -164,12 +162,12 @@ class Case:
         return self.structure.name, self.deformation
 
 
-def cases(gathered: CalibrationData, structures: tuple[Structure, ...]) -> Iterator[Case]:
+def cases(data: CalibrationData, structures: tuple[Structure, ...]) -> Iterator[Case]:
     """Return every model that the machine's numbers and the deformation stage allow."""
     for structure in structures:
-        for deformation in DEFORMATIONS[:1] if gathered.modulo_plane else DEFORMATIONS:
-            if deformation != "matrix" or "matrix" in gathered.deformations:
-                yield Case(structure, deformation, _deforming(gathered.machine, deformation, gathered.deformations))
+        for deformation in DEFORMATIONS[:1] if data.modulo_plane else DEFORMATIONS:
+            if deformation != "matrix" or "matrix" in data.deformations:
+                yield Case(structure, deformation, _deforming(data.machine, deformation, data.deformations))
 
 
 def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformation]) -> Machine:
@@ -203,45 +201,48 @@ class CalibrationQuestion:
         return len(self.problem.common.entries) if self.problem.common else 0
 
 
-def question(gathered: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
+def question(data: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
     """Return what errors in variables asks of platform and readings: all numbers of the machine, none held."""
-    parameters = free(full_set(case.nominal, case.deformation, rho0="rho0" in gathered.tolerance), gathered)
-    problem, tolerance = problem_of(case, parameters, measured), tolerances(gathered, case, parameters)
-    prior = _prior(gathered.surveyed, parameters, problem.start, tolerance)
+    parameters = free(full_set(case.nominal, case.deformation, rho0="rho0" in data.tolerance), data)
+    problem, tolerance = problem_of(case, parameters, measured), tolerances(data, case, parameters)
+    prior = _prior(data.surveyed, parameters, problem.start, tolerance)
     problem = with_common(problem, measured)
     return CalibrationQuestion(
-        problem, own_covariance(measured, gathered.reading_sigma), tolerance, prior_of_all(problem, prior)
+        problem, own_covariance(measured, data.reading_sigma), tolerance, prior_of_all(problem, prior)
     )
 
 
-def nothing_open(gathered: CalibrationData, case: Case) -> bool:
+def nothing_open(data: CalibrationData, case: Case) -> bool:
     """Return whether tolerances of zero declare every number of a case exact."""
-    return not len(free(full_set(case.nominal, case.deformation), gathered))
+    return not len(free(full_set(case.nominal, case.deformation), data))
 
 
 def with_targets(
-    asked: CalibrationQuestion, gathered: CalibrationData, measured: MeasuredPlatform, case: Case
+    calibration_question: CalibrationQuestion, data: CalibrationData, measured: MeasuredPlatform, case: Case
 ) -> CalibrationQuestion | None:
     """Return the question with what targets on legs and, of a deforming platform, on attachments measure; None without.
 
     The deformation's coefficients then follow from these shifts themselves, and nothing is known of them beforehand.
     """
-    problem = with_bodies(asked.problem, measured)
-    problem = with_shifts(problem, gathered, measured) if case.deformation != "none" else problem
-    if problem is asked.problem:
+    problem = with_bodies(calibration_question.problem, measured)
+    problem = with_shifts(problem, data, measured) if case.deformation != "none" else problem
+    if problem is calibration_question.problem:
         return None
     problem = with_common(problem, measured)
-    tolerance, prior = asked.tolerance, _of_machine(asked)
+    tolerance, prior = calibration_question.tolerance, _of_machine(calibration_question)
     if problem.shifts is not None:
-        bent = np.array([is_deformation(entry) for entry in asked.problem.parameters.entries])
+        bent = np.array([is_deformation(entry) for entry in calibration_question.problem.parameters.entries])
         tolerance, prior = np.where(bent, np.nan, tolerance), _opened(prior, bent)
-    noise = noise_of_all(problem, measured, asked.noise)
+    noise = noise_of_all(problem, measured, calibration_question.noise)
     return CalibrationQuestion(problem, noise, tolerance, prior_of_all(problem, prior))
 
 
-def _of_machine(asked: CalibrationQuestion) -> Prior:
+def _of_machine(calibration_question: CalibrationQuestion) -> Prior:
     """Return what is known beforehand of the machine's numbers alone; nothing else is correlated with them there."""
-    return Prior(asked.prior.mean[: asked.count], asked.prior.information[: asked.count, : asked.count])
+    return Prior(
+        calibration_question.prior.mean[: calibration_question.count],
+        calibration_question.prior.information[: calibration_question.count, : calibration_question.count],
+    )
 
 
 def is_deformation(entry: LegParameter) -> bool:
@@ -287,20 +288,20 @@ def common_effects(measured: MeasuredPlatform) -> NDArray:
     return measured.network.effects[:, :6]
 
 
-def free(parameters: ParameterSet, gathered: CalibrationData) -> ParameterSet:
+def free(parameters: ParameterSet, data: CalibrationData) -> ParameterSet:
     """Return the parameters without those that a tolerance of zero declares exact."""
-    exact = {name for name, sigma in gathered.tolerance.items() if sigma == 0}
+    exact = {name for name, sigma in data.tolerance.items() if sigma == 0}
     return ParameterSet(tuple(e for e in parameters.entries if e.name.partition("_")[0] not in exact))
 
 
-def tolerances(gathered: CalibrationData, case: Case, parameters: ParameterSet) -> NDArray:
+def tolerances(data: CalibrationData, case: Case, parameters: ParameterSet) -> NDArray:
     """Return one sigma (P,) of what is known of each parameter beforehand; NaN where nothing is."""
-    known = gathered.deformations.get(case.deformation)
+    known = data.deformations.get(case.deformation)
     found = np.full(len(parameters), np.nan)
     for i, entry in enumerate(parameters.entries):
         head = entry.name.partition("_")[0]
-        if head in gathered.tolerance:
-            found[i] = gathered.tolerance[head]
+        if head in data.tolerance:
+            found[i] = data.tolerance[head]
         elif known is not None and is_deformation(entry):
             found[i] = known.sigma.ravel()[_place(entry.name, entry.leg, len(known.K))]
     return np.where(found > 0, found, np.nan)

@@ -96,26 +96,26 @@ class MachineCalibration:
 
 
 def maximum_likelihood(
-    gathered: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray
+    data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray
 ) -> MachineCalibration:
     """Return the calibration by errors in variables over the poses kept (B,), what is known beforehand as prior."""
     used = fitted.chosen(kept)
-    asked = question(gathered, used, case)
-    fit = answer(asked, robust=False)
+    calibration_question = question(data, used, case)
+    fit = answer(calibration_question, robust=False)
     # All models are weighed on the same data: poses and readings, and what the targets said of the deformation.
-    evidence, count = _log_evidence(fit, asked.prior), asked.count
-    if (more := with_targets(asked, gathered, used, case)) is not None:
+    evidence, count = _log_evidence(fit, calibration_question.prior), calibration_question.count
+    if (more := with_targets(calibration_question, data, used, case)) is not None:
         fit = answer(more, fit.values[:count], robust=False)
-    found = _enlarged(gathered, fit, asked)
-    tolerance = (more or asked).tolerance
-    known = np.where(np.isfinite(tolerance), tolerance, widest(asked.problem.parameters))
-    last = len(fit.values) - asked.common
+    found = _enlarged(data, fit, calibration_question)
+    tolerance = (more or calibration_question).tolerance
+    known = np.where(np.isfinite(tolerance), tolerance, widest(calibration_question.problem.parameters))
+    last = len(fit.values) - calibration_question.common
     places = np.r_[:count, last : len(fit.values)]
     return MachineCalibration(
         case,
         MAXIMUM_LIKELIHOOD,
-        replace(asked.problem, common=None),
-        asked.problem.start[:count],
+        replace(calibration_question.problem, common=None),
+        calibration_question.problem.start[:count],
         fit.values[:count],
         found,
         fit.covariance[:count, :count],
@@ -131,27 +131,39 @@ def maximum_likelihood(
     )
 
 
-def _enlarged(gathered: CalibrationData, fit: ErrorsInVariablesFit, asked: CalibrationQuestion) -> NDArray:
+def _enlarged(data: CalibrationData, fit: ErrorsInVariablesFit, calibration_question: CalibrationQuestion) -> NDArray:
     """Return the covariance (P, P) of the machine's numbers where more noise was found than declared.
 
     The survey of the attachments was taken by the same instrument: it stands in the prior, and is as much noisier.
     """
     excess = max(fit.noise_ratio, 1.0)
-    if gathered.surveyed is None or not np.isfinite(excess):
-        return fit.covariance_at(excess if np.isfinite(excess) else 1.0)[: asked.count, : asked.count]
-    rows = survey_rows(gathered.surveyed, asked.problem.parameters)
+    if data.surveyed is None or not np.isfinite(excess):
+        return fit.covariance_at(excess if np.isfinite(excess) else 1.0)[
+            : calibration_question.count, : calibration_question.count
+        ]
+    rows = survey_rows(data.surveyed, calibration_question.problem.parameters)
     surveyed = np.zeros_like(fit.information)
-    surveyed[: asked.count, : asked.count] = rows.T @ np.linalg.solve(gathered.surveyed.covariance, rows)
+    surveyed[: calibration_question.count, : calibration_question.count] = rows.T @ np.linalg.solve(
+        data.surveyed.covariance, rows
+    )
     information = (fit.information + surveyed) / excess**2 + fit.prior.information - surveyed
-    return np.linalg.inv(information)[: asked.count, : asked.count]
+    return np.linalg.inv(information)[: calibration_question.count, : calibration_question.count]
 
 
-def answer(asked: CalibrationQuestion, start: NDArray | None = None, *, robust: bool) -> ErrorsInVariablesFit:
+def answer(
+    calibration_question: CalibrationQuestion, start: NDArray | None = None, *, robust: bool
+) -> ErrorsInVariablesFit:
     """Return the fit, from the machine's numbers (P,) in ``start`` or from the nominal ones."""
-    values = asked.problem.start
+    values = calibration_question.problem.start
     if start is not None:
         values = np.concatenate([start, values[len(start) :]])
-    return fit_errors_in_variables(asked.problem.constrain, asked.noise, values, asked.prior, robust=robust)
+    return fit_errors_in_variables(
+        calibration_question.problem.constrain,
+        calibration_question.noise,
+        values,
+        calibration_question.prior,
+        robust=robust,
+    )
 
 
 def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
@@ -160,9 +172,9 @@ def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
     return -0.5 * float(fit.cost + occam)
 
 
-def implicit(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray) -> MachineCalibration:
+def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray) -> MachineCalibration:
     """Return the calibration by least squares on the closure alone, over the poses kept (B,): the report's own way."""
-    problem = problem_of(case, _implicit_set(gathered, fitted.chosen(kept), case), fitted.chosen(kept))
+    problem = problem_of(case, _implicit_set(data, fitted.chosen(kept), case), fitted.chosen(kept))
     nominal = problem.parameters.values(case.nominal)
     still = np.zeros((int(kept.sum()), problem.deviations))
 
@@ -182,10 +194,10 @@ def implicit(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case, ke
     variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
     covariance = solution.covariance[0] * variance
     used = fitted.chosen(kept)
-    declared = _propagated(solution.covariance[0], at, own_covariance(used, gathered.reading_sigma))
+    declared = _propagated(solution.covariance[0], at, own_covariance(used, data.reading_sigma))
     moved = _moved(solution.covariance[0], at, common_effects(used))
     declared = declared + moved @ moved.T
-    tolerance = tolerances(gathered, case, problem.parameters)
+    tolerance = tolerances(data, case, problem.parameters)
     return MachineCalibration(
         case,
         IMPLICIT,
@@ -209,8 +221,8 @@ def implicit(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case, ke
 def _propagated(inverse: NDArray, at: PoseEquations, noise: NDArray) -> NDArray:
     """Return what noise (B, N, N) gives to an unweighted fit (P, P), ``inverse`` being that of its normal matrix."""
     spread = at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2)
-    told = np.einsum("bmp,bmn,bnq->pq", at.by_values, spread, at.by_values, optimize=True)
-    return inverse @ told @ inverse
+    reported = np.einsum("bmp,bmn,bnq->pq", at.by_values, spread, at.by_values, optimize=True)
+    return inverse @ reported @ inverse
 
 
 def _moved(inverse: NDArray, at: PoseEquations, effects: NDArray) -> NDArray:
@@ -220,7 +232,7 @@ def _moved(inverse: NDArray, at: PoseEquations, effects: NDArray) -> NDArray:
     return np.asarray(inverse @ np.einsum("bmp,bmk->pk", at.by_values, spread))
 
 
-def _implicit_set(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ParameterSet:
+def _implicit_set(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ParameterSet:
     """Return what the report identifies of legs as it has them, on actuators of their own; of others what can be.
 
     That is a largest set of joints, lengths and kappa that the data tell better than their tolerances do, the same
@@ -229,17 +241,17 @@ def _implicit_set(gathered: CalibrationData, fitted: MeasuredPlatform, case: Cas
     if "u" in case.nominal.legs.closure.geometry:
         return report_set(case.nominal, case.deformation)
     deformation = "none" if case.deformation == "none" else "linear"
-    candidates = free(full_set(case.nominal, deformation), gathered)
+    candidates = free(full_set(case.nominal, deformation), data)
     problem = problem_of(case, candidates, fitted)
     at = problem.constrain(problem.start, np.zeros((len(fitted.rho), problem.deviations)))
-    noise = observation_covariance(fitted, gathered.reading_sigma)
+    noise = observation_covariance(fitted, data.reading_sigma)
     sigma = np.sqrt(np.einsum("bmi,bij,bmj->bm", at.by_deviation, noise, at.by_deviation))
     rows = (at.by_values / sigma[..., None]).reshape(-1, len(candidates))
-    tolerance = tolerances(gathered, case, candidates)
+    tolerance = tolerances(data, case, candidates)
     scales = np.where(np.isfinite(tolerance), tolerance, widest(candidates))
     names = [entry.name for entry in candidates.entries]
     chosen = choose_identifiable(rows, scales, candidates.labels, groups=names).chosen
-    return ParameterSet(tuple(entry for entry, told in zip(candidates.entries, chosen, strict=True) if told))
+    return ParameterSet(tuple(entry for entry, reported in zip(candidates.entries, chosen, strict=True) if reported))
 
 
 def _end_of_fit(status: SolverStatus) -> str:

@@ -58,50 +58,50 @@ class LinearKnowledge:
 
 
 def linear(
-    gathered: CalibrationData, asked: CalibrationQuestion, values: NDArray, measured: MeasuredPlatform
+    dataset: CalibrationData, calibration_question: CalibrationQuestion, values: NDArray, measured: MeasuredPlatform
 ) -> LinearKnowledge:
     """Return how all that was measured follows the question's numbers at some values, and the entries of K (L L).
 
     Below the closings stands what the survey of the attachments says of them.
     """
-    problem = asked.problem
+    problem = calibration_question.problem
     size = len(problem.parameters)
     entries = deformation_set(problem.nominal, "matrix")
     bent = replace(problem, parameters=entries, nominal=problem.machine(values))
     still = np.zeros((len(measured.rho), problem.deviations))
     at = problem.constrain(values, still)
     by_K = bent.constrain(np.concatenate([bent.start[: len(entries)], values[size:]]), still).by_values
-    factor = np.linalg.cholesky(at.by_deviation @ asked.noise @ np.swapaxes(at.by_deviation, -1, -2))
+    factor = np.linalg.cholesky(at.by_deviation @ calibration_question.noise @ np.swapaxes(at.by_deviation, -1, -2))
     rows = np.linalg.solve(factor, np.concatenate([at.by_values, by_K[..., : len(entries)]], -1))
     rows = rows.reshape(-1, rows.shape[-1])
-    if gathered.surveyed is not None:
-        known = survey_rows(gathered.surveyed, problem.parameters)
-        known = np.linalg.solve(np.linalg.cholesky(gathered.surveyed.covariance), known)
+    if dataset.surveyed is not None:
+        known = survey_rows(dataset.surveyed, problem.parameters)
+        known = np.linalg.solve(np.linalg.cholesky(dataset.surveyed.covariance), known)
         rows = np.concatenate([rows, np.pad(known, ((0, 0), (0, rows.shape[1] - size)))])
     return LinearKnowledge(rows[:, : -len(entries)], rows[:, -len(entries) :])
 
 
-def observe_model(gathered: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Observability:
+def observe_model(dataset: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Observability:
     """Return the observability of the chosen model's numbers, by all that was measured: targets on legs and
     attachments too."""
-    asked = _whole_question(gathered, fitted, chosen.case)
-    values = np.concatenate([chosen.values, asked.problem.start[asked.count :]])
-    seen = linear(gathered, asked, values, fitted).jacobian
+    calibration_question = _whole_question(dataset, fitted, chosen.case)
+    values = np.concatenate([chosen.values, calibration_question.problem.start[calibration_question.count :]])
+    seen = linear(dataset, calibration_question, values, fitted).jacobian
     bent = np.array([is_deformation(entry) for entry in chosen.parameters.entries])
-    scales, units = _scales(gathered.tolerance, chosen.parameters), chosen.parameters.units
-    jacobian = _without(_with_common_known(seen, asked), asked.count) * units
+    scales, units = _scales(dataset.tolerance, chosen.parameters), chosen.parameters.units
+    jacobian = _without(_with_common_known(seen, calibration_question), calibration_question.count) * units
     return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
 
 
-def _whole_question(gathered: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
-    asked = question(gathered, measured, case)
-    return with_targets(asked, gathered, measured, case) or asked
+def _whole_question(dataset: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
+    calibration_question = question(dataset, measured, case)
+    return with_targets(calibration_question, dataset, measured, case) or calibration_question
 
 
-def _with_common_known(jacobian: NDArray, asked: CalibrationQuestion) -> NDArray:
+def _with_common_known(jacobian: NDArray, calibration_question: CalibrationQuestion) -> NDArray:
     """Return the derivatives with what is known beforehand of errors common to all poses below."""
-    known = np.zeros((asked.common, jacobian.shape[1]))
-    known[:, jacobian.shape[1] - asked.common :] = np.eye(asked.common)
+    known = np.zeros((calibration_question.common, jacobian.shape[1]))
+    known[:, jacobian.shape[1] - calibration_question.common :] = np.eye(calibration_question.common)
     return np.concatenate([jacobian, known])
 
 
@@ -113,22 +113,22 @@ def _without(jacobian: NDArray, count: int) -> NDArray:
     return jacobian[:, :count] - others @ (others.T @ jacobian[:, :count])
 
 
-def observe_legs(gathered: CalibrationData, fitted: MeasuredPlatform) -> list[Observability]:
+def observe_legs(dataset: CalibrationData, fitted: MeasuredPlatform) -> list[Observability]:
     """Return the observability of each leg's numbers: joints, direction, length, reference reading and kappa."""
-    machine = gathered.machine
+    machine = dataset.machine
     parameters = full_set(machine, "linear", rho0=True)
     problem = CalibrationProblem(
         KinematicModel(machine.legs.closure.name), machine, parameters, fitted.platform.p, fitted.platform.R, fitted.rho
     )
     at = problem.constrain(problem.start, np.zeros((len(fitted.rho), problem.deviations)))
-    noise = observation_covariance(fitted, gathered.reading_sigma)
+    noise = observation_covariance(fitted, dataset.reading_sigma)
     sigma = np.sqrt(np.einsum("bmi,bij,bmj->bm", at.by_deviation, noise, at.by_deviation))
-    scale = _scales(gathered.tolerance, parameters)
+    scale = _scales(dataset.tolerance, parameters)
     legs = np.array([entry.leg for entry in parameters.entries])
     labels, units = np.array(parameters.labels), parameters.units
-    told = at.by_values / sigma[..., None] * units
+    reported = at.by_values / sigma[..., None] * units
     return [
-        observe(told[:, leg, legs == leg], (scale / units)[legs == leg], labels[legs == leg].tolist())
+        observe(reported[:, leg, legs == leg], (scale / units)[legs == leg], labels[legs == leg].tolist())
         for leg in range(machine.legs.count)
     ]
 
@@ -141,7 +141,7 @@ def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray
     return np.where(given > 0, given, widest(parameters))
 
 
-def _absorption(gathered: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration) -> Absorption:
+def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration) -> Absorption:
     """Return what the calibration's parameters take over of each entry of K, seen from before any fit.
 
     The maximum-likelihood fit weighs what was measured by its noise, and has the tolerances as prior; the implicit one
@@ -154,11 +154,13 @@ def _absorption(gathered: CalibrationData, fitted: MeasuredPlatform, calibration
         both = [one.constrain(one.start, still).by_values for one in (problem, bent)]
         rows = [by_values.reshape(-1, by_values.shape[-1]) for by_values in both]
         return absorb(rows[0], -rows[1], calibration.parameters.labels)
-    asked = _whole_question(gathered, fitted, calibration.case)
-    scales = np.where(np.isfinite(asked.tolerance), asked.tolerance, widest(calibration.parameters))
-    seats = np.diag(asked.prior.information)[asked.count :] ** -0.5
-    seen = linear(gathered, asked, asked.problem.start, fitted)
-    labels = [entry.label for entry in asked.problem.entries]
+    calibration_question = _whole_question(dataset, fitted, calibration.case)
+    scales = np.where(
+        np.isfinite(calibration_question.tolerance), calibration_question.tolerance, widest(calibration.parameters)
+    )
+    seats = np.diag(calibration_question.prior.information)[calibration_question.count :] ** -0.5
+    seen = linear(dataset, calibration_question, calibration_question.problem.start, fitted)
+    labels = [entry.label for entry in calibration_question.problem.entries]
     return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
 
 
@@ -196,11 +198,11 @@ class Absorbed:
 
 
 def absorbed(
-    gathered: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration, whole: MachineCalibration
+    dataset: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration, whole: MachineCalibration
 ) -> Absorbed:
     """Return what a calibration with less deformation takes over of K; ``whole`` has all of K."""
-    known, count = gathered.deformations["matrix"], len(calibration.parameters.entries)
-    found = _absorption(gathered, fitted, calibration)
+    known, count = dataset.deformations["matrix"], len(calibration.parameters.entries)
+    found = _absorption(dataset, fitted, calibration)
     size = (known.K - calibration.case.nominal.deformation).ravel()
     spread = np.diag(found.comparison_covariance(np.diag(known.sigma.ravel() ** 2), "fit"))[:count]
     return Absorbed(
@@ -220,22 +222,22 @@ class RefittedCalibration:
 
 
 def answered_again(
-    gathered: CalibrationData, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
+    dataset: CalibrationData, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
 ) -> RefittedCalibration | None:
     """The maximum-likelihood calibration of a model (structure, deformation), from where it ended.
 
     stood: values by parameter and leg, in the units of the tables. None where there is no such model, or no minimum.
     """
-    every = list(cases(gathered, structures(gathered.machine)))
+    every = list(cases(dataset, structures(dataset.machine)))
     case = next((case for case in every if case.key == key), None)
     if case is None:
         return None
-    clean = screened_poses(gathered, gathered.measured.roles != "verification", every)
-    asked = _whole_question(gathered, clean.measured.chosen(clean.kept), case)
-    own = asked.problem.parameters
+    clean = screened_poses(dataset, dataset.measured.roles != "verification", every)
+    calibration_question = _whole_question(dataset, clean.measured.chosen(clean.kept), case)
+    own = calibration_question.problem.parameters
     start = np.array([stood[entry.name, entry.leg_number] for entry in own.entries], float) * own.units
-    fit = answer(asked, start, robust=False)
-    return RefittedCalibration(gathered, asked, fit) if fit.ok else None
+    fit = answer(calibration_question, start, robust=False)
+    return RefittedCalibration(dataset, calibration_question, fit) if fit.ok else None
 
 
 def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
@@ -244,13 +246,13 @@ def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
     Where more noise was found than declared, that of the poses, the readings and the survey is as much larger, and
     weighs as much less against the tolerances.
     """
-    asked, fit = answered.question, answered.fit
-    at = asked.problem.constrain(fit.values, fit.deviations)
+    calibration_question, fit = answered.question, answered.fit
+    at = calibration_question.problem.constrain(fit.values, fit.deviations)
     ratio = max(fit.noise_ratio, 1.0) if np.isfinite(fit.noise_ratio) else 1.0
-    legs = slice(6, 6 + asked.problem.rho.shape[-1])
-    readings = np.zeros_like(asked.noise)
-    readings[:, legs, legs] = asked.noise[:, legs, legs]
-    noise = {TARGETS: (asked.noise - readings) * ratio**2, READINGS: readings * ratio**2}
+    legs = slice(6, 6 + calibration_question.problem.rho.shape[-1])
+    readings = np.zeros_like(calibration_question.noise)
+    readings[:, legs, legs] = calibration_question.noise[:, legs, legs]
+    noise = {TARGETS: (calibration_question.noise - readings) * ratio**2, READINGS: readings * ratio**2}
     prior, surveyed = _prior(answered, ratio)
     found = linear_estimate(at.by_values, noise, prior, at.by_deviation)
     if ratio == 1.0:
@@ -265,25 +267,27 @@ def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
 
 def _prior(answered: RefittedCalibration, ratio: float) -> tuple[dict[Source, Array], tuple[Source, ...]]:
     """The precision (P, P) of what was known before, by source; and which of them are measurements."""
-    gathered, asked = answered.data, answered.question
-    left, found = asked.prior.information.copy(), {}
-    if gathered.surveyed is not None:
-        rows = survey_rows(gathered.surveyed, asked.problem.parameters)
+    dataset, calibration_question = answered.data, answered.question
+    left, found = calibration_question.prior.information.copy(), {}
+    if dataset.surveyed is not None:
+        rows = survey_rows(dataset.surveyed, calibration_question.problem.parameters)
         own = np.zeros_like(left)
-        own[: asked.count, : asked.count] = rows.T @ np.linalg.solve(gathered.surveyed.covariance, rows)
+        own[: calibration_question.count, : calibration_question.count] = rows.T @ np.linalg.solve(
+            dataset.surveyed.covariance, rows
+        )
         left, found[SURVEYED] = left - own, own / ratio**2
-    for source, places in _kinds(asked).items():
+    for source, places in _kinds(calibration_question).items():
         found[source] = np.diag(np.where(np.isin(np.arange(len(left)), places), np.diag(left), 0.0))
     return found, tuple(source for source in found if source is SURVEYED)
 
 
-def _kinds(asked: CalibrationQuestion) -> dict[Source, list[int]]:
+def _kinds(calibration_question: CalibrationQuestion) -> dict[Source, list[int]]:
     """Which values each kind of knowledge is of: tolerances by kind, deformation as seen, and what is merely wide."""
     places: dict[Source, list[int]] = {}
-    for i in range(len(asked.problem.start)):
-        source = WIDE if i < len(asked.problem.start) - asked.common else COMMON
-        if i < asked.count and np.isfinite(asked.tolerance[i]):
-            entry = asked.problem.parameters.entries[i]
+    for i in range(len(calibration_question.problem.start)):
+        source = WIDE if i < len(calibration_question.problem.start) - calibration_question.common else COMMON
+        if i < calibration_question.count and np.isfinite(calibration_question.tolerance[i]):
+            entry = calibration_question.problem.parameters.entries[i]
             source = _tolerance(entry)
         places.setdefault(source, []).append(i)
     return places

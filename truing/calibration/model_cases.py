@@ -47,16 +47,16 @@ class ScreenedPoses:
         return [pose for pose, agrees in zip(self.measured.poses, self.kept, strict=True) if not agrees]
 
 
-def screened(gathered: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ScreenedPoses:
+def screened(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ScreenedPoses:
     """Return what agrees with the others under a model.
 
     A pose that was mismeasured is a rare one: where many seem to be, the model is wrong and all of them are kept.
     """
-    asked = question(gathered, fitted, case)
-    fit = answer(asked, robust=True)
-    measured, legs = _without_bad_legs(asked.problem, fit.values, fitted)
-    if (more := with_targets(asked, gathered, measured, case)) is not None:
-        fit = answer(more, fit.values[: asked.count], robust=True)
+    calibration_question = question(data, fitted, case)
+    fit = answer(calibration_question, robust=True)
+    measured, legs = _without_bad_legs(calibration_question.problem, fit.values, fitted)
+    if (more := with_targets(calibration_question, data, measured, case)) is not None:
+        fit = answer(more, fit.values[: calibration_question.count], robust=True)
     kept = fit.weight > 0
     return ScreenedPoses(measured, kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept), legs)
 
@@ -114,19 +114,19 @@ class CalibrationsByEstimator:
     failed: tuple[Failure, ...]
 
 
-def screened_poses(gathered: CalibrationData, fitted: NDArray, every: Sequence[Case]) -> ScreenedPoses:
+def screened_poses(data: CalibrationData, fitted: NDArray, every: Sequence[Case]) -> ScreenedPoses:
     """Return the poses to be fitted as the rigid legs find them, under all that is known of the deformation."""
-    used = gathered.measured.chosen(fitted)
+    used = data.measured.chosen(fitted)
     richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
     everything = ScreenedPoses(used, np.ones(len(used.poses), bool))
     try:
-        return everything if nothing_open(gathered, richest) else screened(gathered, used, richest)
+        return everything if nothing_open(data, richest) else screened(data, used, richest)
     except np.linalg.LinAlgError:
         return everything
 
 
 def calibrations(
-    gathered: CalibrationData, clean: ScreenedPoses, every: Sequence[Case], progress: Callable[[int, int, Case], None]
+    data: CalibrationData, clean: ScreenedPoses, every: Sequence[Case], progress: Callable[[int, int, Case], None]
 ) -> CalibrationsByEstimator:
     """Return all calibrations of the poses that were not grossly mismeasured; progress: done, total, next."""
     likely: list[MachineCalibration] = []
@@ -135,22 +135,22 @@ def calibrations(
     for done, case in enumerate(every):
         progress(done, len(every), case)
         for made, how in ((likely, maximum_likelihood), (closed, implicit)):
-            if nothing_open(gathered, case):
+            if nothing_open(data, case):
                 failed.append(Failure(case))
                 break
             try:
-                made.append(how(gathered, clean.measured, case, clean.kept))
+                made.append(how(data, clean.measured, case, clean.kept))
             except np.linalg.LinAlgError:
                 failed.append(Failure(case, ESTIMATORS[how]))
     return CalibrationsByEstimator(tuple(likely), tuple(closed), tuple(failed))
 
 
 def assessed_calibration(
-    gathered: CalibrationData, calibration: MachineCalibration, fitted: NDArray
+    data: CalibrationData, calibration: MachineCalibration, fitted: NDArray
 ) -> AssessedCalibration:
     """Return a calibration with its errors at all poses, where readings fix them, and its misfit at held-out ones."""
-    measured, legs = gathered.measured, gathered.machine.legs.count
+    measured, legs = data.measured, data.machine.legs.count
     held = measured.chosen(~fitted)
-    squares = misfit(calibration, held, gathered.reading_sigma) if len(held.poses) else np.zeros(0)
-    errors = pose_errors(calibration, measured, gathered.reading_sigma, fitted) if legs >= LEAST_LEGS else None
+    squares = misfit(calibration, held, data.reading_sigma) if len(held.poses) else np.zeros(0)
+    errors = pose_errors(calibration, measured, data.reading_sigma, fitted) if legs >= LEAST_LEGS else None
     return AssessedCalibration(calibration, errors, squares, legs)

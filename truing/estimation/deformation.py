@@ -95,9 +95,11 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] 
     varied = by_survey[there] - usual
     own[there] += np.einsum("blni,nij,bmnj->blm", varied, cov, varied, optimize=True)
     numbers = tuple(str(number) for name in names for number in pose_numbers(name))
-    told = with_poses.reshape(len(poses), legs, -1)
+    poses_by_leg = with_poses.reshape(len(poses), legs, -1)
     frames = _mean([of_frames.reshape(len(poses), len(numbers), -1), of_shifts], cov)
-    return CorrelatedShifts(own, of_survey + alike, there, whole, numbers, told, errors.parameters, effects, frames)
+    return CorrelatedShifts(
+        own, of_survey + alike, there, whole, numbers, poses_by_leg, errors.parameters, effects, frames
+    )
 
 
 def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]], tuple[Array, Mask]]:
@@ -227,12 +229,12 @@ def attachment_models(drive: Array, shifts: LegShifts, heldout: Mask) -> Attachm
         "matrix": gain_p_value(fits["linear"], fits["matrix"]),
     }
     fits["linear"] = _leg_by_leg(drive[fitted], kept[fitted], shifts.noise[fitted])
-    told = _determined(drive[fitted], kept[fitted])
-    fits = {name: fit for name, fit in fits.items() if told[name].any()}
+    known_well = _determined(drive[fitted], kept[fitted])
+    fits = {name: fit for name, fit in fits.items() if known_well[name].any()}
     held = {name: kept[heldout] - fit.offset.mean(0) - fit.predict(drive[heldout]) for name, fit in fits.items()}
     rejected = np.isfinite(shifts.shift) & ~good
-    in_plane = _in_plane_models(drive[fitted], shifts, good, fitted) if told["matrix"].all() else {}
-    return AttachmentModels(fits, told, gains, held, rejected, kept, fitted, in_plane)
+    in_plane = _in_plane_models(drive[fitted], shifts, good, fitted) if known_well["matrix"].all() else {}
+    return AttachmentModels(fits, known_well, gains, held, rejected, kept, fitted, in_plane)
 
 
 def _in_plane_models(drive: Array, shifts: LegShifts, good: Mask, fitted: Mask) -> dict[str, ResponseFit]:

@@ -54,12 +54,12 @@ def choose_model(contenders: Sequence[Contender]) -> ContenderChoice:
     """
     if not contenders:
         raise ValueError("found no model to choose from, expected at least one")
-    settled = np.array([one.converged for one in contenders])
+    settled_state = np.array([one.converged for one in contenders])
     evidence = np.array([one.log_evidence for one in contenders])
-    evidence = np.where(settled | ~settled.any(), evidence, np.nan)
+    evidence = np.where(settled_state | ~settled_state.any(), evidence, np.nan)
     possible = np.array([not np.isinf(one.squares).any() for one in contenders])
     refuted = ~possible  # a model to which what was held out is impossible
-    refuted[possible] = _refuted([one for one, told in zip(contenders, possible, strict=True) if told])
+    refuted[possible] = _refuted([one for one, reported in zip(contenders, possible, strict=True) if reported])
     eligible = ~refuted & np.isfinite(evidence)
     if not eligible.any():
         eligible = np.isfinite(evidence) | ~np.isfinite(evidence).any()

@@ -33,13 +33,13 @@ class NetworkErrors:
         """Return those of some poses."""
         return NetworkErrors(self.numbers, self.covariance[rows], self.effects[rows])
 
-    def of(self, numbers: Sequence[str], told: NDArray) -> tuple[NDArray, NDArray]:
+    def of(self, numbers: Sequence[str], is_measured: NDArray) -> tuple[NDArray, NDArray]:
         """Return covariance (B, n, n), NaN where not told, and effects (B, n, K), zero there, of the numbers named, as
         far as they are told (B, n)."""
         known = {name: n for n, name in enumerate(self.numbers)}
         place = np.array([known.get(name, -1) for name in numbers])
         covariance = self.covariance[:, place[:, None], place]
         diagonal = np.diagonal(covariance, axis1=1, axis2=2)
-        there = told & (place >= 0) & np.isfinite(diagonal)
+        there = is_measured & (place >= 0) & np.isfinite(diagonal)
         covariance = np.where(there[:, :, None] & there[:, None], covariance, np.nan)
         return covariance, np.where(there[..., None], self.effects[:, place], 0.0)

@@ -105,11 +105,11 @@ def lack_of_fit(left: Squares, pure: Squares) -> LackOfFit:
     from scipy.special import fdtrc
 
     freedom = left.freedom - pure.freedom
-    told = (freedom > 0) & (pure.freedom > 0) & (pure.square > 0)
+    determined = (freedom > 0) & (pure.freedom > 0) & (pure.square > 0)
     safe, below = np.maximum(freedom, 1), np.maximum(pure.freedom, 1)
     share = np.maximum(left.square - pure.square, 0.0) / safe
-    ratio = np.where(told, share / np.where(told, pure.square / below, 1.0), np.nan)
-    p = np.where(told, fdtrc(safe, below, np.nan_to_num(ratio)), np.nan)
+    ratio = np.where(determined, share / np.where(determined, pure.square / below, 1.0), np.nan)
+    p = np.where(determined, fdtrc(safe, below, np.nan_to_num(ratio)), np.nan)
     return LackOfFit(ratio, freedom, pure.freedom, p)
 
 
@@ -133,17 +133,19 @@ def equal_scatter(square: ArrayLike, freedom: ArrayLike) -> EqualScatter | None:
     from scipy.special import chdtrc
 
     square, freedom = np.asarray(square, float), np.asarray(freedom, float)
-    told = np.flatnonzero(freedom > 0.0)
-    if len(told) < 2 or not square[told].any():
+    repeated = np.flatnonzero(freedom > 0.0)
+    if len(repeated) < 2 or not square[repeated].any():
         return None
-    f = freedom[told]
-    common = float(square[told].sum() / f.sum())
-    variance = np.maximum(square[told] / f, _LEAST * common)
+    f = freedom[repeated]
+    common = float(square[repeated].sum() / f.sum())
+    variance = np.maximum(square[repeated] / f, _LEAST * common)
     spread = float(f.sum() * np.log(common) - np.sum(f * np.log(variance)))
-    correction = 1.0 + (np.sum(1.0 / f) - 1.0 / f.sum()) / (3.0 * (len(told) - 1.0))
+    correction = 1.0 + (np.sum(1.0 / f) - 1.0 / f.sum()) / (3.0 * (len(repeated) - 1.0))
     worst = int(np.argmax(variance))
-    rest = float((square[told].sum() - square[told][worst]) / (f.sum() - f[worst]))
-    return EqualScatter(float(chdtrc(len(told) - 1.0, spread / correction)), int(told[worst]), float(np.sqrt(rest)))
+    rest = float((square[repeated].sum() - square[repeated][worst]) / (f.sum() - f[worst]))
+    return EqualScatter(
+        float(chdtrc(len(repeated) - 1.0, spread / correction)), int(repeated[worst]), float(np.sqrt(rest))
+    )
 
 
 def at_one_reading(values: Array, readings: Array, groups: Sequence[Index]) -> Array:

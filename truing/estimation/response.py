@@ -123,8 +123,8 @@ def _component_by_component(
         weight = _precision(cov[rows, k, k][:, None, None], np.ones((len(rows), 1), bool))
         every = np.ones((1, len(own)), bool)
         design = _design(u[np.ix_(rows, own)], every, place)
-        told = _offset_precision(prior, len(own), 1, len(met))
-        one = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, told)
+        precision = _offset_precision(prior, len(own), 1, len(met))
+        one = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
         coefficients[k, own], offset[met, k] = one.coefficients[0], one.offset[:, 0]
         residuals[rows, k], loo[rows, k] = one.residuals[:, 0], one.loo_residuals[:, 0]
         blocks.append(one.covariance)

@@ -144,8 +144,8 @@ def budget(covariances: Covariances, by_values: NDArray | None = None) -> Budget
     variances = {
         source: np.einsum("np,pq,nq->n", rows, own, rows, optimize=True) for source, own in covariances.items()
     }
-    told = {source: np.sqrt(np.maximum(own, 0.0)) for source, own in variances.items() if np.any(own > 0.0)}
-    return Budget(tuple(told), np.array(list(told.values())).reshape(len(told), len(rows)))
+    reported = {source: np.sqrt(np.maximum(own, 0.0)) for source, own in variances.items() if np.any(own > 0.0)}
+    return Budget(tuple(reported), np.array(list(reported.values())).reshape(len(reported), len(rows)))
 
 
 def root_mean_square(errors: Array) -> tuple[float, Budget]:

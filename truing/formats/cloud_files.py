@@ -287,38 +287,38 @@ def _fewer(element: PlyElement) -> Unusable:
 
 def pcd_layout(path: Path) -> CloudLayout:
     """What the head of a PCD file announces; raises Unusable where its lines are damaged or contradict each other."""
-    told: dict[str, tuple[int, list[str]]] = {}
+    reported: dict[str, tuple[int, list[str]]] = {}
     for line, (words, stop) in enumerate(head_lines(path), start=1):
         if not words or words[0].startswith("#"):
             continue
-        if words[0] not in _KEYS or words[0] in told:
+        if words[0] not in _KEYS or words[0] in reported:
             raise Unusable(f"{_WHOLE_PCD}; this line of its head means nothing", row=line, value=" ".join(words)[:40])
-        told[words[0]] = (line, words[1:])
+        reported[words[0]] = (line, words[1:])
         if words[0] == "DATA":
-            return _layout_of_pcd(told, stop, line)
+            return _layout_of_pcd(reported, stop, line)
     raise Unusable(f"{_WHOLE_PCD}, whose head ends with DATA")
 
 
-def _layout_of_pcd(told: dict[str, tuple[int, list[str]]], begin: int, lines: int) -> CloudLayout:
-    form = told["DATA"][1]
+def _layout_of_pcd(reported: dict[str, tuple[int, list[str]]], begin: int, lines: int) -> CloudLayout:
+    form = reported["DATA"][1]
     if len(form) != 1 or form[0] not in _PCD_FORMS:
         raise Unusable(f"{_WHOLE_PCD}: DATA {', '.join(_PCD_FORMS)}", row=lines, value=" ".join(form)[:40])
     for key in ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT"):
-        if key not in told:
+        if key not in reported:
             raise Unusable(f"{_WHOLE_PCD}, whose head has a line {key}")
-    width, height = (announced(told[key][1], "PCD", told[key][0]) for key in ("WIDTH", "HEIGHT"))
-    points = announced(told["POINTS"][1], "PCD", told["POINTS"][0]) if "POINTS" in told else width * height
+    width, height = (announced(reported[key][1], "PCD", reported[key][0]) for key in ("WIDTH", "HEIGHT"))
+    points = announced(reported["POINTS"][1], "PCD", reported["POINTS"][0]) if "POINTS" in reported else width * height
     if points != width * height:
         raise Unusable(f"{_WHOLE_PCD}: as many POINTS as WIDTH times HEIGHT, {width * height}", value=str(points))
     if not points:
         raise Unusable("a whole PCD file with points", value="0 points")
-    return CloudLayout("PCD", form[0], _record(told), points, begin, lines)
+    return CloudLayout("PCD", form[0], _record(reported), points, begin, lines)
 
 
-def _record(told: dict[str, tuple[int, list[str]]]) -> np.dtype:
-    names = told["FIELDS"][1]
-    counts = told["COUNT"][1] if "COUNT" in told else ["1"] * len(names)
-    columns = {"SIZE": told["SIZE"][1], "TYPE": told["TYPE"][1], "COUNT": counts}
+def _record(reported: dict[str, tuple[int, list[str]]]) -> np.dtype:
+    names = reported["FIELDS"][1]
+    counts = reported["COUNT"][1] if "COUNT" in reported else ["1"] * len(names)
+    columns = {"SIZE": reported["SIZE"][1], "TYPE": reported["TYPE"][1], "COUNT": counts}
     for key, words in columns.items():
         if len(words) != len(names) or not names:
             raise Unusable(f"{_WHOLE_PCD}: as many of {key} as of FIELDS, {len(names)}", value=str(len(words)))
@@ -328,7 +328,7 @@ def _record(told: dict[str, tuple[int, list[str]]]) -> np.dtype:
             raise Unusable(
                 f"{_WHOLE_PCD}: types F of 4 or 8 bytes, I or U of 1, 2, 4 or 8", value=f"{kind} {size}"[:40]
             )
-        number = announced([count], "PCD", told["COUNT"][0] if "COUNT" in told else told["FIELDS"][0])
+        number = announced([count], "PCD", reported["COUNT"][0] if "COUNT" in reported else reported["FIELDS"][0])
         if not 1 <= number <= _MOST_PER_POINT:
             raise Unusable(f"{_WHOLE_PCD}: a COUNT of 1 to {_MOST_PER_POINT}", value=count[:40])
         fields.append((name, np.dtype(f"<{kind.lower()}{size}"), number))

@@ -135,7 +135,7 @@ def evaluate(plan: MappingPlan, batch: RawBatch) -> TableBatch:
     records, keep, faulty = work.batch.records, work.present(), work.reported
     if not keep.all():
         columns = {name: values.filter(keep) for name, values in columns.items()}
-        records, faulty = records[keep], {name: told[keep] for name, told in faulty.items()}
+        records, faulty = records[keep], {name: determined[keep] for name, determined in faulty.items()}
     return TableBatch(columns, records, (*batch.faults, *work.faults), selection.left_out + work.left_out, faulty)
 
 
@@ -380,13 +380,13 @@ class _Work:
         if not self.batch.rows:
             return keep
         entry = self.plan.entry
-        columns = [(name, said, f"split.{name}", self._to_split(name)) for name, said in entry.split.items()]
-        columns += [(name, said, f"select.{name}", self.texts(name)) for name, said in entry.select.items()]
-        for name, said, key, texts in columns:
-            pattern = bounded(said, key)
+        columns = [(name, sentence, f"split.{name}", self._to_split(name)) for name, sentence in entry.split.items()]
+        columns += [(name, sentence, f"select.{name}", self.texts(name)) for name, sentence in entry.select.items()]
+        for name, sentence, key, texts in columns:
+            pattern = bounded(sentence, key)
             fits = [pattern.fullmatch(text or "") is not None for text in texts.dictionary.to_pylist()]
             gone = keep & ~np.array(fits, dtype=bool)[codes(texts)]
-            self._leave_out(gone, f"no {name}" if said == _ANYTHING else f"{name} is not like {said}")
+            self._leave_out(gone, f"no {name}" if sentence == _ANYTHING else f"{name} is not like {sentence}")
             keep &= ~gone
         return keep
 
@@ -403,8 +403,8 @@ class _Work:
         if not gone:
             return whole
         there = ~np.logical_or.reduce(gone)
-        said = ", ".join(repr(text) for text in self.plan.entry.missing)
-        self._leave_out(whole & ~there, f"a coordinate means missing ({said})")
+        sentence = ", ".join(repr(text) for text in self.plan.entry.missing)
+        self._leave_out(whole & ~there, f"a coordinate means missing ({sentence})")
         return whole & there
 
     def _raw_numbers(self, name: str) -> Array:

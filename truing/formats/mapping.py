@@ -318,8 +318,8 @@ class MappingPlan:
             hint = 'but the first line begins with #: set comment = "#" where it is none of names, or name the format'
         elif reference in _TOLD and not close:
             hint += "; what no column says, from_name, number_rows or constants may"
-        said = f"a column {reference}" if reference == name else f"a column {reference} (it is to be {name})"
-        return Misfit(f"{said}; {hint[:300]}", column=name)
+        text = f"a column {reference}" if reference == name else f"a column {reference} (it is to be {name})"
+        return Misfit(f"{text}; {hint[:300]}", column=name)
 
     def _unknown(self, name: str) -> Misfit | None:
         """A column that is nearly, but not quite, one that the table may have and lacks."""
@@ -380,10 +380,10 @@ def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
         unit = unit_in_brackets(raw)
         if unit is not None and column.unit and not plan.is_given_unit(name) and _differs(unit, column.unit):
             yield Misfit(f'its unit, as {raw} is not in {column.unit}: units = {{ {name} = "{unit}" }}', column=name)
-        said = expanded(raw) if is_uncertainty(name) else None
-        if said is not None and plan.entry.value(name).coverage is None:
-            cure = f"coverage = {said.coverage:g} where it is U = k sigma, coverage = 1 where it is one sigma"
-            yield Misfit(f"one standard deviation, or the coverage factor of {raw} ({said.why}): {cure}", column=name)
+        text = expanded(raw) if is_uncertainty(name) else None
+        if text is not None and plan.entry.value(name).coverage is None:
+            cure = f"coverage = {text.coverage:g} where it is U = k sigma, coverage = 1 where it is one sigma"
+            yield Misfit(f"one standard deviation, or the coverage factor of {raw} ({text.why}): {cure}", column=name)
 
 
 def _differs(unit: str, wanted: str) -> bool:

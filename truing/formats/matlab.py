@@ -300,9 +300,9 @@ def _found(variables: Mapping[str, Variable], name: str) -> Variable:
 def _only_one(variables: Mapping[str, Variable]) -> tuple[str, ...]:
     numbers = [name for name, value in variables.items() if isinstance(value, np.ndarray) and value.size > 1]
     if len(numbers) != 1:
-        told = [f"{name} {shape_of(value)}" for name, value in variables.items()]
+        texts = [f"{name} {shape_of(value)}" for name, value in variables.items()]
         example = f"variable = {list(numbers[:2])}" if numbers else "numbers"
-        raise Unusable(f"which variables to read: {example}", column="variable", value=_listed(told))
+        raise Unusable(f"which variables to read: {example}", column="variable", value=_listed(texts))
     return (numbers[0],)
 
 

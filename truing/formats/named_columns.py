@@ -63,9 +63,9 @@ def load_columns(names: Sequence[str]) -> Loads | None:
     if len(plain) + len(applied) < _FEWEST or not any(column[0] in "fm" for column in (*plain, *applied)):
         return None
     steps: dict[str, Any] = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
-    told = {"units": units} if units else {}
+    reported = {"units": units} if units else {}
     if any(column[0] in "dr" for column in plain):
-        return "displacement", {"columns": plain, **told, **steps}, "displacements under load"
+        return "displacement", {"columns": plain, **reported, **steps}, "displacements under load"
     if applied:
         signals = {f"v{WRENCH.index(column) + 1}_mv": name for column, name in plain.items()}
         note = "known loads, beside the channels of a sensor"
@@ -74,11 +74,11 @@ def load_columns(names: Sequence[str]) -> Loads | None:
         signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
         note = "loads, taken to be applied"
         note += ", beside the channels of a sensor" if channels else "; what was read under them no column says"
-        return "signals", {"columns": {**signals, **plain}, **told, **steps}, note
+        return "signals", {"columns": {**signals, **plain}, **reported, **steps}, note
     shown = {f"shown_{column}": name for column, name in plain.items()}
-    told = {"units": {f"shown_{column}": unit for column, unit in units.items()}} if units else {}
+    reported = {"units": {f"shown_{column}": unit for column, unit in units.items()}} if units else {}
     note = 'what a sensor shows; which load was applied no column says: constants = { load_axis = "fz", load = 10.0 }'
-    return "signals", {"columns": shown, **told, **steps}, note
+    return "signals", {"columns": shown, **reported, **steps}, note
 
 
 def _channels(names: Sequence[str]) -> list[str]:
@@ -133,16 +133,16 @@ def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: S
     notes = [f"poses: {', '.join((*place, *turned))}"]
     units: dict[str, str] = {}
     angles = _of(names, turned, values)
-    told = {bare_and_unit(name)[1] for name in turned}
+    reported = {bare_and_unit(name)[1] for name in turned}
     largest = float(np.nanmax(np.abs(angles))) if np.isfinite(angles).any() else 0.0
-    in_degrees = told == {"deg"} or (told == {None} and largest > 2.0 * np.pi)
+    in_degrees = reported == {"deg"} or (reported == {None} and largest > 2.0 * np.pi)
     if kind == "vector" and in_degrees:
         kind = "euler"  # rotation vectors come in radians, angles in degrees
-        said = f"{turned[0]} to {turned[2]} reach {largest:.0f}: degrees"
-        notes.append(f"{said}, so Euler angles; say their order, [poses] euler")
+        text = f"{turned[0]} to {turned[2]} reach {largest:.0f}: degrees"
+        notes.append(f"{text}, so Euler angles; say their order, [poses] euler")
     elif kind == "vector":
-        said = f"{turned[0]} to {turned[2]} are taken for a rotation vector in rad"
-        notes.append(f"{said}; Euler angles are euler_a_deg, euler_b_deg, euler_c_deg")
+        text = f"{turned[0]} to {turned[2]} are taken for a rotation vector in rad"
+        notes.append(f"{text}; Euler angles are euler_a_deg, euler_b_deg, euler_c_deg")
     elif kind == "euler":
         notes.append("Euler angles: say their order, [poses] euler")
         if not in_degrees:
@@ -183,12 +183,12 @@ def _spreads(
             if name == raw or not is_spread_of(name, raw):
                 continue
             found[f"sigma_{column}"] = name
-            if (told := expanded(name)) is not None:
-                factors[name] = told.coverage
+            if (reported := expanded(name)) is not None:
+                factors[name] = reported.coverage
     if factors:
         factor = next(iter(factors.values()))
-        said = f"{', '.join(factors)}: expanded uncertainties, taken to have k = {factor:g}"
-        notes.append(f"{said}; coverage = 1 for one sigma")
+        text = f"{', '.join(factors)}: expanded uncertainties, taken to have k = {factor:g}"
+        notes.append(f"{text}; coverage = 1 for one sigma")
         return found, factor, notes
     return found, None, notes
 
@@ -252,13 +252,13 @@ def bare_poses(values: Array) -> Poses | None:
     if first in (0, 1) and rows >= _FEWEST_ROWS and _is_unit(values[:, -4:]):
         order = ("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw")
         columns = {name: first + number + 1 for number, name in enumerate(order)}
-        told = {} if first == 0 or not _counts(values[:, 0]) else {"pose": 1}
-        numbered = {} if told else {"number_rows": {"pose": 1}}
+        reported = {} if first == 0 or not _counts(values[:, 0]) else {"pose": 1}
+        numbered = {} if reported else {"number_rows": {"pose": 1}}
         notes = (
             "position and unit quaternion; the real part is taken to be the last number: else qw is the first of four",
             _range_words(values[:, first : first + 3]),
         )
-        return Poses({"columns": {**told, **columns}, **body, **numbered}, (), notes)
+        return Poses({"columns": {**reported, **columns}, **body, **numbered}, (), notes)
     return None
 
 

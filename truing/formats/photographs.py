@@ -107,11 +107,11 @@ def _photograph(
     raw: RawFile, pattern: str, entry: FileMapping, sensor_width_mm: float | None, log: FaultLog
 ) -> Photograph | None:
     try:
-        told = _fields_from_name(raw, pattern, entry)
+        reported = _fields_from_name(raw, pattern, entry)
     except TooSlow as error:
         log.add(Fault("campaign.toml", error.expected, column=f"{_COLUMN}.{error.key}", value=error.text))
         return None
-    if told.get("pose") is None:
+    if reported.get("pose") is None:
         wanted = _WANTED if entry.from_name is None else f"a name that matches {entry.from_name} and tells the pose"
         log.add(Fault(raw.name, wanted))
     try:
@@ -122,11 +122,11 @@ def _photograph(
     except OSError as error:
         log.add(Fault(raw.name, "a file that can be read", value=os.strerror(error.errno or 0)))
         return None
-    if told.get("pose") is None:
+    if reported.get("pose") is None:
         return None
-    camera = told.get("camera") or " ".join(part for part in (head.model, head.serial) if part) or "camera"
-    image = told.get("image") or _name(raw)
-    return Photograph(image, told["pose"], camera, raw, head)
+    camera = reported.get("camera") or " ".join(part for part in (head.model, head.serial) if part) or "camera"
+    image = reported.get("image") or _name(raw)
+    return Photograph(image, reported["pose"], camera, raw, head)
 
 
 def _name(raw: RawFile) -> str:
@@ -136,15 +136,15 @@ def _name(raw: RawFile) -> str:
 
 def _fields_from_name(raw: RawFile, pattern: str, entry: FileMapping) -> dict[str, str]:
     """What constants, from_name or the usual ways of naming tell: pose, camera, image."""
-    told: dict[str, str] = {}
+    reported: dict[str, str] = {}
     if entry.from_name is None:
-        told = _usual(raw.name[len(_fixed(pattern)) :])
+        reported = _usual(raw.name[len(_fixed(pattern)) :])
     else:
         name = raw.name if "/" in entry.from_name else raw.name.rsplit("/", 1)[-1]
         match = bounded(entry.from_name, "from_name").search(name)
-        told = {key: text for key, text in match.groupdict().items() if text} if match else {}
-    told |= {key: str(value) for key, value in entry.constants.items()}
-    return {key: _renamed(key, value, entry) for key, value in told.items()}
+        reported = {key: text for key, text in match.groupdict().items() if text} if match else {}
+    reported |= {key: str(value) for key, value in entry.constants.items()}
+    return {key: _renamed(key, value, entry) for key, value in reported.items()}
 
 
 def _renamed(key: str, value: str, entry: FileMapping) -> str:

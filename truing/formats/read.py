@@ -185,10 +185,10 @@ def _read_file(
         if len(names) > _MOST_COLUMNS:
             log.add(Fault(raw.name, f"at most {_MOST_COLUMNS} columns", value=f"{len(names)} columns"))
             return None
-        settled = completed if unit is None or completed.unit else completed.model_copy(update={"unit": unit})
+        converged = completed if unit is None or completed.unit else completed.model_copy(update={"unit": unit})
         if file_format == "trc":
-            settled = rows._delimited()
-        plan = MappingPlan(settled, shape, file_name, names, preset, poses_as_text, outside)
+            converged = rows._delimited()
+        plan = MappingPlan(converged, shape, file_name, names, preset, poses_as_text, outside)
         misfits = plan.check()
         for misfit in misfits:
             log.add(Fault(raw.name, misfit.expected, column=misfit.column, value=misfit.value))

@@ -73,8 +73,8 @@ def _targets(lines: list[str]) -> list[float]:
         if line and not re.match(r"[-+.\d]", line):
             break
         found += [_number(word, first + 1) for word in line.split()]
-    told = next((line for line in lines if line.startswith("Target-count")), "")
-    count = re.search(r"\d+", told)
+    text = next((line for line in lines if line.startswith("Target-count")), "")
+    count = re.search(r"\d+", text)
     if count is not None and int(count[0]) != len(found):
         raise Unusable(f"{count[0]} targets, as Target-count says", row=first + 1, value=f"{len(found)} targets")
     if not found:

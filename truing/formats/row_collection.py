@@ -44,8 +44,8 @@ class CollectedRows:
 
     def sound(self, *columns: str) -> Mask:
         """Rows (N,) of which none of these cells was faulty as it was read: what others can be held against."""
-        told = [self.faulty[name] for name in columns if name in self.faulty]
-        return ~np.logical_or.reduce(told) if told else np.ones(len(self.table), dtype=bool)
+        determined = [self.faulty[name] for name in columns if name in self.faulty]
+        return ~np.logical_or.reduce(determined) if determined else np.ones(len(self.table), dtype=bool)
 
     def fault(self, log: FaultLog, wrong: Mask, column: str, expected: str) -> None:
         """Note a fault in every row of a mask, but for cells that were faulty as they were read: one fault each."""

@@ -248,8 +248,8 @@ def _poses(
     keys = dict(poses.mapping)
     others = tuple(name for name in names if poses.taken and name not in poses.taken)
     meant = _columns(others)[0].get("columns", {})
-    told = {key: raw for key, raw in meant.items() if key in ("pose", "time_s", "temperature_c")}
-    number = {"pose": told["pose"]} if "pose" in told else {}
+    reported = {key: raw for key, raw in meant.items() if key in ("pose", "time_s", "temperature_c")}
+    number = {"pose": reported["pose"]} if "pose" in reported else {}
     if number or "pose" in names:
         keys["columns"] = {**number, **keys["columns"]}
     elif poses.taken:
@@ -257,15 +257,15 @@ def _poses(
     own = [name for name in others if name not in number.values() and np.isfinite(values[:, names.index(name)]).any()]
     if not own:
         return Guess({**mapping, **keys}, names, "poses", poses.notes)
-    time = [record[names.index(told["time_s"])] for record in records] if "time_s" in told else []
-    lost = [told.pop("time_s")] if len(set(time)) < len(time) else []  # times that come again order nothing
+    time = [record[names.index(reported["time_s"])] for record in records] if "time_s" in reported else []
+    lost = [reported.pop("time_s")] if len(set(time)) < len(time) else []  # times that come again order nothing
     dates = {"time_format": _DATE} if time and all(re.fullmatch(r"(19|20)\d{12}", cell) for cell in time) else {}
     numbered = {key: keys[key] for key in ("number_rows",) if key in keys}
     ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in (*poses.taken, *lost))
-    entry = {**mapping, **({"columns": told} if told else {}), **dates, **numbered, "ignore": ignore}
-    said = f"what else there is, pose by pose: {', '.join(own[:8])}{', ...' if len(own) > 8 else ''}"
+    entry = {**mapping, **({"columns": reported} if reported else {}), **dates, **numbered, "ignore": ignore}
+    text = f"what else there is, pose by pose: {', '.join(own[:8])}{', ...' if len(own) > 8 else ''}"
     return Guess(
-        {**mapping, **keys}, names, "poses", poses.notes, beside=(Guess(entry, names, "configurations", (said,)),)
+        {**mapping, **keys}, names, "poses", poses.notes, beside=(Guess(entry, names, "configurations", (text,)),)
     )
 
 
@@ -315,13 +315,13 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
         taken.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
     notes = ["; ".join(taken)] if taken else []
     mapping: dict[str, Any] = {"columns": columns} if columns else {}
-    said = {
+    text = {
         raw: one for column, raw in columns.items() if is_uncertainty(column) and (one := expanded(raw)) is not None
     }
-    if said:
-        factor = next(iter(said.values())).coverage
+    if text:
+        factor = next(iter(text.values())).coverage
         mapping["coverage"] = factor
-        notes.append(f"{', '.join(said)}: expanded uncertainties, k = {factor:g} is taken; coverage = 1 for one sigma")
+        notes.append(f"{', '.join(text)}: expanded uncertainties, k = {factor:g} is taken; coverage = 1 for one sigma")
     own = {units.get(name) for name in COORDINATES}
     whole = own.pop() if len(own) == 1 and not any(name in names for name in COORDINATES) else None
     if whole not in (None, "mm"):
@@ -356,8 +356,8 @@ def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, 
     if first is None:
         return {}, ["three columns of numbers side by side were not found"]
     if sum(numbers) > _AXES:
-        said = f"{sum(numbers)} columns of numbers without names: not taken for coordinates"
-        return {}, [f"{said}; columns = {{ x_mm = {first + 1}, ... }} where they are"]
+        text = f"{sum(numbers)} columns of numbers without names: not taken for coordinates"
+        return {}, [f"{text}; columns = {{ x_mm = {first + 1}, ... }} where they are"]
     columns: dict[str, Any] = {name: first + 1 + i for i, name in enumerate(COORDINATES)}
     if first > 0:
         columns = {"target": first, **columns}
@@ -422,7 +422,7 @@ def _of_variables(variables: Mapping[str, Variable]) -> Guess:
 
     variables = {name: value for name, value in variables.items() if name != "None"}  # objects without a name
     listed = [f"{name} {shape_of(value)}" for name, value in variables.items()]
-    told = f"variables: {', '.join(listed[:_SHOWN])}{', ...' if len(listed) > _SHOWN else ''}"
+    text = f"variables: {', '.join(listed[:_SHOWN])}{', ...' if len(listed) > _SHOWN else ''}"
     tables = [name for name, value in variables.items() if isinstance(value, np.ndarray) and min(value.shape) > 1]
     for name in tables if len(tables) == 1 else ():
         keys = {} if len(variables) == 1 else {"variable": name}
@@ -434,6 +434,6 @@ def _of_variables(variables: Mapping[str, Variable]) -> Guess:
         if guess.table == "poses" and names[0] == "m00":
             plain.pop("columns")  # they have these names already
         if guess.table == "poses" or (guess.table == "points" and len(variables) == 1 and len(cells) > _AXES):
-            return Guess({**keys, **plain}, names, guess.table, (*guess.notes, told))
+            return Guess({**keys, **plain}, names, guess.table, (*guess.notes, text))
     example = next(iter(variables), "x")
-    return Guess(notes=(f"{told}; say which: variable = {example!r}, and transpose where rows are columns",))
+    return Guess(notes=(f"{text}; say which: variable = {example!r}, and transpose where rows are columns",))

@@ -51,9 +51,9 @@ def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[
     for blocks in possible:
         each = (epochs[blocks.numbers == number].ravel() for number in range(blocks.count))
         gains = [_gain_of(rows, gram, (whitened.rest, left), effect, kept, block) for block in each]
-        telling = [gain for gain in gains if gain is not None]
-        if len(telling) >= FEWEST_TELLING:
-            return BlockGain(blocks.kind, len(telling), float(np.sum(telling)))
+        informative = [gain for gain in gains if gain is not None]
+        if len(informative) >= FEWEST_TELLING:
+            return BlockGain(blocks.kind, len(informative), float(np.sum(informative)))
     return None
 
 

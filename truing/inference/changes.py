@@ -122,11 +122,13 @@ def compare(
     """
     root = np.linalg.cholesky(shared)
     left, directions = np.linalg.eigh(root.T @ covariance_now @ root)
-    told = directions[:, 1.0 - left > _TOLD].T @ root.T
+    observable = directions[:, 1.0 - left > _TOLD].T @ root.T
     covariance, covariance_now = _within(covariance, root), _within(covariance_now, root)
     crossed = covariance @ shared @ covariance_now
     spread = covariance + covariance_now - crossed - crossed.T + apart
-    return NumberComparison(now - before, (spread + spread.T) / 2, np.eye(len(now)) - covariance_now @ shared, told)
+    return NumberComparison(
+        now - before, (spread + spread.T) / 2, np.eye(len(now)) - covariance_now @ shared, observable
+    )
 
 
 def _within(covariance: Array, root: Array) -> Array:

@@ -115,8 +115,8 @@ class FittedModel(Generic[CauseT]):
     @property
     def standardised(self) -> Array:
         """Residuals (B, K, d) brought to unit noise, NaN where nothing was seen or the fit leaves too little."""
-        rest, told = informative_residuals(self.fit.whitened, self.measured.values.shape)
-        return np.where(self.measured.seen[..., None], standardised(rest, told), np.nan)
+        rest, redundancy = informative_residuals(self.fit.whitened, self.measured.values.shape)
+        return np.where(self.measured.seen[..., None], standardised(rest, redundancy), np.nan)
 
     @property
     def input_noise(self) -> tuple[float, float]:

@@ -93,15 +93,15 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
         own = np.flatnonzero(groups == number)
         seen = residuals.seen[own]
         count = seen.sum(0)
-        told = np.where(count > 1, residuals.redundancy[own], 0.0)
+        redundancy = np.where(count > 1, residuals.redundancy[own], 0.0)
         weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # of a mean's square, over that of the sum
         of_mean = weight * residuals.values[own].sum(0) ** 2
         whole = np.where(count > 1, residuals.values[own] ** 2, 0.0).sum()
         explained = weight[:, None] * residuals.basis[own].sum(0) ** 2
         basis = np.where((count > 1)[:, None], residuals.basis[own] ** 2, 0.0).sum()
         squares += of_mean.sum(), whole - of_mean.sum()
-        own_freedom = (weight * told).sum() - explained.sum()
-        freedom += own_freedom, told.sum() - basis - own_freedom
+        own_freedom = (weight * redundancy).sum() - explained.sum()
+        freedom += own_freedom, redundancy.sum() - basis - own_freedom
         beyond += len(own) - 1
     if beyond < fewest or not (freedom > 1.0).all():
         return None

@@ -144,11 +144,11 @@ class Whitened:
     def basis(self) -> Array:
         """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
         nearly = _times_upper(self._informative_rows, self._inverse)
-        told = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
-        if len(told) == len(self.rows):
-            return told
+        orthonormal = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
+        if len(orthonormal) == len(self.rows):
+            return orthonormal
         basis = np.zeros_like(self.rows)
-        basis[self._is_informative] = told
+        basis[self._is_informative] = orthonormal
         return basis
 
     @property
@@ -158,11 +158,11 @@ class Whitened:
 
     @cached_property
     def _is_informative(self) -> Mask:
-        tells = np.ones(len(self.rows), bool)
+        informative = np.ones(len(self.rows), bool)
         epochs, count = self.problem.local_value.shape
         own = np.concatenate([self.problem.present, np.ones((epochs, count), bool)], 1).ravel()
-        tells[: len(own)] = own
-        return tells
+        informative[: len(own)] = own
+        return informative
 
     @cached_property
     def rest(self) -> Array:

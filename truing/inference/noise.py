@@ -119,13 +119,13 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers)
 
     ``groups`` (K,) numbers each channel's group. Residuals of an effect count little (Student's t).
     """
-    rest, told = informative_residuals(whitened, measured.values.shape)
+    rest, redundancy = informative_residuals(whitened, measured.values.shape)
     axes = np.eye(measured.size)
-    whole = _scatter(rest[measured.seen], told[measured.seen], axes)
+    whole = _scatter(rest[measured.seen], redundancy[measured.seen], axes)
     own = []
     for group in range(groups.max() + 1):
         rows = measured.seen & (groups == group)
-        own.append(_scatter(rest[rows], told[rows], whole))
+        own.append(_scatter(rest[rows], redundancy[rows], whole))
     declared = np.linalg.inv(measured.whitener + axes * ~measured.seen[..., None, None])
     covariance = declared @ np.stack(own)[groups] @ np.swapaxes(declared, -1, -2)
     return replace(measured, covariance=np.where(measured.seen[..., None, None], covariance, measured.covariance))
@@ -143,19 +143,19 @@ def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tu
 
     basis = of_observations(whitened.basis, width)
     local = whitened.local_basis[:, : size * count].reshape(*shape, whitened.local_basis.shape[-1])
-    told = np.eye(size) - local @ np.swapaxes(local, -1, -2) - basis @ np.swapaxes(basis, -1, -2)
-    return of_observations(whitened.rest, 1)[..., 0], told
+    redundancy = np.eye(size) - local @ np.swapaxes(local, -1, -2) - basis @ np.swapaxes(basis, -1, -2)
+    return of_observations(whitened.rest, 1)[..., 0], redundancy
 
 
-def _scatter(rest: Array, told: Array, prior: Array) -> Array:
-    """Return the scatter matrix of the noise behind residuals (n, d), of which they tell ``told`` (n, d, d); robust.
+def _scatter(rest: Array, redundancy: Array, prior: Array) -> Array:
+    """Return the robust scatter matrix of the noise behind residuals (n, d) with ``redundancy`` (n, d, d).
 
     The prior counts as `NOISE_PRIOR_FREEDOM` values. Where residuals tell nothing (across a group of three channels),
     the noise is taken to be what it is on average.
     """
     size = rest.shape[1]
-    amount, axes = np.linalg.eigh(np.sum(told, 0))
-    share = np.maximum(np.trace(told, axis1=1, axis2=2) / size, 0.05)
+    amount, axes = np.linalg.eigh(np.sum(redundancy, 0))
+    share = np.maximum(np.trace(redundancy, axis1=1, axis2=2) / size, 0.05)
     amount, known, consistent = np.maximum(amount, 0.0), NOISE_PRIOR_FREEDOM / size, _consistent(size)
     found = prior
     for _ in range(_ROUNDS):
@@ -259,12 +259,12 @@ class NoiseDependence:
     doubt: str = ""
 
 
-def standardised(rest: Array, told: Array) -> Array:
+def standardised(rest: Array, redundancy: Array) -> Array:
     """Return residuals (B, K, d) brought to unit noise, NaN where a fit leaves too little of an observation.
 
-    ``told`` (B, K, d, d) is the covariance of the whitened residuals ``rest`` where noise is unit noise.
+    ``redundancy`` (B, K, d, d) is the covariance of the whitened residuals ``rest`` where noise is unit noise.
     """
-    amount, axes = np.linalg.eigh(told)
+    amount, axes = np.linalg.eigh(redundancy)
     enough = amount[..., 0] > _TOLD
     own = np.einsum("bkij,bki->bkj", axes, rest) / np.sqrt(np.maximum(amount, _TOLD))
     return np.where(enough[..., None], own, np.nan)
@@ -407,9 +407,9 @@ def estimated_share(shift: Array, covariance: Array, common: Mask, share: float)
     both in prior sigmas with the present share.
     """
     precision = np.linalg.inv(covariance)
-    told, moved = precision - np.eye(len(shift)), precision @ shift
+    information, moved = precision - np.eye(len(shift)), precision @ shift
     present = _angle(share)
-    evidence = np.array([_log_evidence(told, moved, _widths(common, one, present)) for one in _ANGLES])
+    evidence = np.array([_log_evidence(information, moved, _widths(common, one, present)) for one in _ANGLES])
     weights = np.exp(evidence - evidence.max())
     angle = float(weights @ _ANGLES / weights.sum())
     return share if abs(angle - present) < _SAME else float(np.cos(angle) ** 2)
@@ -424,8 +424,8 @@ def _widths(common: Mask, angle: float, present: float) -> Array:
     return np.asarray(np.where(common, np.cos(angle) / np.cos(present), np.sin(angle) / np.sin(present)))
 
 
-def _log_evidence(told: Array, moved: Array, width: Array) -> float:
-    """Return the log evidence for prior sigmas (P,), of data that tell ``told`` (P, P) and whose score is ``moved``."""
-    posterior = np.eye(len(width)) + width[:, None] * told * width
+def _log_evidence(information: Array, moved: Array, width: Array) -> float:
+    """Return the log evidence for prior sigmas (P,) from data with ``information`` (P, P) and score ``moved``."""
+    posterior = np.eye(len(width)) + width[:, None] * information * width
     score = width * moved
     return float(0.5 * (score @ np.linalg.solve(posterior, score) - np.linalg.slogdet(posterior)[1]))

@@ -43,13 +43,13 @@ def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     """
     scale = np.sqrt(np.diag(prior))
     gained = (prior - posterior) / np.outer(scale, scale)
-    told = np.diag(gained) >= TOLD
+    determined = np.diag(gained) >= TOLD
     moved = shift / scale
-    each = np.where(told, moved / np.sqrt(np.where(told, np.diag(gained), 1.0)), np.nan)
-    variances, directions = np.linalg.eigh(gained[np.ix_(told, told)])
+    each = np.where(determined, moved / np.sqrt(np.where(determined, np.diag(gained), 1.0)), np.nan)
+    variances, directions = np.linalg.eigh(gained[np.ix_(determined, determined)])
     kept = variances >= TOLD
-    total = float(np.sum((directions[:, kept].T @ moved[told]) ** 2 / variances[kept]))
-    return Pulls(each, told, total, int(kept.sum()), *_chi_square_band(total, int(kept.sum())))
+    total = float(np.sum((directions[:, kept].T @ moved[determined]) ** 2 / variances[kept]))
+    return Pulls(each, determined, total, int(kept.sum()), *_chi_square_band(total, int(kept.sum())))
 
 
 def _chi_square_band(total: float, freedom: int) -> tuple[float, float, float]:

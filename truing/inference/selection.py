@@ -377,16 +377,16 @@ class CauseSelection(Generic[CauseT]):
         verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
         for step in searched.kept:
             plain = first_order(step.round, step.candidate, FOUND, held_out)
-            told = fitted(plain, step.cause, step.round.fitted, step.after, final)
+            reported = fitted(plain, step.cause, step.round.fitted, step.after, final)
             size = step.candidate.signature.parameters
             spread = both_sides(self._fitter, final, step.cause, size)
             blocks = self._fitter.blocks
             gain = gain_in_blocks(final, step.cause, size, blocks or ())
-            told = replace(told, covariance=told.covariance * spread, subjects=step.chosen.subjects)
-            verdicts.append(replace(told, blocks_asked=blocks is not None, block_gain=gain))
+            reported = replace(reported, covariance=reported.covariance * spread, subjects=step.chosen.subjects)
+            verdicts.append(replace(reported, blocks_asked=blocks is not None, block_gain=gain))
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds, searched.end)]
         for verdict in others:  # one row per cause: the first thing that is to be said of it
-            if verdict.cause.id not in {told.cause.id for told in verdicts}:
+            if verdict.cause.id not in {reported.cause.id for reported in verdicts}:
                 verdicts.append(verdict)
         return verdicts
 
@@ -608,9 +608,9 @@ def _holds_up(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: 
     forms = [cause for cause in current.fitted.causes if not cause.catalogued]
     if not candidate.cause.catalogued or not forms:
         return True
-    told = {cause.subject for cause in forms if cause.subject}  # what concerns all is about nothing in particular
+    reported = {cause.subject for cause in forms if cause.subject}  # what concerns all is about nothing in particular
     unnamed = [c for c in current.candidates if not c.cause.catalogued]
-    rests = (current.posterior(c) for c in unnamed if c.cause.is_higher_order or c.cause.subject in told)
+    rests = (current.posterior(c) for c in unnamed if c.cause.is_higher_order or c.cause.subject in reported)
     least = max(max(rests, default=0.0), 0.0) + float(np.log(RIVAL_FACTOR))
     return current.posterior(candidate) >= least and not current.is_remainder(candidate)
 

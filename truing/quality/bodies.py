@@ -207,9 +207,9 @@ def scatter_by_pose(body: BodyView) -> Scatter:
     good = body.good & body.frame
     dof = np.maximum(3.0 * good.sum(axis=1) - 6.0, 0.0)
     square = np.where(good[..., None], (body.residuals / body.sigma) ** 2, 0.0).sum(axis=(1, 2))
-    judged = dof > 0.0
-    level = max(1.0, float(np.median(square[judged] / dof[judged]))) if judged.any() else 1.0
-    return Scatter(np.where(judged, square / level, 0.0), dof)
+    assessed = dof > 0.0
+    level = max(1.0, float(np.median(square[assessed] / dof[assessed]))) if assessed.any() else 1.0
+    return Scatter(np.where(assessed, square / level, 0.0), dof)
 
 
 def odd_poses(scatter: Scatter) -> Mask:

@@ -91,14 +91,14 @@ def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
     return value, float(np.sqrt(left @ left / max(len(x) - 2, 1) / square))
 
 
-def beyond_simulation(found: Answers, told: Index) -> list[int]:
+def beyond_simulation(found: Answers, excluded: Index) -> list[int]:
     """Answers that are another size than the simulated by more than any sensor departs from it."""
     if not found.simulated:
         return []
     size = np.abs(found.slope)
     clear = found.sigma < _BEYOND_SIGMA * size
     apart = clear & ((size > _BEYOND) | (size < 1.0 / _BEYOND))
-    return [int(at) for at in np.flatnonzero(apart) if at not in told]
+    return [int(at) for at in np.flatnonzero(apart) if at not in excluded]
 
 
 def typical_size(value: Array, kind: Index) -> Array:

@@ -98,12 +98,12 @@ def swallowed(absorbed: pd.DataFrame | None) -> str:
 
 def _taken(r: Any) -> str:
     factor, unit = shown_in(r.parameter, r.unit)
-    said = f"{name_of(r.parameter, r.leg)} takes {plain(factor * r.predicted)} {unit}".strip()
+    text = f"{name_of(r.parameter, r.leg)} takes {plain(factor * r.predicted)} {unit}".strip()
     if r.tolerance == r.tolerance:
-        said += f", {r.size:.0f} tolerances" if r.size >= 9.5 else f", {r.size:.1f} tolerances"
+        text += f", {r.size:.0f} tolerances" if r.size >= 9.5 else f", {r.size:.1f} tolerances"
     if r.observed == r.observed:
-        said += f" (the fit: {with_uncertainty(factor * r.observed, factor * r.sigma, unit)})"
-    return said
+        text += f" (the fit: {with_uncertainty(factor * r.observed, factor * r.sigma, unit)})"
+    return text
 
 
 def agreement(absorbed: pd.DataFrame) -> str:
@@ -111,8 +111,8 @@ def agreement(absorbed: pd.DataFrame) -> str:
     both = absorbed.dropna(subset=["predicted", "observed", "sigma"])
     off = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
     within = int((off <= 1.96).sum())
-    said = f"{within} of {count(len(both), 'parameter')} lie within their bars of the line"
-    return f"{said}; what is far off it is too large for linear algebra, or has another cause besides."
+    text = f"{within} of {count(len(both), 'parameter')} lie within their bars of the line"
+    return f"{text}; what is far off it is too large for linear algebra, or has another cause besides."
 
 
 def correlation(predicted: Any, observed: Any) -> float | None:
@@ -166,11 +166,14 @@ def _printed(rows: pd.DataFrame, column: str) -> Any:
 
 
 def _panel(rows: pd.DataFrame) -> go.Heatmap:
-    told = rows.assign(place=_columns(rows), told=_printed(rows, "predicted"))
-    told["size"] = told["predicted"] / told["tolerance"]
-    order = list(dict.fromkeys(told["kind"])), list(dict.fromkeys(told.sort_values("leg", kind="stable")["place"]))
+    reported = rows.assign(place=_columns(rows), told=_printed(rows, "predicted"))
+    reported["size"] = reported["predicted"] / reported["tolerance"]
+    order = (
+        list(dict.fromkeys(reported["kind"])),
+        list(dict.fromkeys(reported.sort_values("leg", kind="stable")["place"])),
+    )
     wide = {
-        c: told.pivot(index="kind", columns="place", values=c).reindex(index=order[0], columns=order[1])
+        c: reported.pivot(index="kind", columns="place", values=c).reindex(index=order[0], columns=order[1])
         for c in ("size", "told")
     }
     return go.Heatmap(
@@ -188,14 +191,16 @@ def _panel(rows: pd.DataFrame) -> go.Heatmap:
 
 def predicted_against_observed(absorbed: pd.DataFrame) -> go.Figure:
     """What the fit did against what was predicted, a panel per kind of parameter, with the line of equality."""
-    told = absorbed.assign(kind=_kinds(absorbed))
-    told = told.assign(x=_printed(told, "predicted"), y=_printed(told, "observed"), bar=BAR * _printed(told, "sigma"))
-    kinds = list(dict.fromkeys(told["kind"]))
-    titles = [_panel_title(kind, told[told["kind"] == kind]) for kind in kinds]
+    reported = absorbed.assign(kind=_kinds(absorbed))
+    reported = reported.assign(
+        x=_printed(reported, "predicted"), y=_printed(reported, "observed"), bar=BAR * _printed(reported, "sigma")
+    )
+    kinds = list(dict.fromkeys(reported["kind"]))
+    titles = [_panel_title(kind, reported[reported["kind"] == kind]) for kind in kinds]
     grid, places, rows = panel_grid(titles, 3, (0.09, lambda rows: 0.3 / rows))
     named: set[Any] = set()
     for kind, place in zip(kinds, places, strict=True):
-        own = told[told["kind"] == kind]
+        own = reported[reported["kind"] == kind]
         grid.add_trace(_equality(own), **place)
         for number, (key, part) in enumerate(groups(absorbed)):
             points = own.loc[own.index.isin(part.index)]

@@ -43,16 +43,16 @@ def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
     unit = sign(str(errors["unit"].iloc[0]))
     heads = ("recorded by", "rows", f"rms before, {unit}", f"rms after, {unit}", f"noise alone, {unit}")
     held = errors["role"] == "verification"
-    told = []
+    reported = []
     for role, own in (("fitted", errors[~held]), ("held out", errors[held])):
         for name in encoders:
             part = own[own["encoder"] == name]
             if len(part):
                 sizes = [rough(float(np.sqrt(np.mean(part[c] ** 2)))) for c in ("missed_before", "missed_after")]
-                told.append(
+                reported.append(
                     (f"{_NAMES[name]}, {role}", str(len(part)), *sizes, rough(float(part["noise_floor"].max())))
                 )
-    return Listing(heads, tuple(told), caption="How far predictions miss", held_by="axis_errors.parquet")
+    return Listing(heads, tuple(reported), caption="How far predictions miss", held_by="axis_errors.parquet")
 
 
 def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:

@@ -134,14 +134,14 @@ def message(tested: RelationTest) -> str:
         return f"{sides} belong together, but: {words}. That is an error of {error}, declared noise {noise}."
     if tested.slips and tested.state == RelationState.FAILS:
         return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
-    said = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
+    text = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
     if tested.slips:
-        return f"{said} {_meant(tested)}"
+        return f"{text} {_meant(tested)}"
     if tested.tried and tested.state in (RelationState.OK, RelationState.ATTENTION, RelationState.FAILS):
-        said += f" {tested.tried} slips were tried."
+        text += f" {tested.tried} slips were tried."
     if tested.hidden:
-        said += f" This campaign cannot show: {listed([slip_words(slip) for slip in tested.hidden], sep='; ')}."
-    return said
+        text += f" This campaign cannot show: {listed([slip_words(slip) for slip in tested.hidden], sep='; ')}."
+    return text
 
 
 def _size(tested: RelationTest) -> str:
@@ -194,13 +194,13 @@ def _zero(slip: RecordSlip) -> str:
 
 
 def _copied(slip: RecordSlip) -> str:
-    said = f"{slip.quantity} {listed(slip.subjects)} are the same in every digit"
+    text = f"{slip.quantity} {listed(slip.subjects)} are the same in every digit"
     if not slip.rows:
-        return said
+        return text
     ends = [at for at, row in enumerate(slip.rows) if row + 1 not in slip.rows[at + 1 : at + 2]]
     parts = [slip.rows[first:last] for first, last in pairwise([0, *(at + 1 for at in ends)])]
     spans = [f"{part[0]}" if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts]
-    return f"{said} in {len(slip.rows)} rows (of {slip.subjects[0]}: {listed(spans)})"
+    return f"{text} in {len(slip.rows)} rows (of {slip.subjects[0]}: {listed(spans)})"
 
 
 _MIRROR = "mirrored (left-handed frame, one axis with the opposite sign, or two axes exchanged)"

@@ -51,12 +51,12 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     """Whether a body is rigid, or follows the drives: a result either way."""
     if filled(tables, "deformation_errors") is None or "deformation" not in tables:
         return None
-    rigid, said = _tests(tables)[0], _sentence(tables)
+    rigid, text = _tests(tables)[0], _sentence(tables)
     if rigid.holds is None:
         return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, rigid.statement)
     if rigid.holds:
-        return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, said, rigid.p, "1")
-    return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, said, rigid.p, "1")
+        return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, text, rigid.p, "1")
+    return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, text, rigid.p, "1")
 
 
 def _tests(tables: Tables) -> list[ModelTest]:
@@ -66,11 +66,11 @@ def _tests(tables: Tables) -> list[ModelTest]:
     for model, figure in (("linear", "p_value_over_none"), ("matrix", "p_value_over_linear")):
         p = facts.loc[(facts["model"] == model) & (facts["figure"] == figure), "value"].dropna()
         found[model] = float(p.min()) if len(p) else None
-    told = [p for p in found.values() if p is not None]
+    reported = [p for p in found.values() if p is not None]
     earned = ("It explains no more than chance.", "It explains what chance does not.")
     rigid = by_p(
         "the body is rigid: nothing in it follows the drives",
-        min(1.0, len(told) * min(told)) if told else None,
+        min(1.0, len(reported) * min(reported)) if reported else None,
         _UNLIKELY,
         ("No model explains more than chance.", "What moves in the body follows the drives beyond chance."),
         "No model could be fitted.",
@@ -98,8 +98,8 @@ def _in_plane_test(facts: pd.DataFrame) -> list[ModelTest]:
 
 
 def _legwise(tables: Tables) -> tuple[Listing, ...]:
-    told = by_leg(tables)
-    return (told,) if told.rows else ()
+    reported = by_leg(tables)
+    return (reported,) if reported.rows else ()
 
 
 def _picture(tables: Tables) -> Drawn:

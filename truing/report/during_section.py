@@ -18,7 +18,7 @@ _SURE = 0.05  # all subjects of a model together
 
 def during(tables: Tables) -> ReportSection | None:
     """Later surveys, changed names and repeats; None where the campaign has none of them."""
-    told = {
+    reported = {
         "resurveys": _surveys,
         "relabelled": _names,
         "likely_names": _suggested,
@@ -26,7 +26,7 @@ def during(tables: Tables) -> ReportSection | None:
         "pose_repeatability": _by_pose,
         "lack_of_fit": _fits,
     }
-    known = [(tell, table) for name, tell in told.items() if (table := filled(tables, name)) is not None]
+    known = [(tell, table) for name, tell in reported.items() if (table := filled(tables, name)) is not None]
     if not known:
         return None
     listings = tuple(listing for tell, table in known for listing in tell(table))
@@ -54,22 +54,22 @@ def _lead(tables: Tables) -> str:
 
 def _statements(tables: Tables) -> list[tuple[str, str]]:
     """What to look at."""
-    said = []
+    texts = []
     names = filled(tables, "likely_names")
     if names is not None:
         which = ", ".join(f"{r.called} at {r.target}" for r in names.head(8).itertuples())
-        said.append(("warn", f"Unknown names lie where targets are missing: {which}. Nothing was renamed."))
+        texts.append(("warn", f"Unknown names lie where targets are missing: {which}. Nothing was renamed."))
     surveys = filled(tables, "resurveys")
     if surveys is not None:
         lost = surveys[surveys["relocated"] & surveys["holds_as"].isna()]
         if len(lost):
             which = ", ".join(f"{r.body} {r.target}" for r in lost.head(8).itertuples())
-            said.append(("warn", f"Moved, and no pose said from which the new place holds: {which}."))
+            texts.append(("warn", f"Moved, and no pose said from which the new place holds: {which}."))
     apart = _apart(filled(tables, "repeats"))
     if apart:
         which = ", ".join(list(apart.values())[:8])
-        said.append(("warn", f"Groups of repeats scatter differently; their pooled number holds for none: {which}."))
-    return said
+        texts.append(("warn", f"Groups of repeats scatter differently; their pooled number holds for none: {which}."))
+    return texts
 
 
 def _surveys(table: pd.DataFrame) -> list[Listing]:
@@ -138,9 +138,9 @@ def _by_pose(table: pd.DataFrame) -> list[Listing]:
     """A row per subject and pose; figures with their intervals."""
     rows = []
     for (subject, pose), own in table.groupby(["subject", "pose"], sort=False):
-        told = {r.figure: f"{quantity(r.value, r.unit)} ({quantity(r.low, r.unit)} … {quantity(r.high, r.unit)})"
+        reported = {r.figure: f"{quantity(r.value, r.unit)} ({quantity(r.low, r.unit)} … {quantity(r.high, r.unit)})"
                 for r in own.itertuples()}  # fmt: skip
-        figures = [told.get(name, "–") for name in ("sigma", "RP", "RP_a", "RP_b", "RP_c")]
+        figures = [reported.get(name, "–") for name in ("sigma", "RP", "RP_a", "RP_b", "RP_c")]
         rows.append((str(subject), str(pose), f"{own['attained'].iloc[0]}", *figures))
     heads = ("subject", "pose", "measured", "sigma of a coordinate", "RP", "RP_a", "RP_b", "RP_c")
     caption = "Repeatability pose by pose (ISO 9283: RP from five measurements on), with 95 % intervals"
@@ -183,8 +183,8 @@ def _fits(table: pd.DataFrame) -> list[Listing]:
         leaves = p < _SURE
         marks.append("warn" if leaves else "pass")
         freedom = f"{worst['freedom_of_fit']:.1f}, {worst['freedom_of_error']:.0f}"
-        said = "more than pure error" if leaves else "no more than pure error"
-        rows.append((said, str(kind), str(model), str(worst["subject"]), plain(worst["f_ratio"]), freedom, p_value(p)))
+        text = "more than pure error" if leaves else "no more than pure error"
+        rows.append((text, str(kind), str(model), str(worst["subject"]), plain(worst["f_ratio"]), freedom, p_value(p)))
     heads = ("verdict", "of", "model", "most at", "F", "degrees of freedom", "p, all subjects counted")
     caption = (
         "Lack of fit: what each model leaves of the fitted measurements, against pure error, as far as repeats can tell"

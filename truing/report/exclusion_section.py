@@ -17,8 +17,8 @@ _OPEN = 40
 
 def excluded(tables: Tables) -> ReportSection:
     """Rows of raw files, points, attachments and scans that were left out; and what persons decided."""
-    told = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
-    listings = [listing for tell in (*told, _of_models, _scans) if (listing := tell(tables)).rows]
+    reported = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
+    listings = [listing for tell in (*reported, _of_models, _scans) if (listing := tell(tables)).rows]
     lead = "The tables of this run record nothing that was left out."
     return ReportSection("excluded", "Left out", _lead(tables) if listings else lead, listings=tuple(listings))
 

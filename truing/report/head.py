@@ -134,5 +134,5 @@ def _calibration_tiles(tables: Tables) -> list[tuple[str, str]]:
         return []
     facts = figures.loc[chosen]
     sizes = [(facts.get(f"{what}_mean_verification"), unit) for what, unit in _HELD_OUT.items()]
-    said = [quantity(size, unit) for size, unit in sizes if size is not None and size == size]
-    return [("held-out error, calibrated", ", ".join(said))] if said else []
+    texts = [quantity(size, unit) for size, unit in sizes if size is not None and size == size]
+    return [("held-out error, calibrated", ", ".join(texts))] if texts else []

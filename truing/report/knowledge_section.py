@@ -37,10 +37,10 @@ def knowledge(tables: Tables) -> ReportSection | None:
     fitted = filled(tables, "calibration")
     key = shown_calibration(tables, fitted if fitted is not None else observed)
     absorbed = absorbed_by(tables, key)
-    said = " ".join(words for words in (_rank(observed, key), swallowed(absorbed)) if words)
+    text = " ".join(words for words in (_rank(observed, key), swallowed(absorbed)) if words)
     listings = [*_observability(observed, key), *([_absorbed(absorbed)] if absorbed is not None else [])]
     shown = tuple(listing for listing in listings if listing.rows)
-    return ReportSection("knowledge", _TITLE, said, (*_known(tables, key), *_absorption(absorbed)), shown)
+    return ReportSection("knowledge", _TITLE, text, (*_known(tables, key), *_absorption(absorbed)), shown)
 
 
 def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
@@ -68,10 +68,10 @@ def _facts(own: pd.DataFrame) -> dict[str, float]:
 
 def _rank(observed: pd.DataFrame, key: Key) -> str:
     """What poses and readings alone say of a leg, and of the chosen model."""
-    legs, whole, said = _by_leg(observed), _whole(observed, key), []
+    legs, whole, texts = _by_leg(observed), _whole(observed, key), []
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
-        said.append(
+        texts.append(
             f"Of the {asked} numbers of a leg, poses and readings alone determine {rank} at most.{_beside(legs)}"
         )
     facts = _facts(whole)
@@ -79,8 +79,8 @@ def _rank(observed: pd.DataFrame, key: Key) -> str:
         asked, rank = int(facts["parameters"]), int(facts["rank"])
         part = f"all {asked}" if rank == asked else f"{rank} of the {asked}"
         rest = "" if rank == asked else "; the rest is known by tolerances alone"
-        said.append(f"All that was measured, targets included, determines {part} parameters of {called(key)}{rest}.")
-    return " ".join(said) or f"Observability of {called(key)}."
+        texts.append(f"All that was measured, targets included, determines {part} parameters of {called(key)}{rest}.")
+    return " ".join(texts) or f"Observability of {called(key)}."
 
 
 def _beside(legs: pd.DataFrame) -> str:
@@ -151,10 +151,10 @@ def _index_row(name: str, own: pd.DataFrame) -> tuple[str, ...]:
 def _sigmas(legs: pd.DataFrame) -> Listing:
     """How well the data alone would know each number of each leg, in its tolerance, all others being free."""
     named = "combination" in legs and "leg" in legs
-    told = legs[legs["figure"] == "sigma"] if named else legs.iloc[:0]
-    numbers = sorted(told["leg"].unique()) if named else []
+    reported = legs[legs["figure"] == "sigma"] if named else legs.iloc[:0]
+    numbers = sorted(reported["leg"].unique()) if named else []
     cells: dict[str, dict[float, str]] = {}
-    for r in told.itertuples():
+    for r in reported.itertuples():
         cells.setdefault(str(r.combination).removesuffix(str(int(r.leg))), {})[r.leg] = plain(r.value)
     rows = tuple((symbols(name), *(own.get(leg, "") for leg in numbers)) for name, own in cells.items())
     caption = "Sigma of each number from the data alone, in tolerances (a dash: not at all)"
@@ -201,15 +201,15 @@ def _absorbed_row(r: Any) -> tuple[str, ...]:
 
 def _knowledge_map(own: pd.DataFrame, key: Key) -> go.Figure:
     """Heat map of sigma over tolerance of one calibration's parameters; those not identifiable in brackets."""
-    told = own.assign(
+    reported = own.assign(
         kind=[kind_of(name, leg) for name, leg in zip(own["parameter"], own["leg"], strict=True)],
         place=[f"leg {int(leg)}" if leg == leg else "all legs" for leg in own["leg"]],
         ratio=own["sigma"] / own["tolerance"],
         known=own["identifiable"].astype(bool) if "identifiable" in own else True,
     )
-    kinds, places = list(dict.fromkeys(told["kind"])), list(dict.fromkeys(told.sort_values("leg")["place"]))
+    kinds, places = list(dict.fromkeys(reported["kind"])), list(dict.fromkeys(reported.sort_values("leg")["place"]))
     wide = {
-        c: told.pivot(index="kind", columns="place", values=c).reindex(index=kinds, columns=places)
+        c: reported.pivot(index="kind", columns="place", values=c).reindex(index=kinds, columns=places)
         for c in ("ratio", "known")
     }
     figure = go.Figure()

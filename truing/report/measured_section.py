@@ -155,8 +155,8 @@ def _measured_poses(tables: Tables, given: pd.DataFrame) -> ReportSection:
     listings = [Listing(("body", "poses"), rows, caption="Bodies whose poses were measured")]
     if (conf := filled(tables, "configurations")) is not None and _ranges(conf).rows:
         listings.append(_ranges(conf))
-    said = f"{_campaign_sentence(tables)} Poses were measured as such, without targets: {len(given):,} of them."
-    return ReportSection("measured", "Measured", said, listings=tuple(listings))
+    text = f"{_campaign_sentence(tables)} Poses were measured as such, without targets: {len(given):,} of them."
+    return ReportSection("measured", "Measured", text, listings=tuple(listings))
 
 
 def _scans(scans: pd.DataFrame) -> Listing:
@@ -204,8 +204,8 @@ def measured_loads(tables: Tables) -> ReportSection:
         if (approaches := filled(tables, "positions")) is not None:
             runs = count(approaches["run"].nunique(), "run")
             places = count(approaches["target_mm"].nunique(), "target")
-            said = f"{count(len(approaches), 'approach')} of an axis to {places}, in {runs}: see Positioning."
-            return ReportSection("measured", "Measured", said)
+            text = f"{count(len(approaches), 'approach')} of an axis to {places}, in {runs}: see Positioning."
+            return ReportSection("measured", "Measured", text)
         why = "The campaign holds neither object points nor load steps."
         return ReportSection("measured", "Measured", why, state="empty")
     read, axes = _read(tables), axes_of(steps)
@@ -235,23 +235,23 @@ def _read(tables: Tables) -> pd.DataFrame:
 
 def _lead(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
     runs = steps["run"].nunique()
-    said = f"{count(len(steps), 'load step')} in {count(runs, 'run')}"
+    text = f"{count(len(steps), 'load step')} in {count(runs, 'run')}"
     times = steps["time_s"].dropna()
     if _is_counted(steps):
-        said += ", without times other than their order"
+        text += ", without times other than their order"
     elif len(times) > 1 and np.ptp(times) > 0.0:
-        said += f" over {duration(float(np.ptp(times)))}"
-    said += f", {_at_once(steps)}. "
+        text += f" over {duration(float(np.ptp(times)))}"
+    text += f", {_at_once(steps)}. "
     signals = signal_names(tables)
     beside = f"{count(len(signals), 'signal')} ({signals[0]} to {signals[-1]})" if signals else ""
     if not len(read):
-        return f"{said}Read were {beside or 'no channels'}; how the platform moved was not measured."
+        return f"{text}Read were {beside or 'no channels'}; how the platform moved was not measured."
     per_run = read.groupby("run")["channel"].nunique()
     channels = in_channel_order(read["channel"].unique())
     how = "one in each run" if (per_run == 1).all() else "all in every run" if (per_run == len(channels)).all() else ""
-    said += f"Read were {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
+    text += f"Read were {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
     roles = steps.groupby("run")["role"].first().value_counts()
-    return said + (f" Held out: {count(int(roles['verification']), 'run')}." if "verification" in roles else "")
+    return text + (f" Held out: {count(int(roles['verification']), 'run')}." if "verification" in roles else "")
 
 
 def _is_counted(steps: pd.DataFrame) -> bool:
@@ -386,10 +386,10 @@ def _noise(sigma: pd.Series, unit: str, *, estimated: bool) -> str:
     if not len(known):
         return "not declared"
     low, high = in_one_unit([float(known.min()), float(known.max())], unit)
-    said = low if low == high else f"{low} to {high}"
-    said += " (of a sample, by its ellipse)" if estimated else ""
+    text = low if low == high else f"{low} to {high}"
+    text += " (of a sample, by its ellipse)" if estimated else ""
     lacking = len(sigma) - len(known)
-    return f"{said}; of {lacking:,} not declared" if lacking else said
+    return f"{text}; of {lacking:,} not declared" if lacking else text
 
 
 def _by_ellipse(tables: Tables) -> set[str]:
@@ -444,7 +444,7 @@ def _run_row(run: object, own: pd.DataFrame, channels: Any) -> tuple[str, ...]:
 def corrections(tables: Tables, *, of_axis: bool = False) -> Listing:
     """Channel by channel, or of a positioned axis: how large each correction was, and how well it is known."""
     table = filled(tables, "reading_corrections")
-    told = [] if table is None else [row for row in table.itertuples() if (row.subject == "axis") == of_axis]
+    reported = [] if table is None else [row for row in table.itertuples() if (row.subject == "axis") == of_axis]
     rows = tuple(
         (
             row.subject,
@@ -452,7 +452,7 @@ def corrections(tables: Tables, *, of_axis: bool = False) -> Listing:
             quantity(row.largest, row.unit) if cell(row.largest) else "corrected as it came",
             quantity(row.sigma, row.unit) if cell(row.sigma) else "not declared",
         )
-        for row in told
+        for row in reported
     )
     heads = ("reading", "corrected for", "at most by", "known to (one sigma)")
     return Listing(heads, rows, caption="Corrections of readings", held_by="reading_corrections.parquet")

@@ -46,8 +46,8 @@ def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> Mode
 
     p = float(chdtr(freedom, chi_square))
     times = plain((chi_square / freedom) ** 0.5)
-    said = f"It is {times} times what noise leaves, less than chance explains: {why}."
-    return ModelTest(asked, False, said, p) if p < _UNLIKELY else None
+    text = f"It is {times} times what noise leaves, less than chance explains: {why}."
+    return ModelTest(asked, False, text, p) if p < _UNLIKELY else None
 
 
 def listing_of(tests: Sequence[ModelTest], caption: str) -> Listing:

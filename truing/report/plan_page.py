@@ -39,7 +39,7 @@ _EYE = {"x": 0.95, "y": -1.1, "z": 0.7}
 _SYMBOL = 0.16  # a camera's pyramid, of the object's size
 
 
-def plan_head(campaign: str, said: Sequence[str], reaches: bool, frames: Mapping[str, pd.DataFrame]) -> PageHead:
+def plan_head(campaign: str, text: Sequence[str], reaches: bool, frames: Mapping[str, pd.DataFrame]) -> PageHead:
     """What a busy person takes along."""
     targets = frames["targets"]
     tiles = [
@@ -48,8 +48,8 @@ def plan_head(campaign: str, said: Sequence[str], reaches: bool, frames: Mapping
         ("worst target", f"{rough(float(targets['sigma_mm'].max()))} mm"),
         ("rays per target", f"{targets['rays'].mean():.0f}"),
     ]
-    marks = ["pass" if reaches else "warn", *[""] * (len(said) - 1)]
-    return PageHead(f"{campaign}: where to stand", tuple(zip(marks, said, strict=True)), tuple(tiles))
+    marks = ["pass" if reaches else "warn", *[""] * (len(text) - 1)]
+    return PageHead(f"{campaign}: where to stand", tuple(zip(marks, text, strict=True)), tuple(tiles))
 
 
 @common_look()
@@ -215,7 +215,9 @@ def _known(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
     )
     marks = tuple("warn" if row[-1] in ("not seen twice", "few rays") else "" for row in rows)
     limits = targets["limited_by"].value_counts()
-    said = tuple(("", f"{count} of {len(targets)} targets: {_LIMITS[str(name)]}.") for name, count in limits.items())
+    statements = tuple(
+        ("", f"{count} of {len(targets)} targets: {_LIMITS[str(name)]}.") for name, count in limits.items()
+    )
     listings = (
         Listing(
             _BODY_HEADS,
@@ -227,7 +229,9 @@ def _known(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
         ),
     )
     lead = "Standard deviations in the free datum: with respect to all targets together. What limits them:"
-    return ReportSection("targets", "How well the targets will be known", lead, listings=listings, statements=said)
+    return ReportSection(
+        "targets", "How well the targets will be known", lead, listings=listings, statements=statements
+    )
 
 
 def _body_rows(bodies: pd.DataFrame) -> tuple[tuple[str, ...], ...]:

@@ -60,10 +60,10 @@ def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
         return None
     chosen = table[table["default"]]
     good = chosen[chosen["status"] == "ok"]
-    lost, said = float(len(chosen) - len(good)), _lead(chosen, good)
+    lost, text = float(len(chosen) - len(good)), _lead(chosen, good)
     if lost:
-        return SectionVerdict("poses", RelationState.ATTENTION, ReasonCode.POSES_LOST, said, lost, "1")
-    return SectionVerdict("poses", RelationState.OK, ReasonCode.COMPLETE, said, lost, "1")
+        return SectionVerdict("poses", RelationState.ATTENTION, ReasonCode.POSES_LOST, text, lost, "1")
+    return SectionVerdict("poses", RelationState.OK, ReasonCode.COMPLETE, text, lost, "1")
 
 
 def _lead(chosen: pd.DataFrame, good: pd.DataFrame) -> str:

@@ -22,17 +22,17 @@ _NOT_DRAWN = "–"
 def power_head(campaign: str, sizes: pd.DataFrame, rates: pd.DataFrame) -> PageHead:
     """What a busy person takes along."""
     alarms = rates[rates["cause"] == "nothing"]
-    said = [("none", said) for said in (alarm_words(rates),) if said]
+    text = [("none", text) for text in (alarm_words(rates),) if text]
     blind = list(dict.fromkeys(cause_words(c) for c in sizes[sizes["expected_80"].isna()]["cause"]))
     if blind:
-        said.append(("warn", f"At no plausible size would this campaign show {', '.join(blind)}."))
+        text.append(("warn", f"At no plausible size would this campaign show {', '.join(blind)}."))
     drawn = int(rates["campaigns"].sum())
     if not drawn:
-        said.append(("none", "Theory alone: no campaign was drawn."))
+        text.append(("none", "Theory alone: no campaign was drawn."))
     tiles = [("campaigns drawn and diagnosed", f"{drawn:,}"), ("sorts of effect", str(len(sizes)))]
     if len(alarms):
         tiles.append(("false alarms", f"{100 * alarms['found'].iloc[0]:.1f} %"))
-    return PageHead(f"{campaign}: what it would show", tuple(said), tuple(tiles))
+    return PageHead(f"{campaign}: what it would show", tuple(text), tuple(tiles))
 
 
 def alarm_words(rates: pd.DataFrame) -> str:
@@ -62,10 +62,10 @@ def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[ReportSecti
     return sections
 
 
-def section_of_photographs(said: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> ReportSection:
+def section_of_photographs(text: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> ReportSection:
     """What photographs show, which no campaign was drawn for."""
     listing = Listing(tuple(heads), tuple(map(tuple, rows)), caption="What the run would have shown, by theory")
-    return ReportSection("photographs", "What photographs show", said, listings=(listing,) if rows else ())
+    return ReportSection("photographs", "What photographs show", text, listings=(listing,) if rows else ())
 
 
 def size_rows(sizes: pd.DataFrame) -> list[list[str]]:

@@ -39,8 +39,8 @@ def qa(tables: Tables) -> ReportSection | None:
         _checks(qa, f"All {len(qa)} checks", folded=True),
     ]
     counts = qa[~accepted]["verdict"].value_counts()  # as the head of the page, the log and the exit code count them
-    told = [f"{counts[v]} {v}" for v in _ORDER if v in counts]
-    lead = ", ".join([*told, *([f"{int(accepted.sum())} accepted"] if accepted.any() else [])])
+    texts = [f"{counts[v]} {v}" for v in _ORDER if v in counts]
+    lead = ", ".join([*texts, *([f"{int(accepted.sum())} accepted"] if accepted.any() else [])])
     shown = tuple(x for x in listings if x.rows)
     return ReportSection("qa", "Quality", f"{counted(len(qa), 'check')}: {lead}.", listings=shown)
 
@@ -58,16 +58,16 @@ def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sectio
     odd = odd[odd["accepted"].isna()]
     if len(odd):
         first = odd.iloc[0]
-        said = _warning(qa, str(first["relation"])) or f"Under Quality, look at: {_named(odd)}."
+        text = _warning(qa, str(first["relation"])) or f"Under Quality, look at: {_named(odd)}."
         numbers = _number(first["misfit"]), cell(first["unit"]) or None, _number(first["limit"])
-        return SectionVerdict("belonging", RelationState.ATTENTION, ReasonCode.DEPARTS, said, *numbers)
+        return SectionVerdict("belonging", RelationState.ATTENTION, ReasonCode.DEPARTS, text, *numbers)
     untested = by_state[RelationState.NOT_TESTED]
     rest = f" Not tested: {_named(untested)}." if len(untested) else ""
     if not len(by_state[RelationState.OK]):
-        said = f"Whether the tables belong together was not tested.{rest}"
-        return SectionVerdict("belonging", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
-    said = f"The data belong together, as far as tested: {_named(by_state[RelationState.OK])}.{rest}"
-    return SectionVerdict("belonging", RelationState.OK, ReasonCode.BELONG, said)
+        text = f"Whether the tables belong together was not tested.{rest}"
+        return SectionVerdict("belonging", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
+    text = f"The data belong together, as far as tested: {_named(by_state[RelationState.OK])}.{rest}"
+    return SectionVerdict("belonging", RelationState.OK, ReasonCode.BELONG, text)
 
 
 def _warning(qa: pd.DataFrame | None, check: str) -> str:
@@ -99,14 +99,14 @@ def _named(relations: pd.DataFrame) -> str:
 
 
 def _of_checks(
-    section: str, state: RelationState, code: ReasonCode, said: str, checks: pd.DataFrame | None = None
+    section: str, state: RelationState, code: ReasonCode, text: str, checks: pd.DataFrame | None = None
 ) -> SectionVerdict:
     """A verdict with the figures of the first of some checks."""
     if checks is None or not {"value", "unit", "limit"} <= set(checks):
-        return SectionVerdict(section, state, code, said)
+        return SectionVerdict(section, state, code, text)
     first = checks.iloc[0]
     return SectionVerdict(
-        section, state, code, said, _number(first["value"]), cell(first["unit"]) or None, _number(first["limit"])
+        section, state, code, text, _number(first["value"]), cell(first["unit"]) or None, _number(first["limit"])
     )
 
 
@@ -121,8 +121,8 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
     qa = tables["qa"]
     if not len(qa):
         why = why_no_quality(tables)
-        said = f"Quality not evaluated: {why[:1].lower()}{why[1:]}"
-        return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+        text = f"Quality not evaluated: {why[:1].lower()}{why[1:]}"
+        return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     accepted = accepted_verdicts(qa)
     also = f" {counted(int(accepted.sum()), 'verdict')} accepted by a person, see Quality." if accepted.any() else ""
     failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
@@ -132,13 +132,13 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
         )
     if len(warned):
         first = printed(warned["message"].iloc[0])
-        said = f"No quality check failed; {len(warned)} of {len(qa)} call for a look. First: {first}{also}"
-        return _of_checks("quality", RelationState.ATTENTION, ReasonCode.CHECK_WARNS, said, warned)
+        text = f"No quality check failed; {len(warned)} of {len(qa)} call for a look. First: {first}{also}"
+        return _of_checks("quality", RelationState.ATTENTION, ReasonCode.CHECK_WARNS, text, warned)
     if (qa["verdict"] == "not evaluated").all():
-        said = f"None of the {len(qa)} quality checks could be evaluated.{also}"
-        return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
-    said = f"None of the {len(qa)} quality checks failed or calls for a look.{also}"
-    return SectionVerdict("quality", RelationState.OK, ReasonCode.CHECKS_HOLD, said)
+        text = f"None of the {len(qa)} quality checks could be evaluated.{also}"
+        return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
+    text = f"None of the {len(qa)} quality checks failed or calls for a look.{also}"
+    return SectionVerdict("quality", RelationState.OK, ReasonCode.CHECKS_HOLD, text)
 
 
 def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:

@@ -12,16 +12,16 @@ _READING = re.compile(r"_(mm|um|deg|rad|mrad|arcsec|counts)$")
 
 def why_no_quality(tables: Tables) -> str:
     """Why nothing was checked."""
-    if said := reason(tables, "qa"):
-        return said
+    if text := reason(tables, "qa"):
+        return text
     what = "readings or signals of load steps" if is_bench(tables) else "object points"
     return f"The campaign holds no {what}."
 
 
 def why_no_diagnosis(tables: Tables) -> str:
     """Why no cause was judged."""
-    if said := reason(tables, "diagnosis"):
-        return said
+    if text := reason(tables, "diagnosis"):
+        return text
     if is_bench(tables):
         return "too little was read under load, or nothing says how the sensor should respond to it."
     if not _has_readings(tables):
@@ -31,8 +31,8 @@ def why_no_diagnosis(tables: Tables) -> str:
 
 def why_no_deformation(tables: Tables) -> str:
     """Why no deformation was modelled."""
-    if said := reason(tables, "deformation"):
-        return said
+    if text := reason(tables, "deformation"):
+        return text
     if is_bench(tables):
         return "How the platform moves under load was not measured, or not in a way that can be used."
     if not _has_readings(tables):
@@ -53,8 +53,8 @@ def _has_readings(tables: Tables) -> bool:
 
 def why_no_calibration(tables: Tables) -> str:
     """Why no model was calibrated."""
-    if said := reason(tables, "calibration"):
-        return said
+    if text := reason(tables, "calibration"):
+        return text
     if not _has_readings(tables):
         return "Nothing to calibrate: no mechanism with actuator readings."
     poses = filled(tables, "poses")

@@ -40,8 +40,8 @@ def _listing(errors: pd.DataFrame) -> Listing:
     for (by, model), own in errors.groupby(["prediction_by", "model"], sort=False):
         cells = {r.quantity: f"{plain(r.rms_error)} / {plain(r.largest_error)}" for r in own.itertuples()}
         rows.append((str(by), cell(model), *(cells.get(name, "") for name, _ in columns)))
-    told = of[of["noise_rms"].notna()].set_index("quantity")["noise_rms"]
-    rows.append(("noise alone", "", *(plain(told[name]) if name in told else "" for name, _ in columns)))
+    reported = of[of["noise_rms"].notna()].set_index("quantity")["noise_rms"]
+    rows.append(("noise alone", "", *(plain(reported[name]) if name in reported else "" for name, _ in columns)))
     heads = ("predicted by", "model", *(f"{name} ({sign(unit)})" for name, unit in columns))
     caption = "Measured minus predicted in the second campaign: rms / largest"
     return Listing(heads, tuple(rows), caption=caption, held_by=f"{_ARTIFACT}.parquet")

@@ -61,7 +61,7 @@ def statement(stated: pd.DataFrame) -> str:
     own = stated[stated["stated"]]
     dof = own["degrees_of_freedom"]
     factors = sorted({f"{k:.2f}" for k in own["coverage_factor"].dropna()})
-    said = "The reported expanded uncertainty is stated as the standard uncertainty multiplied by the coverage factor k"
+    text = "The reported expanded uncertainty is stated as the standard uncertainty multiplied by the coverage factor k"
     if len(factors) == 1 and (dof.isna() | (dof > _MANY)).all():
         law = f"= {factors[0]}, which for a normal distribution"
     elif len(own) == 1:
@@ -69,7 +69,7 @@ def statement(stated: pd.DataFrame) -> str:
     else:
         law = "beside it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
     drawn = f" {_DRAWN}" if (own["result"] == "positioning").any() else ""
-    return f"{said} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
+    return f"{text} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
 
 
 def _none(stated: pd.DataFrame) -> str:
@@ -78,21 +78,21 @@ def _none(stated: pd.DataFrame) -> str:
 
 
 def _part(kind: str, title: str, own: pd.DataFrame, budget: pd.DataFrame | None) -> ReportSection:
-    told, left = own[own["stated"]], own[~own["stated"]]
+    reported, left = own[own["stated"]], own[~own["stated"]]
     listings, figures = [], []
-    if budget is not None and len(told):
-        groups = _grouped(told, budget[budget["evaluation"] != "not evaluated"])
+    if budget is not None and len(reported):
+        groups = _grouped(reported, budget[budget["evaluation"] != "not evaluated"])
         if len(_visible(groups)) > 1:
             figures.append((_share_bars(groups, title), _reading(groups)))
         listings.append(_budget(groups))
-    if len(told):
-        listings.append(_stated(told))
+    if len(reported):
+        listings.append(_stated(reported))
     if len(left):
         listings.append(_not_stated(left))
     if budget is not None and (budget["evaluation"] == "not evaluated").any():
         listings.append(_omitted(budget[budget["evaluation"] == "not evaluated"]))
-    lead = f"{count(len(told), 'result')} stated" + (f", {len(left)} not evaluated." if len(left) else ".")
-    state = "" if len(told) else "not evaluated"
+    lead = f"{count(len(reported), 'result')} stated" + (f", {len(left)} not evaluated." if len(left) else ".")
+    state = "" if len(reported) else "not evaluated"
     return ReportSection(f"uncertainty-{kind.lower()}", title, lead, tuple(figures), tuple(listings), state)
 
 
@@ -101,7 +101,7 @@ def _reading(groups: _Grouped) -> str:
     return f"Shares of the variance; hatched: type A.{typical}"
 
 
-def _stated(told: pd.DataFrame) -> Listing:
+def _stated(reported: pd.DataFrame) -> Listing:
     rows = tuple(
         (
             cell(r.subject),
@@ -111,7 +111,7 @@ def _stated(told: pd.DataFrame) -> Listing:
             _factor(r.coverage_factor),
             freedom(r.degrees_of_freedom),
         )
-        for r in told.itertuples()
+        for r in reported.itertuples()
     )
     heads = ("of", "quantity", "estimate ± expanded uncertainty U", "u", "k", "ν_eff")
     return Listing(heads, rows, caption="Results", folded=len(rows) > _OPEN, held_by=_WHERE)
@@ -193,13 +193,13 @@ def _grouped(stated: pd.DataFrame, budget: pd.DataFrame) -> _Grouped:
     total = rows.groupby("group")["squares"].sum()
     sources = _by_weight(rows)
     places = [(name, source) for name in names for source in sources]
-    told = {place: float(squares.get(place, 0.0)) for place in places}
+    reported = {place: float(squares.get(place, 0.0)) for place in places}
     first = rows.drop_duplicates("input_source").set_index("input_source")
     return _Grouped(
         names,
         sources,
-        {place: (told[place] / size[place[0]]) ** 0.5 for place in places},
-        {place: told[place] / total[place[0]] if total[place[0]] > 0.0 else 0.0 for place in places},
+        {place: (reported[place] / size[place[0]]) ** 0.5 for place in places},
+        {place: reported[place] / total[place[0]] if total[place[0]] > 0.0 else 0.0 for place in places},
         {name: str(rows.loc[rows["group"] == name, "unit"].iloc[0] or "") for name in names},
         {source: str(first.loc[source, "evaluation"]) for source in sources},
         {source: str(first.loc[source, "distribution"]) for source in sources},

@@ -148,13 +148,13 @@ def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
 def _check_provenance(file: str, facts: dict[str, str], version: int) -> None:
     """Raise ValueError where a table does not tell where it comes from in the words of this version."""
     try:
-        found, told = (
+        found, reported = (
             int(facts["schema_version"]),
             facts.keys() >= _TOLD and isinstance(json.loads(facts["units"]), dict),
         )
     except (KeyError, ValueError, RecursionError):
-        found, told = version, False
-    if not told:
+        found, reported = version, False
+    if not reported:
         raise ValueError(f"{file}: expected to be told of its origin, as a run writes it into the file")
     if found > version:
         by = f"truing {facts['software_version']}"

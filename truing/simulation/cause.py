@@ -161,8 +161,8 @@ class Cause(Generic[SceneT_contra]):
     @property
     def key(self) -> str:
         """Return the name that tells this candidate from all others."""
-        told = " ".join(f"{name}={value}" for name, value in self.settings().items())
-        return f"{self.id} {told}".strip()
+        text = " ".join(f"{name}={value}" for name, value in self.settings().items())
+        return f"{self.id} {text}".strip()
 
     @property
     def family(self) -> str:

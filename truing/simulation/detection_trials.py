@@ -100,11 +100,11 @@ def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, 
     names: dict[tuple[str, str], set[str]] = defaultdict(set)
     scale = np.array([parameter.scale for parameter in cause.parameters(legs)])
     for pattern, count in zip(*_patterns(len(scale)), strict=True):
-        for told in cause.reported(size * scale * pattern, np.zeros((len(scale), len(scale))), legs):
-            if isinstance(told.value, (int, float)) and told.sigma is not None:
-                key = (told.name.rstrip("0123456789_"), told.unit)
-                found[key] += [told.value] * count
-                names[key].add(told.name)
+        for reported in cause.reported(size * scale * pattern, np.zeros((len(scale), len(scale))), legs):
+            if isinstance(reported.value, (int, float)) and reported.sigma is not None:
+                key = (reported.name.rstrip("0123456789_"), reported.unit)
+                found[key] += [reported.value] * count
+                names[key].add(reported.name)
     alone = {key: own.pop() if len(own) == 1 else key[0] for key, own in names.items()}
     return {(alone[key], key[1]): float(np.sqrt(np.mean(np.square(own)))) for key, own in found.items()}
 
@@ -332,8 +332,8 @@ def curve(question: DetectionQuestion, place: int, answers: Iterable[Answer]) ->
     factors = tuple(sorted({given.factor for given in own}))
     by_factor = [[given for given in own if given.factor == factor] for factor in factors]
     others: dict[str, int] = {}
-    for said in (said for given in own if not given.named for said in given.others_found):
-        others[said] = others.get(said, 0) + 1
+    for text in (text for given in own if not given.named for text in given.others_found):
+        others[text] = others.get(text, 0) + 1
 
     def rates(what: str) -> tuple[Rate, ...]:
         return tuple(Rate(sum(getattr(given, what) for given in group), len(group)) for group in by_factor)

@@ -117,8 +117,8 @@ def describes(document: dict[str, Any], mechanism: str) -> bool:
 
 def effects_of(document: dict[str, Any], known: Mapping[str, CauseT]) -> tuple[Effect[CauseT], ...]:
     """Return the effects that a text describes; raises ValueError where no installed package brings a cause."""
-    told = document.get("effects", [])
-    return tuple(Effect(_cause_of(effect, known), np.array(effect["values"], float)) for effect in told)
+    reported = document.get("effects", [])
+    return tuple(Effect(_cause_of(effect, known), np.array(effect["values"], float)) for effect in reported)
 
 
 def context_of(document: dict[str, Any], numbers: Collection[str]) -> dict[str, str]:
@@ -136,10 +136,10 @@ def _effect_lines(effect: Effect[CauseT], covariance: NDArray, legs: int) -> lis
         f"values = {toml_value(exact(effect.values))}",
         "[effects.parameters]",
     ]
-    for told in cause.reported(effect.values, covariance, legs):
-        value = float(f"{told.value:.10g}") if isinstance(told.value, float) else told.value
-        sigma = {} if told.sigma is None else {"sigma": float(f"{told.sigma:.4g}")}
-        lines.append(f"{toml_key(told.name)} = {toml_value({'value': value, **sigma, 'unit': told.unit})}")
+    for reported in cause.reported(effect.values, covariance, legs):
+        value = float(f"{reported.value:.10g}") if isinstance(reported.value, float) else reported.value
+        sigma = {} if reported.sigma is None else {"sigma": float(f"{reported.sigma:.4g}")}
+        lines.append(f"{toml_key(reported.name)} = {toml_value({'value': value, **sigma, 'unit': reported.unit})}")
     return lines
 
 

@@ -141,8 +141,8 @@ def block_diagonal(*blocks: NDArray) -> NDArray:
 def centred(information: NDArray, pull: NDArray) -> NDArray:
     """Return where information (n, n) with its pull (n,), their product, is centred; zero where nothing is told."""
     variances, directions = np.linalg.eigh(information)
-    told = variances > _TOLD * max(1.0, variances.max(initial=0.0))
-    return np.asarray(directions[:, told] @ ((directions[:, told].T @ pull) / variances[told]))
+    reported = variances > _TOLD * max(1.0, variances.max(initial=0.0))
+    return np.asarray(directions[:, reported] @ ((directions[:, reported].T @ pull) / variances[reported]))
 
 
 def clipped(information: NDArray) -> NDArray:

@@ -92,7 +92,7 @@ def reported_numbers(
     geometry, own = identified_geometry(model, shared, covariance), prior.places(model)
     parts = {part.name for part in prior.parts}
     kept = np.array([entry.name.partition("_")[0] in parts for entry in geometry.parameters], bool)
-    entries = [entry for entry, told in zip(geometry.parameters, kept, strict=True) if told]
+    entries = [entry for entry, reported in zip(geometry.parameters, kept, strict=True) if reported]
     si = np.array([entry.si for entry in entries])
     effects = [number for number in numbers_of(prior, model) if number.effect_of is not None]
     lower = np.zeros((len(effects), len(own)))
@@ -104,41 +104,41 @@ def reported_numbers(
 
 def figures(
     prior: CampaignPrior,
-    told: ReportedNumbers,
+    reported: ReportedNumbers,
     found: NumberComparison,
     now: NDArray,
     covariance: NDArray,
     level: float = LEVEL,
 ) -> dict[str, Any]:
     """Each row then and now, the difference over its sigma, and which changed; now (n,) with covariance (n, n)."""
-    by = told.by_numbers
+    by = reported.by_numbers
     spread = np.sqrt(np.maximum(np.diag(by @ found.covariance @ by.T), 0.0))
     beforehand = np.diag(by @ np.linalg.inv(prior.shared) @ by.T)
     measured = np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * beforehand
     return {
-        "before": told.nominal + by @ prior.mean,
+        "before": reported.nominal + by @ prior.mean,
         "sigma_before": np.sqrt(np.diag(by @ (prior.covariance + prior.frames) @ by.T)),
-        "now": told.nominal + by @ now,
+        "now": reported.nominal + by @ now,
         "sigma_now": np.sqrt(np.diag(by @ covariance @ by.T)),
         "sigma_difference": spread,
         "z": np.where(measured & (spread > 0), by @ found.difference / np.where(spread > 0, spread, 1.0), np.nan),
-        **_changed(told, found, level),
+        **_changed(reported, found, level),
     }
 
 
-def _changed(told: ReportedNumbers, found: NumberComparison, level: float) -> dict[str, list[Any]]:
+def _changed(reported: ReportedNumbers, found: NumberComparison, level: float) -> dict[str, list[Any]]:
     """Which rows are those that changed, by how much, and which others may have done so in their place."""
     # A direction is told by components, each of which follows one of its two tilts most.
-    row_of = {int(np.abs(told.by_numbers[row]).argmax()): row for row in range(len(told.rows))}
-    changed, count = found.changed(level), len(told.rows)
+    row_of = {int(np.abs(reported.by_numbers[row]).argmax()): row for row in range(len(reported.rows))}
+    changed, count = found.changed(level), len(reported.rows)
     if changed is None:
         return {"changed": [True] * count}
     columns: dict[str, list[Any]] = {"changed": [False] * count}
     columns |= {name: [None] * count for name in ("change", "sigma_change", "instead")}
     sizes, sigmas = found.sizes(changed)
     for (place, rivals), size, sigma in zip(alternatives(found, changed), sizes, sigmas, strict=True):
-        row, one = row_of[place], told.by_numbers[row_of[place], place]  # a component may fall as its tilt grows
-        others = " ".join(told.rows[row_of[rival]].label for rival in rivals) or None
+        row, one = row_of[place], reported.by_numbers[row_of[place], place]  # a component may fall as its tilt grows
+        others = " ".join(reported.rows[row_of[rival]].label for rival in rivals) or None
         values = {"changed": True, "change": size * one, "sigma_change": sigma * abs(one), "instead": others}
         for name, value in values.items():
             columns[name][row] = value

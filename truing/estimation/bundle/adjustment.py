@@ -115,8 +115,8 @@ def adjust(
     observed = observe(network, layout, w, factor)
     near = freedoms(layout, start)
     held = tuple(conditions(free, datum) for free in near)
-    settled = _iterated(observed, start, near, held, max_iterations)
-    state = in_datum(layout, settled.state, start, held)
+    settled_state = _iterated(observed, start, near, held, max_iterations)
+    state = in_datum(layout, settled_state.state, start, held)
     if datum != "minimal":  # inner constraints are those of the adjusted network
         held = tuple(conditions(free, datum) for free in freedoms(layout, state))
     defect = np.array([one.shape[1] for one in held])
@@ -130,14 +130,14 @@ def adjust(
         residuals(network, state),
         on,
         w,
-        settled.iterations,
-        settled.converged,
+        settled_state.iterations,
+        settled_state.converged,
         observations - unknowns + int(defect.sum()),
         defect,
         held,
         chi2,
         observed,
-        settled.before,
+        settled_state.before,
     )
 
 
@@ -186,17 +186,17 @@ def _iterated(
         before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
         gain = before - _merit(observed, tried, weight, step.multipliers)
         left = length * (min(length / last, 1.0) if last else 1.0)  # as the last two steps contracted
-        settled = left <= _SETTLED + _ROUNDING * before
-        if settled and damping <= least:
+        settled_state = left <= _SETTLED + _ROUNDING * before
+        if settled_state and damping <= least:
             same = placed and not damping and length <= _SAME
             return _ConvergedState(tried if gain > 0 else state, iteration, True, (state, reduced) if same else None)
-        if settled or gain > 1e-4 * foreseen:
+        if settled_state or gain > 1e-4 * foreseen:
             if gain > 0:
                 placed = left <= _NEAR
                 state = in_datum(layout, tried, start, held) if placed else tried
                 equations = normal_equations(observed, state, workspace)
             growth, last = 2.0, length
-            damping *= 0.0 if settled else max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3)
+            damping *= 0.0 if settled_state else max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3)
             damping = damping if damping >= _LEAST_DAMPING else least
             continue
         damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0

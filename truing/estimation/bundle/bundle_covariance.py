@@ -387,8 +387,8 @@ def _check_pivots(layout: EquationLayout, reduced: Reduced, least: float = _SING
     faults = [f"image {n}" for n in loose_images] + [f"point {n}" for n in loose_points]
     if faults:
         more = f" and {len(faults) - 20} more" if len(faults) > 20 else ""
-        said = f"free directions are left, seen at {', '.join(faults[:20])}{more}"
-        raise UndeterminedNetworkError(said, images=loose_images, points=loose_points)
+        text = f"free directions are left, seen at {', '.join(faults[:20])}{more}"
+        raise UndeterminedNetworkError(text, images=loose_images, points=loose_points)
 
 
 def _pivots(one: EliminatedPose) -> tuple[Array, Index]:
@@ -409,6 +409,6 @@ def _inverse(layout: EquationLayout, reduced: Reduced) -> Array:
     if not values[0] > _SINGULAR:
         share = np.abs(vectors[:, 0])
         open_ = [(a, str(b)) for (a, b), part in zip(layout.common, share, strict=True) if part > 0.1 * share.max()]
-        said = f"these images do not determine {', '.join(f'{a} {b}' for a, b in open_)}: hold one of them fixed"
-        raise UndeterminedNetworkError(said, elements=open_)
+        text = f"these images do not determine {', '.join(f'{a} {b}' for a, b in open_)}: hold one of them fixed"
+        raise UndeterminedNetworkError(text, elements=open_)
     return scale[:, None] * (vectors / values) @ vectors.T * scale

@@ -105,5 +105,5 @@ def directions(cameras: Sequence[Camera], interior: Array, camera: Index, xy_px:
             if np.nanmax(np.abs(step * values[:, :1]), initial=0.0) < _SETTLED_PX:
                 break
         off, slope = xy_px - image_coordinates(values, centre, radius, X), derivatives(values, radius, X)[0]
-        settled = (np.abs(off).max(axis=1, initial=0.0) < 1e-6) & (np.linalg.det(slope[:, :, :2]) > 0)
-    return np.where(settled[:, None], X[:, :2], np.nan)
+        converged = (np.abs(off).max(axis=1, initial=0.0) < 1e-6) & (np.linalg.det(slope[:, :, :2]) > 0)
+    return np.where(converged[:, None], X[:, :2], np.nan)

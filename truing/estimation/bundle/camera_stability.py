@@ -41,20 +41,22 @@ def camera_stability(score: Array, information: Array) -> CameraStability:
     """
     from scipy.special import chdtrc
 
-    told = np.array([np.linalg.matrix_rank(block, hermitian=True) == len(block) for block in information], dtype=bool)
-    N, n = information[told], score[told]
+    determined = np.array(
+        [np.linalg.matrix_rank(block, hermitian=True) == len(block) for block in information], dtype=bool
+    )
+    N, n = information[determined], score[determined]
     poses, size = len(score), score.shape[1]
     deviation, covariance = np.full((poses, size), np.nan), np.full((poses, size, size), np.nan)
     chi2, p_value = np.full(poses, np.nan), np.full(poses, np.nan)
-    if told.sum() < 2:
-        return CameraStability(told, deviation, covariance, chi2, p_value, float("nan"), 0, float("nan"))
+    if determined.sum() < 2:
+        return CameraStability(determined, deviation, covariance, chi2, p_value, float("nan"), 0, float("nan"))
     inverse, of_common = np.linalg.inv(N), np.linalg.inv(N.sum(axis=0))
     apart = np.einsum("pij,pj->pi", inverse, n) - of_common @ n.sum(axis=0)
     own = inverse - of_common
     single = np.einsum("pi,pi->p", apart, np.linalg.solve(own, apart[..., None])[..., 0])
-    deviation[told], covariance[told], chi2[told] = apart, own, single
-    p_value[told] = holm_adjusted(chdtrc(size, single))
+    deviation[determined], covariance[determined], chi2[determined] = apart, own, single
+    p_value[determined] = holm_adjusted(chdtrc(size, single))
     overall, freedom = float(np.einsum("pi,pij,pj->", apart, N, apart)), size * (len(N) - 1)
     return CameraStability(
-        told, deviation, covariance, chi2, p_value, overall, freedom, float(chdtrc(freedom, overall))
+        determined, deviation, covariance, chi2, p_value, overall, freedom, float(chdtrc(freedom, overall))
     )  # fmt: skip

@@ -128,8 +128,8 @@ def _screened(
             tests = _rescaled(tests, used, components, latest)
         fails, passes = _worst_failures(network, used, tests, alpha), tests.p_value >= alpha
         passes &= possible & ~active & (returns < _RETURNS)
-        settled = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _SETTLED))
-        if rounds == _MOST_ROUNDS or (settled and not fails.any() and not passes.any()):
+        converged = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _SETTLED))
+        if rounds == _MOST_ROUNDS or (converged and not fails.any() and not passes.any()):
             break
         components = latest if with_components else components
         returns += passes

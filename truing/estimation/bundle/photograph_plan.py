@@ -95,13 +95,13 @@ class PhotographPlan:
 
 
 def plan_photographs(
-    planned: PlannedNetwork, targets: PlannedTargets, wish: PlanOptions, reference: str | None, progress: Progress
+    planned: PlannedNetwork, targets: PlannedTargets, settings: PlanOptions, reference: str | None, progress: Progress
 ) -> PhotographPlan:
     """Choose stations; raises ValueError where none sees enough, or where what they see makes no network."""
-    stations = _candidates(planned, wish)
-    nearest = 0.0 if wish.nearest_mm is None else 1e-3 * wish.nearest_mm
-    farthest = np.inf if wish.farthest_mm is None else 1e-3 * wish.farthest_mm
-    limits = CameraLimits(nearest, farthest, np.radians(wish.incidence_deg), wish.least_px)
+    stations = _candidates(planned, settings)
+    nearest = 0.0 if settings.nearest_mm is None else 1e-3 * settings.nearest_mm
+    farthest = np.inf if settings.farthest_mm is None else 1e-3 * settings.farthest_mm
+    limits = CameraLimits(nearest, farthest, np.radians(settings.incidence_deg), settings.least_px)
     seen = visible(planned.camera, planned.interior, stations, planned.layout, limits)
     of_use = useful(seen)
     if len(of_use) < 2:
@@ -115,9 +115,9 @@ def plan_photographs(
         search.layout.points,
         len(search.bars.bar) > 0,
     )
-    order = one_by_one(candidates, wish.stations, progress)
+    order = one_by_one(candidates, settings.stations, progress)
     curve = _curve(planned, stations, seen, order)
-    first = order[: _enough(curve, wish, len(order))]
+    first = order[: _enough(curve, settings, len(order))]
     chosen = _with_the_better_worst(planned, stations, seen, (first, exchanged(candidates, first, progress)))
     chosen = _in_order_round(stations, chosen, planned.layout.middle)
     prediction = predict(planned, stations.only(chosen), seen[chosen])
@@ -125,19 +125,19 @@ def plan_photographs(
         made_by = "1 station" if len(chosen) == 1 else f"{len(chosen):,} stations"
         raise ValueError(f"no network is made by {made_by}, expected more of them, or more targets in common")
     return PhotographPlan(
-        planned, targets, stations.only(chosen), seen[chosen], prediction, curve, len(of_use), wish, reference
+        planned, targets, stations.only(chosen), seen[chosen], prediction, curve, len(of_use), settings, reference
     )
 
 
-def _candidates(planned: PlannedNetwork, wish: PlanOptions) -> Stations:
+def _candidates(planned: PlannedNetwork, settings: PlanOptions) -> Stations:
     layout = planned.layout
     filling = filling_distance(planned.camera, planned.interior, layout.radius)
     distances = filling * np.array(_SHELLS)
-    low = 0.0 if wish.nearest_mm is None else 1e-3 * wish.nearest_mm + layout.radius
-    high = np.inf if wish.farthest_mm is None else max(1e-3 * wish.farthest_mm - layout.radius, low)
+    low = 0.0 if settings.nearest_mm is None else 1e-3 * settings.nearest_mm + layout.radius
+    high = np.inf if settings.farthest_mm is None else max(1e-3 * settings.farthest_mm - layout.radius, low)
     distances = np.unique(np.clip(distances, low, high))
-    bounds = tuple(np.radians(wish.elevation_deg))
-    return shells(layout.middle, distances, wish.directions, (bounds[0], bounds[1]), np.radians([0.0, 90.0]))
+    bounds = tuple(np.radians(settings.elevation_deg))
+    return shells(layout.middle, distances, settings.directions, (bounds[0], bounds[1]), np.radians([0.0, 90.0]))
 
 
 def _restricted(planned: PlannedNetwork, some: Index) -> PlannedNetwork:
@@ -174,11 +174,11 @@ def _curve(
     )
 
 
-def _enough(curve: tuple[tuple[int, float, float], ...], wish: PlanOptions, most: int) -> int:
+def _enough(curve: tuple[tuple[int, float, float], ...], settings: PlanOptions, most: int) -> int:
     """The least number of stations that reaches what is wanted; all where none does, or nothing is."""
-    if wish.target_sigma_mm is None:
+    if settings.target_sigma_mm is None:
         return most
-    return next((number for number, worst, _ in curve if 1e3 * worst <= wish.target_sigma_mm), most)
+    return next((number for number, worst, _ in curve if 1e3 * worst <= settings.target_sigma_mm), most)
 
 
 def _with_the_better_worst(

@@ -274,16 +274,16 @@ def ray_channels(information: Array, score: Array) -> RayChannels:
     left, rest = information.copy(), score.copy()
     whole = np.diagonal(information, axis1=1, axis2=2)
     root, value = np.zeros_like(information), np.zeros_like(score)
-    told = np.zeros(score.shape, bool)
+    determined = np.zeros(score.shape, bool)
     for k in range(score.shape[1]):
         pivot = left[:, k, k]
-        told[:, k] = pivot > _LEFT * whole[:, k]
-        factor = np.where(told[:, k], 1 / np.sqrt(np.where(told[:, k], pivot, 1.0)), 0.0)
+        determined[:, k] = pivot > _LEFT * whole[:, k]
+        factor = np.where(determined[:, k], 1 / np.sqrt(np.where(determined[:, k], pivot, 1.0)), 0.0)
         root[:, k, k:] = left[:, k, k:] * factor[:, None]
         value[:, k] = rest[:, k] * factor
         left -= root[:, k, :, None] * root[:, k, None]
         rest -= root[:, k] * value[:, k, None]
-    return RayChannels(value, root, told)
+    return RayChannels(value, root, determined)
 
 
 @dataclass(frozen=True)

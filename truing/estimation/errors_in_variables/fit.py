@@ -188,10 +188,10 @@ def _nearest_half(problem: LinearPoses) -> NDArray:
     core = _nearest(_resistant(problem).length, enough)
     if problem.fit(core).trimmed(enough) > _SUSPICIOUS * enough * equations:
         core = _nearest_of_many(problem, core, enough)
-    judged = problem.fit(core).leave_one_out()
-    tested = np.maximum(judged.tested, 1)
-    level = np.median(judged.surprise / chdtri(tested, 0.5))
-    return (core > 0) | (chdtrc(tested, judged.surprise / level) >= FALSE_ALARM / poses)
+    assessed = problem.fit(core).leave_one_out()
+    tested = np.maximum(assessed.tested, 1)
+    level = np.median(assessed.surprise / chdtri(tested, 0.5))
+    return (core > 0) | (chdtrc(tested, assessed.surprise / level) >= FALSE_ALARM / poses)
 
 
 def _nearest(length: NDArray, count: int) -> NDArray:

@@ -362,9 +362,11 @@ def doubles(fit: Array, axes: Array) -> Mask:
     from scipy.spatial import cKDTree
 
     double = np.zeros(len(fit), bool)
-    settled = np.flatnonzero(fit[:, edge.SETTLED] > 0.5)
-    pairs = cKDTree(fit[settled, :2]).query_pairs(4.0, output_type="ndarray") if len(settled) else np.empty((0, 2), int)
-    i, j = settled[pairs].T
+    converged = np.flatnonzero(fit[:, edge.SETTLED] > 0.5)
+    pairs = (
+        cKDTree(fit[converged, :2]).query_pairs(4.0, output_type="ndarray") if len(converged) else np.empty((0, 2), int)
+    )
+    i, j = converged[pairs].T
     size = axes[:, 1]
     near = np.hypot(*(fit[i, :2] - fit[j, :2]).T) < 0.5 * np.minimum(size[i], size[j])
     near &= np.maximum(size[i], size[j]) < _LARGER * np.minimum(size[i], size[j])

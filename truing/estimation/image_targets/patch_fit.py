@@ -46,7 +46,7 @@ def fit_patches(equations: Equations, start: Array, pixels: Index) -> PatchFit:
     values = start.copy()
     cost, normal, gradient = equations(values, np.arange(len(start)))
     damping = np.full(len(start), _DAMPING)
-    settled = np.zeros(len(start), dtype=bool)
+    settled_state = np.zeros(len(start), dtype=bool)
     moving = np.flatnonzero(np.isfinite(cost))
     for _ in range(_STEPS):
         if not len(moving):
@@ -60,10 +60,10 @@ def fit_patches(equations: Equations, start: Array, pixels: Index) -> PatchFit:
         normal[taken], gradient[taken] = new_normal[better], new_gradient[better]
         damping[moving] = np.where(better, 0.1, 10.0) * damping[moving]
         done = better & (fall <= np.maximum(_SMALL, _ROUNDING * new_cost))
-        settled[moving[done]] = True
+        settled_state[moving[done]] = True
         moving = moving[~done & (damping[moving] < _MOST_DAMPING)]
     freedom = pixels - start.shape[1]
-    return PatchFit(values, _inverse(normal), cost, freedom.astype(float), settled & (freedom > 0))
+    return PatchFit(values, _inverse(normal), cost, freedom.astype(float), settled_state & (freedom > 0))
 
 
 def bounded_blur(blur: Array) -> tuple[Array, Array]:

@@ -151,19 +151,19 @@ def _worst(deviation: Array, out: Mask, floor: float) -> tuple[tuple[int, int, i
 
     count = (~out).sum(axis=-1, keepdims=True)
     mean = np.where(out, 0.0, deviation).sum(axis=-1, keepdims=True) / np.maximum(count, 1)
-    judged = ~out & (count > 1)
-    residual = np.where(judged, deviation - mean, 0.0)
+    assessed = ~out & (count > 1)
+    residual = np.where(assessed, deviation - mean, 0.0)
     deleted = residual * count / np.maximum(count - 1, 1)
-    freedom = float(judged.sum() - (count > 1).sum()) - 1.0
+    freedom = float(assessed.sum() - (count > 1).sum()) - 1.0
     square = float(np.sum(residual**2))
     if freedom < 1.0:
         return (0, 0, 0), 0.0, floor, 1.0
     # without an approach, the squares of its group are less by its own residual times the deleted one
     scatter = np.sqrt(np.maximum(square - residual * deleted, 0.0) / freedom)
     scatter = np.maximum(scatter, max(floor, 1e-12 * float(np.abs(deviation).max(initial=1e-300))))
-    t = np.where(judged, np.abs(deleted) / (scatter * np.sqrt(count / np.maximum(count - 1, 1))), 0.0)
+    t = np.where(assessed, np.abs(deleted) / (scatter * np.sqrt(count / np.maximum(count - 1, 1))), 0.0)
     a, b, c = (int(k) for k in np.unravel_index(int(np.argmax(t)), t.shape))
-    p = min(1.0, 2.0 * float(stdtr(freedom, -t[a, b, c])) * int(judged.sum()))
+    p = min(1.0, 2.0 * float(stdtr(freedom, -t[a, b, c])) * int(assessed.sum()))
     return (a, b, c), float(deleted[a, b, c]), float(scatter[a, b, c]), p
 
 

@@ -60,10 +60,10 @@ def fit_compliance(
     determined = _determined(u, np.isfinite(y), run, form, zero_covariance is None)[:, :6]
     by_load = fit.free[:, :6]
     known = determined | ~by_load
-    told = np.zeros(fit.free.shape, bool)
-    told[:, :6] = determined & by_load
+    entries = np.zeros(fit.free.shape, bool)
+    entries[:, :6] = determined & by_load
     whole = np.zeros((36, 36))
-    at, of_fit = np.flatnonzero(told[:, :6].ravel()), np.flatnonzero(told[fit.free])
+    at, of_fit = np.flatnonzero(entries[:, :6].ravel()), np.flatnonzero(entries[fit.free])
     whole[np.ix_(at, at)] = fit.covariance[np.ix_(of_fit, of_fit)]
     sigma = np.sqrt(np.diag(whole)).reshape(6, 6)
     return Compliance(
@@ -155,12 +155,12 @@ def compare(
 
     model = np.asarray(simulated, float)
     total = measured.covariance + (0.0 if simulated_covariance is None else np.asarray(simulated_covariance, float))
-    judged = measured.known & measured.fit.free[:, :6]
-    difference = np.where(judged, measured.entries - model, np.nan)
+    assessed = measured.known & measured.fit.free[:, :6]
+    difference = np.where(assessed, measured.entries - model, np.nan)
     spread = np.sqrt(np.diag(total)).reshape(6, 6)
     with np.errstate(divide="ignore", invalid="ignore"):
-        z = np.where(judged & (spread > 0.0), difference / spread, np.nan)
-        ratio = np.where(judged, measured.entries / model, np.nan)
+        z = np.where(assessed & (spread > 0.0), difference / spread, np.nan)
+        ratio = np.where(assessed, measured.entries / model, np.nan)
     at = np.flatnonzero(np.isfinite(z))
     scale = spread.ravel()[at]
     correlation = total[np.ix_(at, at)] / np.outer(scale, scale)

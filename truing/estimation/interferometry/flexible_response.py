@@ -254,8 +254,8 @@ def _added(whole: Array, along: Array, beside: Array, inverse: Array) -> Array:
     """What each of K columns takes off chi-square: by its square (K,) within its run, its product (K,) with the
     residuals and those (K, P) with the shared columns, whose normal matrix over all runs has this inverse."""
     energy = whole - np.sum((beside @ inverse) * beside, axis=1)
-    told = energy > _LITTLE * np.maximum(whole, np.finfo(float).tiny)
-    return np.where(told, along**2 / np.where(told, energy, 1.0), 0.0)
+    reported = energy > _LITTLE * np.maximum(whole, np.finfo(float).tiny)
+    return np.where(reported, along**2 / np.where(reported, energy, 1.0), 0.0)
 
 
 @dataclass(frozen=True)

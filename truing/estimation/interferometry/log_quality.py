@@ -138,9 +138,9 @@ def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) 
     value = np.asarray(reading, float)
     keys = np.stack([run, step, channel], -1)
     _, first, at = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    earlier = first[at.ravel()]
-    repeated = earlier != np.arange(len(value))
-    return _found(repeated, np.abs(value - value[earlier]), 0.0)
+    prior = first[at.ravel()]
+    repeated = prior != np.arange(len(value))
+    return _found(repeated, np.abs(value - value[prior]), 0.0)
 
 
 def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:

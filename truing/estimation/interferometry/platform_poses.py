@@ -91,8 +91,8 @@ def platform_displacement(
     # the shared errors are eliminated last: what tells of them is what the cases leave over, and what is known before
     held = inverse @ coupling
     prior = np.broadcast_to(np.asarray(shared_sigma, float), shared.shape[1:]) ** -2.0
-    told = common.T @ common + np.diag(prior) - np.einsum("kiz,kiy->zy", coupling, held)
-    shared_covariance = _inverse_of_shared(told)
+    shared_information = common.T @ common + np.diag(prior) - np.einsum("kiz,kiy->zy", coupling, held)
+    shared_covariance = _inverse_of_shared(shared_information)
     offset = shared_covariance @ (common.T @ measured - np.einsum("kiz,ki->z", held, right))
     value = np.einsum("kij,kj->ki", inverse, right) - held @ offset
     covariance = inverse + held @ shared_covariance @ np.swapaxes(held, 1, 2)
@@ -111,11 +111,11 @@ def platform_displacement(
     )
 
 
-def _inverse_of_shared(told: Array) -> Array:
+def _inverse_of_shared(information: Array) -> Array:
     """Inverse (Z, Z) of the information on the shared errors."""
-    scale = np.sqrt(np.where(np.diag(told) > 0.0, np.diag(told), 1.0))
-    scaled = told / np.outer(scale, scale)
-    if len(told) and np.linalg.eigvalsh(scaled)[0] < _RELATIVE:
+    scale = np.sqrt(np.where(np.diag(information) > 0.0, np.diag(information), 1.0))
+    scaled = information / np.outer(scale, scale)
+    if len(information) and np.linalg.eigvalsh(scaled)[0] < _RELATIVE:
         raise ValueError("shared errors: found some that no reading tells of, expected a finite shared_sigma for them")
     return np.linalg.inv(scaled) / np.outer(scale, scale)
 

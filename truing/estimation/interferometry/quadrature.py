@@ -87,12 +87,12 @@ def fit_ellipse(signals: Array, used: Mask | None = None, largest_phase_sigma: f
     values = _positive(solution.x)
     arc = traced_arc(corrected_phase(filled, values), weight > 0.0)
     spread = np.sqrt(_correction_variance(values, covariance, _ROUND).max(-1))
-    few, settled = weight.sum(-1) < _FEWEST, solution.status == SolverStatus.CONVERGED
-    shaped, sharp = np.isfinite(values).all(-1), settled & (spread <= largest_phase_sigma)
+    few, converged = weight.sum(-1) < _FEWEST, solution.status == SolverStatus.CONVERGED
+    shaped, sharp = np.isfinite(values).all(-1), converged & (spread <= largest_phase_sigma)
     words = ("FEW_SAMPLES", "NO_ELLIPSE", "SHORT_ARC", "OK")
-    told = [np.str_(EllipseStatus[word]) for word in words]
-    status: NDArray[np.str_] = np.select([few, ~shaped, ~sharp], told[:3], told[3])
-    return EllipseFit(values, covariance, sigma, arc, np.where(settled, spread, np.inf), status)
+    reported = [np.str_(EllipseStatus[word]) for word in words]
+    status: NDArray[np.str_] = np.select([few, ~shaped, ~sharp], reported[:3], reported[3])
+    return EllipseFit(values, covariance, sigma, arc, np.where(converged, spread, np.inf), status)
 
 
 def _positive(values: Array) -> Array:

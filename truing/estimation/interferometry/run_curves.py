@@ -189,20 +189,20 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
     from scipy.special import ndtri
 
     limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.seen.sum()), 1)))
-    judged = batch.seen & batch.has_curve[:, None]
-    ways = [_from_robust_start(batch, sigma, limit, judged), _one_by_one(batch, sigma, limit, judged)]
+    assessed = batch.seen & batch.has_curve[:, None]
+    ways = [_from_robust_start(batch, sigma, limit, assessed), _one_by_one(batch, sigma, limit, assessed)]
     cost = [
-        np.sum((_left(batch, kept, sigma) / sigma) ** 2 * kept, axis=1) + limit**2 * (judged & ~kept).sum(1)
+        np.sum((_left(batch, kept, sigma) / sigma) ** 2 * kept, axis=1) + limit**2 * (assessed & ~kept).sum(1)
         for kept in ways
     ]
     kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
-    for piece in np.flatnonzero((judged & ~kept).any(axis=1)).tolist():
+    for piece in np.flatnonzero((assessed & ~kept).any(axis=1)).tolist():
         if _with_a_jump(batch, sigma, piece) + limit**2 < min(cost[0][piece], cost[1][piece]):
-            kept[piece] = judged[piece]
+            kept[piece] = assessed[piece]
     left = _left(batch, kept, sigma)
     wide = _wide(batch, left, sigma, kept, limit)
     alone = np.abs(left - _around(np.where(batch.seen, left, np.nan))) >= wide * sigma
-    return judged & ~kept & alone & ~_in_long_runs(np.where(judged & ~kept, np.sign(left), 0.0))
+    return assessed & ~kept & alone & ~_in_long_runs(np.where(assessed & ~kept, np.sign(left), 0.0))
 
 
 def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
@@ -218,8 +218,8 @@ def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
     left = batch.y[piece, at] * white
     left = left - basis @ (basis.T @ left)
     jumps = jumps - basis @ (basis.T @ jumps)
-    told = np.sum(jumps**2, axis=0)
-    gain = (left @ jumps) ** 2 / np.where(told > 1e-9, told, np.inf)
+    reported = np.sum(jumps**2, axis=0)
+    gain = (left @ jumps) ** 2 / np.where(reported > 1e-9, reported, np.inf)
     return float(left @ left - gain.max())
 
 
@@ -236,20 +236,20 @@ def _wide(batch: _Batch, left: Array, sigma: Array, kept: Mask, limit: float) ->
     return np.asarray(limit * np.maximum(1.0, np.where(np.isfinite(scatter), scatter, 1.0)))[:, None]
 
 
-def _from_robust_start(batch: _Batch, sigma: Array, limit: float, judged: Mask) -> Mask:
+def _from_robust_start(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Mask:
     start = batch.robust(sigma)
     wide = (limit * np.maximum(1.0, batch.scatter(start)))[:, None]
-    kept = judged & (start < 1.5 * wide)
+    kept = assessed & (start < 1.5 * wide)
     for _ in range(_FIXPOINT_ROUNDS):
-        again = judged & (_standardised(batch, kept, sigma) < wide)
+        again = assessed & (_standardised(batch, kept, sigma) < wide)
         if (again == kept).all():
             break
         kept = again
     return kept
 
 
-def _one_by_one(batch: _Batch, sigma: Array, limit: float, judged: Mask) -> Mask:
-    kept, rows = judged.copy(), np.arange(len(judged))
+def _one_by_one(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Mask:
+    kept, rows = assessed.copy(), np.arange(len(assessed))
     for _ in range(_MOST):
         far = np.where(kept, _standardised(batch, kept, sigma), 0.0)
         worst = far.argmax(axis=1)

@@ -258,9 +258,9 @@ def _rival(best: Hypothesis, rival: Hypothesis, odds: float, names: list[str], o
         others = sorted({str(body) for body in owners[theirs >= 0] if body})
         where = f"on the points of {', '.join(others)}" if others else "on other points"
         return Rival(theirs, rival.n_consistent, odds, where)
-    said = ", ".join(f"{names[mine[i]]} as {names[theirs[i]]}" for i in moved[:_SHOWN])
+    text = ", ".join(f"{names[mine[i]]} as {names[theirs[i]]}" for i in moved[:_SHOWN])
     more = f" and {len(moved) - _SHOWN} more" if len(moved) > _SHOWN else ""
-    return Rival(theirs, rival.n_consistent, odds, said + more)
+    return Rival(theirs, rival.n_consistent, odds, text + more)
 
 
 def _homogeneous(hypothesis: Hypothesis) -> NDArray:

@@ -192,8 +192,8 @@ def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
     found = robust_poses(place, points.points, exact, cov_target, usable, keep=keep)
     tau = _movement(found, place, points.points, cov_target, usable)
     if tau.any():
-        judged = cov_target + (tau**2)[:, None, None] * np.eye(3)
-        found = robust_poses(place, points.points, exact, judged, usable, keep=keep)
+        assessed = cov_target + (tau**2)[:, None, None] * np.eye(3)
+        found = robust_poses(place, points.points, exact, assessed, usable, keep=keep)
     fit, agreed, ratio = found
     joint = generalised_procrustes(points.points, cov_target, agreed & fit.ok[:, None], shape=source)
     fits = {"procrustes": joint.poses}

@@ -232,9 +232,9 @@ def _limits(poses: Sequence[_Pose], found: Sequence[JointMotions], bodies: Seque
             for pose, motions in zip(poses, found, strict=True)
             if b in pose.bodies
         ]
-        told = np.concatenate([t[np.isfinite(t)] for t in tests]) if tests else np.zeros(0)
-        if len(told):
-            ratio[b] = np.median(told) / _MEDIAN_TEST
+        finite = np.concatenate([t[np.isfinite(t)] for t in tests]) if tests else np.zeros(0)
+        if len(finite):
+            ratio[b] = np.median(finite) / _MEDIAN_TEST
     ratio = np.where(ratio > _WORTH_A_RATIO**2, ratio, 1.0)
     counts = np.array([max(int(body.used.sum(axis=1).max(initial=1)), 1) for body in bodies])
     return np.asarray(ratio * chdtri(3, FALSE_ALARM / counts))
@@ -431,13 +431,15 @@ def _stacked(
 
 
 def _retold(body: BodyPoses, measured: Array, cross: Mapping[str, Array], method: str) -> BodyPoses:
-    told = {(method, other): found for other, found in cross.items()}
+    updated = {(method, other): found for other, found in cross.items()}
     if method not in body.weights:
-        return replace(body, cross={**body.cross, **told})
+        return replace(body, cross={**body.cross, **updated})
     weight, factor = body.weights[method]
     fit, exact = body.fits[method], np.zeros((*weight.shape, 3, 3))
     W = weight[..., None, None] * np.eye(3)
     by_survey = survey_frame_covariance(fit.R, body.source, W, body.cov_source, exact, body.frame, fit.ok)
     covariance = symmetric(measured + by_survey * factor[:, None, None])
     covariance = np.where(np.isfinite(covariance), covariance, fit.covariance)
-    return replace(body, fits=body.fits | {method: replace(fit, covariance=covariance)}, cross={**body.cross, **told})
+    return replace(
+        body, fits=body.fits | {method: replace(fit, covariance=covariance)}, cross={**body.cross, **updated}
+    )

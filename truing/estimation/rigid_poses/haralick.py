@@ -51,8 +51,8 @@ def haralick(
     if not np.all(noise > 0):
         raise ValueError("sigma_source, sigma_target: found noise of 0 on both clouds, expected more")
     base = w / noise**2
-    robust, steps, settled = _iterate_weights(x, y, base, noise, tuning)
-    return _conclude(x, y, base, noise, robust, steps, settled, tuning)
+    robust, steps, converged = _iterate_weights(x, y, base, noise, tuning)
+    return _conclude(x, y, base, noise, robust, steps, converged, tuning)
 
 
 def tukey_biweight(length: NDArray, tuning: float) -> NDArray:
@@ -93,9 +93,9 @@ def _iterate_weights(
     """Return the weights (B, N), the number of iterations (B,) and whether the fits settled (B,)."""
     start = solve_weighted(x, y, base)
     robust, fitted = (base > 0).astype(np.float64), start.apply(x)
-    steps, settled = np.zeros(len(x), np.int64), ~start.ok
+    steps, converged = np.zeros(len(x), np.int64), ~start.ok
     for _ in range(MAX_ITERATIONS):
-        rows = np.flatnonzero(~settled)
+        rows = np.flatnonzero(~converged)
         if not rows.size:
             break
         robust[rows] = _reweighted(y[rows] - fitted[rows], base[rows], noise[rows], tuning)
@@ -103,8 +103,8 @@ def _iterate_weights(
         moved = np.linalg.norm(fit.apply(x[rows]) - fitted[rows], axis=-1) / noise[rows]
         fitted[rows] = fit.apply(x[rows])
         steps[rows] += 1
-        settled[rows] = ~fit.ok | (np.max(np.where(base[rows] > 0, moved, 0.0), axis=-1) < _SETTLED)
-    return robust, steps, settled
+        converged[rows] = ~fit.ok | (np.max(np.where(base[rows] > 0, moved, 0.0), axis=-1) < _SETTLED)
+    return robust, steps, converged
 
 
 def _reweighted(residual: NDArray, base: NDArray, noise: NDArray, tuning: float) -> NDArray:
@@ -120,7 +120,7 @@ def _conclude(
     noise: NDArray,
     robust: NDArray,
     steps: NDArray,
-    settled: NDArray,
+    converged: NDArray,
     tuning: float,
 ) -> tuple[RigidFit, NDArray]:
     fit = solve_weighted(x, y, base * robust)
@@ -128,6 +128,6 @@ def _conclude(
     scale = np.maximum(residual_scale(np.where(fit.ok[:, None], length, 1.0), base > 0), 1.0)
     plain = solve_weighted(x, y, base * (robust > 0), sigma=noise).covariance
     covariance = plain * (scale**2 / biweight_efficiency(tuning))[:, None, None]
-    status = np.where(fit.ok & ~settled, str(FitStatus.NOT_CONVERGED), fit.status)
+    status = np.where(fit.ok & ~converged, str(FitStatus.NOT_CONVERGED), fit.status)
     result = replace(fit, covariance=covariance, status=status, iterations=steps).masked()
     return result, np.where(result.ok[:, None], robust, 0.0)

@@ -99,13 +99,13 @@ def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body:
     A residual follows the error of its own point, and those of all points that made its frame.
     """
     own = bodies[body]
-    judged = np.flatnonzero(weight.any(axis=(0, 2)) & ~own.used[p])
+    assessed = np.flatnonzero(weight.any(axis=(0, 2)) & ~own.used[p])
     by_frame = follows_frame(p, own, weight) @ _rows(frame.gain, frame, body)
     weighed = len(frame.body)
-    gain = np.zeros((len(weight), weighed + len(judged), 3))
+    gain = np.zeros((len(weight), weighed + len(assessed), 3))
     gain[:, :weighed] = -by_frame.reshape(len(weight), -1, 3)
-    at_body = np.concatenate([frame.body, np.full(len(judged), body)])
-    target = np.concatenate([frame.target, judged])
+    at_body = np.concatenate([frame.body, np.full(len(assessed), body)])
+    target = np.concatenate([frame.target, assessed])
     mine = np.flatnonzero(at_body == body)
     gain[:, mine] += weight[:, target[mine]]
     return PointGain(at_body, target, gain.reshape(len(weight), -1))
@@ -179,8 +179,8 @@ def mean_shape(R: Array, t: Array, used: Mask, points: PosePoints, residual: Arr
     """Return where targets (T, 3) are in their body: as measured, less the residual (B, T, 3); zero for those that no
     pose used. And the covariances (T, 3, 3) of means over the poses that used them (B, T)."""
     local = np.einsum("bji,btj->bti", R, points.points - t[:, None]) - residual
-    told = used & np.isfinite(local).all(axis=-1)
-    count = np.maximum(told.sum(axis=0), 1)
-    mean = np.where(told[..., None], np.nan_to_num(local), 0.0).sum(axis=0) / count[:, None]
+    reported = used & np.isfinite(local).all(axis=-1)
+    count = np.maximum(reported.sum(axis=0), 1)
+    mean = np.where(reported[..., None], np.nan_to_num(local), 0.0).sum(axis=0) / count[:, None]
     turned = np.einsum("bji,btjk,bkl->btil", np.nan_to_num(R), points.cov, np.nan_to_num(R))
-    return mean, np.where(told[..., None, None], turned, 0.0).sum(axis=0) / count[:, None, None] ** 2
+    return mean, np.where(reported[..., None, None], turned, 0.0).sum(axis=0) / count[:, None, None] ** 2

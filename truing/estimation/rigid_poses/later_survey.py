@@ -58,13 +58,13 @@ def compare_surveys(
     none has. The noise is the declared one, unless the unmoved others contradict it.
     """
     x, y = np.asarray(before, float), np.asarray(after, float)
-    Vx, Vy, said = np.asarray(cov_before, float), np.asarray(cov_after, float), np.asarray(known, bool)
+    Vx, Vy, text = np.asarray(cov_before, float), np.asarray(cov_after, float), np.asarray(known, bool)
     worst = np.sqrt(np.linalg.eigvalsh(Vx + Vy)[:, -1])
-    kept, status = _largest_set(x, y, ~said, worst)
+    kept, status = _largest_set(x, y, ~text, worst)
     if status != FitStatus.OK:
         return _untold(len(x), str(status))
     for _ in range(_ROUNDS):
-        found = _held_against(x, Vx, y, Vy, kept, alarm, said)
+        found = _held_against(x, Vx, y, Vy, kept, alarm, text)
         if found.status != FitStatus.OK or (~found.moved == kept).all():
             break
         kept = ~found.moved
@@ -88,7 +88,9 @@ def _untold(count: int, status: str) -> SurveyComparison:
 _SHAPES = ((3, 3), 3, (6, 6))
 
 
-def _held_against(x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: float, said: Mask) -> SurveyComparison:
+def _held_against(
+    x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: float, is_stated: Mask
+) -> SurveyComparison:
     """Every target against the motion of the kept ones, itself left out."""
     fit = umeyama(x[None], y[None], kept[None] / np.trace(Vx + Vy, axis1=1, axis2=2)[None])
     if not fit.ok[0]:
@@ -111,8 +113,8 @@ def _held_against(x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: f
     restored = np.where(kept[:, None, None], V @ inverse, np.eye(3))
     shift = (restored @ left[..., None])[..., 0]
     cov = np.where(kept[:, None, None], V @ inverse @ V, own)
-    moved = said.copy()
-    moved[~said] = holm_adjusted(p[~said]) <= alarm
+    moved = is_stated.copy()
+    moved[~is_stated] = holm_adjusted(p[~is_stated]) <= alarm
     small = moved_frame[3:]
     turn = R @ (np.eye(3) + skew(small))
     return SurveyComparison(

@@ -103,9 +103,9 @@ def _damped_gauss_newton(
     R, t = R.copy(), t.copy()
     H, g, cost = _normal_equations(x, y, C_x, C_y, used, R, t)
     damping, steps = np.zeros(len(R)), np.zeros(len(R), np.int64)
-    settled = np.zeros(len(R), bool)
+    converged = np.zeros(len(R), bool)
     for _ in range(MAX_ITERATIONS):
-        a = np.flatnonzero(~settled)
+        a = np.flatnonzero(~converged)
         if not a.size:
             break
         step = -np.linalg.solve(_damped(H[a], damping[a]), g[a, :, None])[..., 0]
@@ -118,8 +118,8 @@ def _damped_gauss_newton(
         damping[a] = np.where(better, damping[a] / 10, np.maximum(10 * damping[a], 1e-3))
         damping[damping < 1e-6] = 0.0
         steps[a] += 1
-        settled[a] = small
-    return R, t, H, steps, settled
+        converged[a] = small
+    return R, t, H, steps, converged
 
 
 def _damped(H: NDArray, damping: NDArray) -> NDArray:
@@ -156,10 +156,10 @@ def _merged(
     used: NDArray,
 ) -> RigidFit:
     """The closed-form fits with the iterated ones put in their rows."""
-    R, t, H, steps, settled = solved
+    R, t, H, steps, converged = solved
     distance = np.sum((y - x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
     rms = np.sqrt(np.sum(used * distance, axis=-1) / used.sum(-1))
-    status = np.where(settled, closed.status[rows], str(FitStatus.NOT_CONVERGED))
+    status = np.where(converged, closed.status[rows], str(FitStatus.NOT_CONVERGED))
     found = {"R": R, "t": t, "covariance": symmetric(np.linalg.inv(H)), "rms": rms}
     found |= {"status": status, "iterations": steps}
     whole = {name: getattr(closed, name).copy() for name in found}

@@ -189,14 +189,14 @@ def generalised_procrustes(
     noise = np.sqrt(np.trace(problem.cov[problem.seen].mean(axis=0)) / 3)
     total = 0
     for _ in range(MAX_VARIANCE_ROUNDS):
-        state, normal, covariance, steps, settled = _solve(problem, state, tau, known, free)
+        state, normal, covariance, steps, converged = _solve(problem, state, tau, known, free)
         total += steps
         renewed = _deformation(problem, state, normal, covariance) if deforming else tau
         done = bool(np.all(np.abs(renewed - tau) < _VARIANCE_SETTLED * np.hypot(noise, np.maximum(tau, renewed))))
-        if done or not settled:
+        if done or not converged:
             break
         tau = renewed
-    status = FitStatus.OK if settled and done else FitStatus.NOT_CONVERGED
+    status = FitStatus.OK if converged and done else FitStatus.NOT_CONVERGED
     return _result(problem, state, normal, covariance, tau, posed, known, status, total)
 
 

@@ -200,10 +200,10 @@ def _among_triples(
     found, cost = np.zeros_like(members), np.full(len(members), np.inf)
     for k in range(blocks):
         start = _near_best_triple(clouds, members, order[:, k:most:blocks])
-        settled, spent = _fixpoints(clouds, start, fewest, tools)
-        more, size = settled.sum(-1), found.sum(-1)
+        converged, spent = _fixpoints(clouds, start, fewest, tools)
+        more, size = converged.sum(-1), found.sum(-1)
         better = (more > size) | (more == size) & (spent < cost)
-        found[better], cost[better] = settled[better], spent[better]
+        found[better], cost[better] = converged[better], spent[better]
     return found, cost
 
 

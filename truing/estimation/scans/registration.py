@@ -278,10 +278,10 @@ def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDAr
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         matched = list(_by_features(o3d, thin_reference, thin_scan, voxel))
     starts = [*matched, *_promising(o3d, thin_reference, fewer, _by_axes(reference, scan), voxel)]
-    settled = _refined_starts(o3d, thin_reference, fewer, starts, voxel)
-    turned = _promising(o3d, thin_reference, fewer, _symmetric(reference, settled[0][1]), voxel)
+    converged = _refined_starts(o3d, thin_reference, fewer, starts, voxel)
+    turned = _promising(o3d, thin_reference, fewer, _symmetric(reference, converged[0][1]), voxel)
     alike = _refined_starts(o3d, thin_reference, fewer, turned, voxel)
-    distinct = _distinct(sorted([*settled, *alike], key=lambda pair: pair[0]), voxel)[:keep]
+    distinct = _distinct(sorted([*converged, *alike], key=lambda pair: pair[0]), voxel)[:keep]
     final = _refined_starts(o3d, thin_reference, thin_scan, [T for _, T in distinct], voxel)
     return [T for cost, T in _distinct(final, voxel) if cost <= _NEARLY * final[0][0] + _LEAST_COST]
 
@@ -388,14 +388,14 @@ def _refined_starts(
     o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: float
 ) -> list[tuple[float, NDArray]]:
     """Settle every start: what it leaves, in voxels, and its pose, best first."""
-    settled = []
+    converged = []
     for start in starts:
         # The scan is laid onto the reference: a part of the surface looks for the whole, not the other way about.
         T = np.linalg.inv(start)
         for reach in (6.0, 2.0):
             T = _rounded(_icp(o3d, scan, reference, T, reach * voxel).transformation, voxel)
-        settled.append((_left_over(o3d, scan, reference, T, voxel), np.linalg.inv(T)))
-    return sorted(settled, key=lambda pair: pair[0])
+        converged.append((_left_over(o3d, scan, reference, T, voxel), np.linalg.inv(T)))
+    return sorted(converged, key=lambda pair: pair[0])
 
 
 def _rounded(T: NDArray, voxel: float) -> NDArray:
@@ -414,9 +414,9 @@ def _icp(o3d: Any, source: Any, target: Any, T: NDArray, reach: float) -> Any:
     )
 
 
-def _distinct(settled: list[tuple[float, NDArray]], voxel: float) -> list[tuple[float, NDArray]]:
+def _distinct(converged: list[tuple[float, NDArray]], voxel: float) -> list[tuple[float, NDArray]]:
     kept: list[tuple[float, NDArray]] = []
-    for cost, T in settled:
+    for cost, T in converged:
         if not any(same_pose(T, other, _SAME_SHIFT * voxel) for _, other in kept):
             kept.append((cost, T))
     return kept

@@ -97,12 +97,12 @@ def fit_surface(scene: ScanPair, R: NDArray, t: NDArray, max_steps: int = 40) ->
     """Return the motion nearest to a start R (3, 3), t (3,) that makes the scan's heights over the reference least."""
     view, converged, steps = _see(scene, R, t), False, 0
     while steps < max_steps and not converged and np.count_nonzero(view.used) >= _FEWEST:
-        told, motions = _motions(scene, view, t)
+        information, motions = _motions(scene, view, t)
         height = view.heights.height[view.used]
-        along = np.where(told > _FEIGNED, motions @ (view.J[view.used].T @ height) / told, 0.0)
+        along = np.where(information > _FEIGNED, motions @ (view.J[view.used].T @ height) / information, 0.0)
         # Points that change their patch at every step keep it circling: ever shorter steps end in the middle.
         along *= min(1.0, _FULL_STEPS / (steps + 1))
-        converged = bool(told @ along**2 <= 6 * _SETTLED**2 * np.mean(height**2))
+        converged = bool(information @ along**2 <= 6 * _SETTLED**2 * np.mean(height**2))
         delta = along @ motions
         R, t, steps = exp_so3(delta[3:]) @ R, t + delta[:3], steps + 1
         view = _see(scene, R, t)
@@ -133,8 +133,8 @@ def _summed_up(scene: ScanPair, R: NDArray, t: NDArray, view: _View, converged: 
     used, heights = view.used, view.heights
     height = heights.height[used]
     rms = float(np.sqrt(np.mean(height**2))) if np.any(used) else 0.0
-    told, motions = _motions(scene, view, t) if np.count_nonzero(used) >= _FEWEST else (np.zeros(6), np.eye(6))
-    free, covariance, ratio = motions[told <= _FEIGNED], None, 1.0
+    information, motions = _motions(scene, view, t) if np.count_nonzero(used) >= _FEWEST else (np.zeros(6), np.eye(6))
+    free, covariance, ratio = motions[information <= _FEIGNED], None, 1.0
     if len(free) == 0:
         J, middle = view.J[used], _middle(scene, view)
         inverse = np.linalg.inv(J.T @ J)
@@ -219,10 +219,10 @@ def _motions(scene: ScanPair, view: _View, t: NDArray) -> tuple[NDArray, NDArray
     feigned = across.T @ (np.repeat(tilt, 3)[:, None] * across)
     feigned += 1e-9 * np.trace(feigned) * np.eye(6)
     half = np.linalg.inv(np.linalg.cholesky(feigned))
-    told, directions = np.linalg.eigh(half @ J.T @ J @ half.T)
+    information, directions = np.linalg.eigh(half @ J.T @ J @ half.T)
     motions = directions.T @ half * scale
     motions[:, :3] -= np.cross(motions[:, 3:], centre - t)
-    return told, motions
+    return information, motions
 
 
 @dataclass(frozen=True)

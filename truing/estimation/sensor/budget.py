@@ -36,13 +36,13 @@ class Calibrated:
         """What one load case differs by from another, beyond the noise."""
         return Source("differences between load cases beyond that", "A", float(len(self.table.cases) - 1))
 
-    def beyond_chance(self, by_case: Array, told: Array) -> Array:
+    def beyond_chance(self, by_case: Array, stated: Array) -> Array:
         """Standard uncertainties (N,) that load cases show beyond what the budget has; zero within chance."""
         from scipy.special import chdtri
 
         freedom = len(self.table.cases) - 1
-        limit = chdtri(freedom, _BY_CHANCE / len(told)) / freedom if freedom > 0 else np.inf
-        return np.sqrt(np.where(by_case > limit * told, by_case - told, 0.0))
+        limit = chdtri(freedom, _BY_CHANCE / len(stated)) / freedom if freedom > 0 else np.inf
+        return np.sqrt(np.where(by_case > limit * stated, by_case - stated, 0.0))
 
 
 def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> dict[Source, Array]:
@@ -101,9 +101,9 @@ def budget_of_matrix(made: Calibrated) -> tuple[Array, Budget]:
         source: calibration_matrix(replace(made.fit, covariance=part), cov).covariance
         for source, part in made.parts.items()
     }
-    told = budget(parts)
-    more = made.beyond_chance(np.diag(made.by_case.covariance), told.standard**2)
-    return calibration_matrix(made.fit, cov).value, told.with_source(made.cases, more).filled()
+    stated = budget(parts)
+    more = made.beyond_chance(np.diag(made.by_case.covariance), stated.standard**2)
+    return calibration_matrix(made.fit, cov).value, stated.with_source(made.cases, more).filled()
 
 
 def budget_of_loads(made: Calibrated, loads: Array, axes: Index) -> tuple[Array, Budget]:
@@ -122,12 +122,12 @@ def budget_of_loads(made: Calibrated, loads: Array, axes: Index) -> tuple[Array,
     for source, part in made.parts.items():
         by_part = replace(found, own=np.zeros_like(found.own), coefficients=part).covariance
         parts[Source(f"calibration: {source.name}", source.evaluation, source.dof)] = by_part[own]
-    told = Budget(tuple(parts), np.sqrt(np.maximum(np.array(list(parts.values())), 0.0)))
+    stated = Budget(tuple(parts), np.sqrt(np.maximum(np.array(list(parts.values())), 0.0)))
     width = made.by_case.value.shape[1]
     blocks = made.by_case.covariance.reshape(-1, width, len(table.load_names), width)
     by_case = np.einsum("nc,ncd,nd->n", signals, blocks[axes, :, axes], signals)
-    more = made.beyond_chance(by_case, told.standard**2 - parts[reading])
-    return found.value[own[:2]], told.with_source(made.cases, more).filled()
+    more = made.beyond_chance(by_case, stated.standard**2 - parts[reading])
+    return found.value[own[:2]], stated.with_source(made.cases, more).filled()
 
 
 def rms_of_held_out(made: Calibrated) -> tuple[Array, Budget] | None:

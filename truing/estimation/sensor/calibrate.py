@@ -41,12 +41,12 @@ def _unseen(columns: NDArray, labels: Sequence[str]) -> list[str]:
     """Return in words what columns (N, Q) leave open: names that are always zero, and combinations."""
     length = np.linalg.norm(columns, axis=0)
     idle = length <= _LEAST**2 * max(length.max(initial=0.0), np.finfo(float).tiny)
-    said = [f"{label} is zero in all rows" for label, none in zip(labels, idle, strict=True) if none]
+    texts = [f"{label} is zero in all rows" for label, none in zip(labels, idle, strict=True) if none]
     used = [label for label, none in zip(labels, idle, strict=True) if not none]
     if not used:
-        return said
+        return texts
     seen = observe(columns[:, ~idle], 1.0 / length[~idle], used, unidentifiable=1.0 / _LEAST)
-    return said + [group.text for group in inseparable(seen)]
+    return texts + [group.text for group in inseparable(seen)]
 
 
 def check_signals(signals: NDArray, signal_cov: NDArray | None, labels: Sequence[str]) -> None:

@@ -223,11 +223,11 @@ def _misfit(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, floa
         return float("inf"), float(miss.size), -float("inf")
     squares, freedom = float(miss.ravel() @ solved[:, 0]), float(miss.size)
     if own_zero:
-        told = zero.T @ solved[:, 1:]
+        reported = zero.T @ solved[:, 1:]
         by_zero = zero.T @ solved[:, 0]
-        squares -= float(by_zero @ np.linalg.solve(told, by_zero))
+        squares -= float(by_zero @ np.linalg.solve(reported, by_zero))
         freedom -= width
-        log_det += float(np.linalg.slogdet(told)[1])
+        log_det += float(np.linalg.slogdet(reported)[1])
     return squares, freedom, -0.5 * (squares + log_det + freedom * float(np.log(2 * np.pi)))
 
 
@@ -236,10 +236,10 @@ def _smallest(held: Sequence[HeldOutPredictions]) -> NDArray:
 
     Of those with rows enough to tell their noise: errors of the others lie in a few directions, and have no volume.
     """
-    told = [one for one in held if np.isfinite(one.log_density)]
-    if not told:
+    reported = [one for one in held if np.isfinite(one.log_density)]
+    if not reported:
         raise ValueError("found no model that leaves rows enough to tell the noise, expected one with fewer terms")
-    spreads = [one.errors.T @ one.errors / len(one.errors) for one in told]
+    spreads = [one.errors.T @ one.errors / len(one.errors) for one in reported]
     return min(spreads, key=lambda spread: float(np.linalg.slogdet(spread)[1]))
 
 

@@ -135,10 +135,10 @@ def _cell(r: Any) -> str:
     factor, _ = shown_in(r.parameter, r.unit)
     if r.parameter.startswith(_BENT) or r.nominal != r.nominal:  # an effect has no drawing that it could depart from
         return with_uncertainty(factor * r.identified, factor * r.sigma).replace(" ", UNBROKEN)
-    said = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)
+    text = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)
     pull = getattr(r, "pull", float("nan"))
-    said += f" ({round(pull, 1) + 0.0:.1f})" if pull == pull else ""
-    return (said if r.known else f"{said} *").replace(" ", UNBROKEN)
+    text += f" ({round(pull, 1) + 0.0:.1f})" if pull == pull else ""
+    return (text if r.known else f"{text} *").replace(" ", UNBROKEN)
 
 
 def _identifiable(own: pd.DataFrame) -> pd.Series:

@@ -39,18 +39,18 @@ def requirements(tables: Tables) -> ReportSection | None:
     """Each component with its limit, its error, the interval of that error, and the verdict."""
     if "requirements" not in tables:
         return None
-    judged = filled(tables, "requirements")
-    if judged is None:
+    assessed = filled(tables, "requirements")
+    if assessed is None:
         return ReportSection("requirements", _TITLE, why_no_requirement(tables))
     main = main_calibration(tables)
-    key = main if main in keys_of(judged) else shown_calibration(tables, judged)
-    own = rows_of(judged, key)
+    key = main if main in keys_of(assessed) else shown_calibration(tables, assessed)
+    own = rows_of(assessed, key)
     figures = []
     if own["error"].notna().any() and own["requirement"].notna().any():
         words = "An interval that crosses the limit leaves it undecided: more or better poses would decide."
         figures.append((_requirement_bars(own, key), words))
     listings = [_requirement_listing(own, key)]
-    others = judged.drop(index=own.index)
+    others = assessed.drop(index=own.index)
     if len(others):
         listings.append(_others(others))
     return ReportSection("requirements", _TITLE, _lead(own, key), tuple(figures), tuple(listings))
@@ -58,30 +58,30 @@ def requirements(tables: Tables) -> ReportSection | None:
 
 def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """Whether the calibrated machine is as accurate as was asked for; not tested by a model that does not fit."""
-    judged = filled(tables, "requirements")
+    assessed = filled(tables, "requirements")
     own = chosen_requirements(tables)
     failed = None if own is None else own[own["verdict"] == "fails"]
     if own is not None and failed is not None and len(failed):
         worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
-        said = f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required."
+        text = f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required."
         return SectionVerdict(
-            "requirements", RelationState.FAILS, ReasonCode.NOT_MET, said, float(worst["ratio"]), "1", 1.0
+            "requirements", RelationState.FAILS, ReasonCode.NOT_MET, text, float(worst["ratio"]), "1", 1.0
         )
     adequacy, of_recorded = before.get("adequacy"), main_calibration(tables) == chosen_calibration(tables)
-    if judged is not None and adequacy is not None and adequacy.state == RelationState.FAILS:
-        said = f"Requirements not tested: the model that predicts the errors does not hold. {adequacy.explanation}"
-        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
-    if judged is not None and of_recorded and (to_do := _why_not_by(before.get("calibration"))):
-        said = f"Requirements not tested: the calibration that predicts the errors does not fit. {to_do}"
-        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, said)
+    if assessed is not None and adequacy is not None and adequacy.state == RelationState.FAILS:
+        text = f"Requirements not tested: the model that predicts the errors does not hold. {adequacy.explanation}"
+        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, text)
+    if assessed is not None and of_recorded and (to_do := _why_not_by(before.get("calibration"))):
+        text = f"Requirements not tested: the calibration that predicts the errors does not fit. {to_do}"
+        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, text)
     if own is None:
         why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
-        said = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
-        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
-    said = f"{tally(own)}, by the calibrated model."
+        text = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
+        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
+    text = f"{tally(own)}, by the calibrated model."
     if (own["verdict"] == "undecided").any():
-        return SectionVerdict("requirements", RelationState.ATTENTION, ReasonCode.UNDECIDED, said)
-    return SectionVerdict("requirements", RelationState.OK, ReasonCode.MET, said)
+        return SectionVerdict("requirements", RelationState.ATTENTION, ReasonCode.UNDECIDED, text)
+    return SectionVerdict("requirements", RelationState.OK, ReasonCode.MET, text)
 
 
 def _why_not_by(calibration: SectionVerdict | None) -> str:
@@ -94,8 +94,8 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
 
 
 def _lead(own: pd.DataFrame, key: Key) -> str:
-    said = f"{tally(own)}, predicted by {called(key)}."
-    return " ".join([said, *(_open_or_failed(r) for r in own.itertuples() if r.verdict in ("fails", "undecided"))])
+    text = f"{tally(own)}, predicted by {called(key)}."
+    return " ".join([text, *(_open_or_failed(r) for r in own.itertuples() if r.verdict in ("fails", "undecided"))])
 
 
 def _open_or_failed(r: Any) -> str:
@@ -107,22 +107,22 @@ def _open_or_failed(r: Any) -> str:
 
 def tally(own: pd.DataFrame) -> str:
     """``2 of 5 requirements met, 1 failed, 2 undecided``."""
-    judged = own[own["verdict"] != "not evaluated"]
-    counts = judged["verdict"].value_counts()
-    if not len(judged):
+    assessed = own[own["verdict"] != "not evaluated"]
+    counts = assessed["verdict"].value_counts()
+    if not len(assessed):
         return f"None of {count(len(own), 'requirement')} could be evaluated"
-    said = f"{counts.get('meets', 0)} of {count(len(judged), 'requirement')} met"
+    text = f"{counts.get('meets', 0)} of {count(len(assessed), 'requirement')} met"
     words = {"fails": "not met", "undecided": "undecided"}
-    return ", ".join([said, *(f"{counts[v]} {word}" for v, word in words.items() if v in counts)])
+    return ", ".join([text, *(f"{counts[v]} {word}" for v, word in words.items() if v in counts)])
 
 
 def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
     """The requirements as judged with the main calibration; None where none was judged."""
-    judged = filled(tables, "requirements")
-    if judged is None:
+    assessed = filled(tables, "requirements")
+    if assessed is None:
         return None
     key = main_calibration(tables)
-    own = rows_of(judged, key) if key is not None else judged.iloc[:0]
+    own = rows_of(assessed, key) if key is not None else assessed.iloc[:0]
     own = own[own["verdict"] != "not evaluated"]
     return own if len(own) else None
 

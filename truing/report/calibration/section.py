@@ -67,8 +67,8 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
         return _calibrated(RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {why}")
     adequate = "adequacy" in before and before["adequacy"].reason_code == ReasonCode.WITHIN_NOISE
     if main_calibration(tables) != chosen and adequate:
-        said = "The main calibration holds the findings that are applied, and what it leaves is noise."
-        return _calibrated(RelationState.OK, ReasonCode.FITS, said)
+        text = "The main calibration holds the findings that are applied, and what it leaves is noise."
+        return _calibrated(RelationState.OK, ReasonCode.FITS, text)
     return _of_chosen(chosen, figures.loc[chosen], _tests_of_chosen(tables), before)
 
 
@@ -83,8 +83,8 @@ def _of_chosen(
     if failed:
         missed = ReasonCode.HELD_OUT_MISSED in failed and float(facts.get("heldout_ratio", 0.0)) > BY_A_FACTOR
         code = ReasonCode.HELD_OUT_MISSED if missed else next(iter(failed))
-        said = f"{who[:1].upper()}{who[1:]} fails a test ({failed[code].question}). {failed[code].statement}"
-        return _failed(said, code, misfit, facts)
+        text = f"{who[:1].upper()}{who[1:]} fails a test ({failed[code].question}). {failed[code].statement}"
+        return _failed(text, code, misfit, facts)
     if all(test.holds is None for test in tests):
         return _calibrated(
             RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {tests[0].statement}"
@@ -93,28 +93,28 @@ def _of_chosen(
     return _calibrated(RelationState.OK, ReasonCode.FITS, f"{who[:1].upper()}{who[1:]} fits: {passed}.", misfit)
 
 
-def _failed(said: str, code: ReasonCode, misfit: float | None, facts: pd.Series) -> SectionVerdict:
+def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series) -> SectionVerdict:
     """A failed test, other than a misfit: it fails the section where what was held out is missed by a factor."""
     if code == ReasonCode.HELD_OUT_MISSED and _known(facts, "heldout_ratio"):
         ratio = float(facts["heldout_ratio"])
         state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
-        return SectionVerdict("calibration", state, code, said, ratio, "1", BY_A_FACTOR)
+        return SectionVerdict("calibration", state, code, text, ratio, "1", BY_A_FACTOR)
     if code == ReasonCode.MISFIT and misfit is not None and misfit < 1.0:
         code = ReasonCode.BELOW_NOISE
-    return _calibrated(RelationState.ATTENTION, code, said, misfit)
+    return _calibrated(RelationState.ATTENTION, code, text, misfit)
 
 
 def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """A misfit is explained where the model that the diagnosis extended leaves nothing but noise."""
-    said = f"The calibration does not fit: {called(chosen)} misses what it was fitted to by {plain(misfit)} times the "
+    text = f"The calibration does not fit: {called(chosen)} misses what it was fitted to by {plain(misfit)} times the "
     codes = {name: before[name].reason_code for name in ("diagnosis", "adequacy") if name in before}
     if codes == {"diagnosis": ReasonCode.FOUND, "adequacy": ReasonCode.WITHIN_NOISE}:
-        said += (
+        text += (
             "noise, because it leaves out what the diagnosis found. With that, predictions miss by no more than noise."
         )
-        return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, said, misfit)
-    said += "noise. Correct [noise], or find the cause that is missing, before its numbers are used."
-    return _calibrated(RelationState.FAILS, ReasonCode.MISFIT, said, misfit)
+        return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, text, misfit)
+    text += "noise. Correct [noise], or find the cause that is missing, before its numbers are used."
+    return _calibrated(RelationState.FAILS, ReasonCode.MISFIT, text, misfit)
 
 
 def misfit_ratio(facts: pd.Series) -> float | None:
@@ -124,8 +124,8 @@ def misfit_ratio(facts: pd.Series) -> float | None:
     return float(np.sqrt(facts["chi_square"] / facts["freedom"])) if facts["freedom"] > 0.0 else None
 
 
-def _calibrated(state: RelationState, code: ReasonCode, said: str, misfit: float | None = None) -> SectionVerdict:
-    return SectionVerdict("calibration", state, code, said, misfit, None if misfit is None else "1")
+def _calibrated(state: RelationState, code: ReasonCode, text: str, misfit: float | None = None) -> SectionVerdict:
+    return SectionVerdict("calibration", state, code, text, misfit, None if misfit is None else "1")
 
 
 def _errors(tables: Tables) -> Drawn:
@@ -145,7 +145,7 @@ def _geometry(tables: Tables, fitted: pd.DataFrame) -> Drawn:
 
 
 def _pull_words(tables: Tables, model: str) -> str:
-    said = "What a model leaves out, its geometry has to swallow, as far as tolerances and surveyed joints let it."
+    text = "What a model leaves out, its geometry has to swallow, as far as tolerances and surveyed joints let it."
     for words, estimator in ((_AS_REPORTED, IMPLICIT), (_BY_DEFAULT, ERRORS_IN_VARIABLES)):
         figures = figures_by_calibration(tables, estimator)
         if figures is None or "rms_pull" not in figures or model not in figures.index.get_level_values("model"):
@@ -153,8 +153,8 @@ def _pull_words(tables: Tables, model: str) -> str:
         pulls = figures.loc[model, "rms_pull"].dropna()
         if not len(pulls):
             continue
-        said += f" Rms pull {words}: {', '.join(f'{d} {plain(pull)}' for d, pull in pulls.items())}."
-    return said
+        text += f" Rms pull {words}: {', '.join(f'{d} {plain(pull)}' for d, pull in pulls.items())}."
+    return text
 
 
 def _correlations(tables: Tables, fitted: pd.DataFrame) -> Drawn:
@@ -214,34 +214,34 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
 
 def _choice(chosen: Key, facts: pd.Series, *, of_recorded: bool) -> str:
     role, poses = ("verification", "held-out") if _known(facts, _HELD_OUT) else ("calibration", "calibration")
-    said = f"Chosen for {'the data as recorded' if of_recorded else 'this campaign'}: {called(chosen)}."
+    text = f"Chosen for {'the data as recorded' if of_recorded else 'this campaign'}: {called(chosen)}."
     if _known(facts, f"position_mean_{role}"):
-        said += f" On the {poses} poses it misses by {_missed_by(facts, role)} on average."
+        text += f" On the {poses} poses it misses by {_missed_by(facts, role)} on average."
     because = []
     if _known(facts, "heldout_ratio"):
         because.append(f"its held-out error is {plain(facts['heldout_ratio'])} times what noise leaves")
     if _known(facts, "rms_pull"):
         because.append(f"its rms pull {plain(facts['rms_pull'])} (about 1 where tolerances explain the geometry)")
     reasons = " and ".join(because)
-    said += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
+    text += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
     left = int(facts.get("poses_downweighted", 0.0) or 0)
     who = f"{count(left, 'pose')} that {'disagrees' if left == 1 else 'disagree'} with all others"
-    return f"{said} {who} {'was' if left == 1 else 'were'} left out." if left else said
+    return f"{text} {who} {'was' if left == 1 else 'were'} left out." if left else text
 
 
 def _doubts(facts: pd.Series) -> str:
     """What speaks against the chosen one itself: misfit beyond the noise, and a geometry beyond its tolerances."""
-    said = []
+    texts = []
     if _known(facts, "misfit_p_value") and facts["misfit_p_value"] < _UNLIKELY:
         times = plain(np.sqrt(facts["chi_square"] / facts["freedom"]))
         missing = "there is more noise, or a cause is missing"
-        said.append(f"Yet its misfit is {times} times what the declared noise leaves: {missing}.")
+        texts.append(f"Yet its misfit is {times} times what the declared noise leaves: {missing}.")
     if _known(facts, "pull_p_value") and facts["pull_p_value"] < _UNLIKELY:
-        said.append(
+        texts.append(
             "Yet parts are further from nominal than their tolerances allow: these are too small, and with them the "
             "uncertainties told here, or a cause is missing."
         )
-    return " ".join(said)
+    return " ".join(texts)
 
 
 def _tests_of_chosen(tables: Tables) -> list[ModelTest]:
@@ -300,34 +300,34 @@ def _known(facts: pd.Series, figure: str) -> bool:
 
 def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
     """What calibrating brings over the numbers of the drawing, and over what the telescope report did."""
-    said = []
+    texts = []
     nominal, reported = (figures_by_calibration(tables, estimator) for estimator in (NOMINAL, IMPLICIT))
     if not _known(facts, _HELD_OUT):
         return ""
     if nominal is not None and _HELD_OUT in nominal and nominal[_HELD_OUT].notna().any():
         before = nominal.dropna(subset=_HELD_OUT).iloc[0]
         times = plain(before[_HELD_OUT] / facts[_HELD_OUT])
-        said.append(f"The nominal numbers miss by {_missed_by(before, 'verification')} there, {times} times as far.")
+        texts.append(f"The nominal numbers miss by {_missed_by(before, 'verification')} there, {times} times as far.")
     if reported is not None and chosen in reported.index and _known(reported.loc[chosen], _HELD_OUT):
         size = _missed_by(reported.loc[chosen], "verification")
-        said.append(f"The same model by the implicit objectives of the telescope report: {size}.")
-    return " ".join(said)
+        texts.append(f"The same model by the implicit objectives of the telescope report: {size}.")
+    return " ".join(texts)
 
 
 def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
     """Which calibrations the data cannot tell from the chosen one, and how far off the others are."""
     others = figures.drop(index=[chosen])
     equal = others["indistinguishable"] == 1.0 if "indistinguishable" in others else others.index != others.index
-    said = []
+    texts = []
     if equal.any():
         named = " and ".join(called((str(m), str(d))) for m, d in others.index[equal])
-        said.append(f"The data cannot tell {named} from it; the simpler one is taken.")
+        texts.append(f"The data cannot tell {named} from it; the simpler one is taken.")
     rest = others[~equal]
     if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
         pulls = f", with rms pulls of {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
         who = "The other calibration is" if len(rest) == 1 else f"The {len(rest)} other calibrations are"
-        said.append(f"{who} less probable or worse: {_from_to(rest['heldout_ratio'])} times the noise{pulls}.")
-    return " ".join(said)
+        texts.append(f"{who} less probable or worse: {_from_to(rest['heldout_ratio'])} times the noise{pulls}.")
+    return " ".join(texts)
 
 
 def _extended(tables: Tables) -> str:
@@ -364,12 +364,12 @@ def _cost_of_models(tables: Tables) -> str:
         return "Position: distance between measured and predicted origin of the platform; orientation: angle."
     same = figures.xs(chosen[1], level="deformation").dropna(subset=_HELD_OUT)
     sizes = ", ".join(f"{model} {quantity(size, 'um')}" for model, size in same[_HELD_OUT].items())
-    said = f"Held-out position error with the same deformation: {sizes}.{_departures(tables)}"
+    text = f"Held-out position error with the same deformation: {sizes}.{_departures(tables)}"
     apart = same[(same["chosen"] != 1.0) & (same.get("indistinguishable", 0.0) != 1.0)]
     if not len(apart):
-        return said
+        return text
     reported = ", other than the telescope report concludes" if "6-pus" in same.index else ""
-    return f"{said} Over this range the models are not alike{reported}."
+    return f"{text} Over this range the models are not alike{reported}."
 
 
 def _departures(tables: Tables) -> str:

@@ -84,14 +84,14 @@ def choice_verdicts(tables: Tables) -> list[Verdict]:
     if table is None:
         return []
     names = {outcome: own["cause"].tolist() for outcome, own in table.groupby("outcome", sort=False)}
-    told: list[Verdict] = []
+    reported: list[Verdict] = []
     if missed := names.get("not found"):
         which = f"{count(len(missed), 'cause')} that the diagnosis did not find"
-        told.append(("warn", f"[diagnosis] apply names {which}: {listed(missed)}. Nothing of it is applied."))
+        reported.append(("warn", f"[diagnosis] apply names {which}: {listed(missed)}. Nothing of it is applied."))
     if idle := names.get("no effect"):
-        told.append(("warn", f"[diagnosis] apply names {listed(idle)}: found, but {_NO_EFFECT}."))
+        reported.append(("warn", f"[diagnosis] apply names {listed(idle)}: found, but {_NO_EFFECT}."))
     if applied := names.get("applied"):
-        told.append(("warn", f"Applied, as [diagnosis] apply asks: {listed(applied)}{_doubted(tables, applied)}."))
+        reported.append(("warn", f"Applied, as [diagnosis] apply asks: {listed(applied)}{_doubted(tables, applied)}."))
     if ignored := names.get("ignored"):
-        told.append(("warn", f"Not searched for, as [diagnosis] ignore asks: {listed(ignored)}."))
-    return told
+        reported.append(("warn", f"Not searched for, as [diagnosis] ignore asks: {listed(ignored)}."))
+    return reported

@@ -113,12 +113,12 @@ def quality_words(found: RunComparison) -> list[tuple[str, str]]:
     counts = [_counts(run.tables) for run in found.runs]
     bad = [f"{run.label} ({own['fail']})" for run, own in zip(found.runs, counts, strict=True) if own["fail"]]
     looks = [f"{run.label} ({own['warn']})" for run, own in zip(found.runs, counts, strict=True) if own["warn"]]
-    said = []
+    texts = []
     if bad:
-        said.append(("fail", f"Quality checks failed in {', '.join(bad)}: look there before believing a change."))
+        texts.append(("fail", f"Quality checks failed in {', '.join(bad)}: look there before believing a change."))
     if looks:
-        said.append(("warn", f"Quality checks that call for a look: {', '.join(looks)}."))
-    return said or [("pass", "No quality check failed or calls for a look in any run.")]
+        texts.append(("warn", f"Quality checks that call for a look: {', '.join(looks)}."))
+    return texts or [("pass", "No quality check failed or calls for a look in any run.")]
 
 
 def _counts(tables: Tables) -> dict[str, int]:
@@ -172,8 +172,8 @@ def requirement_words(found: RunComparison) -> list[tuple[str, str]]:
         return []
     failed = any((table["verdict"] == "fails").any() for _, table in known)
     open_ = any((table["verdict"] == "undecided").any() for _, table in known)
-    said = "; ".join(f"{label}: {tally(table)}" for label, table in known)
-    return [("fail" if failed else "warn" if open_ else "pass", f"{said}.")]
+    text = "; ".join(f"{label}: {tally(table)}" for label, table in known)
+    return [("fail" if failed else "warn" if open_ else "pass", f"{text}.")]
 
 
 def accuracy(found: RunComparison) -> ReportSection | None:
@@ -188,11 +188,11 @@ def accuracy(found: RunComparison) -> ReportSection | None:
             rows.append((words, *(f"{plain(value)} {sign(unit)}" if value == value else _NONE for value in values)))
     tables = [chosen_requirements(run.tables) for run in found.runs]
     components = dict.fromkeys(c for table in tables if table is not None for c in table["component"])
-    judged = {f"requirement {c}": [_requirement(table, c) for table in tables] for c in components}
-    required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in own} for own in judged.values()]
+    assessed = {f"requirement {c}": [_requirement(table, c) for table in tables] for c in components}
+    required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in own} for own in assessed.values()]
     marks = ["none"] * len(rows) + [_mark(own, "fail", "warn", "pass") for own in required]
     heads = ("", *(run.label for run in found.runs))
-    chosen = [(name, *(words for _, words in own)) for name, own in judged.items()]
+    chosen = [(name, *(words for _, words in own)) for name, own in assessed.items()]
     listing = Listing(heads, (*rows, *chosen), tuple(marks))
     lead = "By the calibration that each run recommends; a requirement is shown with what 95 of 100 poses stay below."
     return ReportSection("accuracy", "Accuracy and requirements side by side", lead, listings=(listing,))

@@ -55,13 +55,13 @@ _LOOKS = (
 def comparison_head(found: RunComparison) -> PageHead:
     """The sentences that a busy person acts on."""
     steps = range(len(found.between))
-    said = [*_change_verdicts(found), *(effect for step in steps for effect in _effect_verdicts(found, step))]
-    said += [*requirement_words(found), *quality_words(found)]
-    judged = sum(len(found.assessed(step)) for step in steps)
+    texts = [*_change_verdicts(found), *(effect for step in steps for effect in _effect_verdicts(found, step))]
+    texts += [*requirement_words(found), *quality_words(found)]
+    assessed = sum(len(found.assessed(step)) for step in steps)
     changed = int(found.numbers["changed"].sum())
-    tiles = (("runs", str(len(found.runs))), ("numbers compared", f"{judged:,}"), ("changed", str(changed)))
+    tiles = (("runs", str(len(found.runs))), ("numbers compared", f"{assessed:,}"), ("changed", str(changed)))
     title = " → ".join(run.label for run in found.runs) if len(found.runs) < 4 else f"{len(found.runs)} runs"
-    return PageHead(f"{title}: what has changed", tuple(said), tiles)
+    return PageHead(f"{title}: what has changed", tuple(texts), tiles)
 
 
 def _change_verdicts(found: RunComparison) -> list[Verdict]:
@@ -69,13 +69,15 @@ def _change_verdicts(found: RunComparison) -> list[Verdict]:
     steps = range(len(found.between))
     loud = [("found", _step_words(found, step)) for step in steps if has_changed(found, step)]
     still = [step for step in steps if not has_changed(found, step) and len(found.assessed(step))]
-    said = loud
+    texts = loud
     if still:
-        judged = [len(found.assessed(step)) for step in still]
-        numbers = count(judged[0], "number") if len(set(judged)) == 1 else f"{min(judged)} to {max(judged)} numbers"
+        assessed = [len(found.assessed(step)) for step in still]
+        numbers = (
+            count(assessed[0], "number") if len(set(assessed)) == 1 else f"{min(assessed)} to {max(assessed)} numbers"
+        )
         where = f" ({', '.join(map(found.pair, still))})" if loud or len(still) < len(steps) else ""
-        said = [*loud, ("pass", f"Nothing has changed beyond chance{where}: {numbers} compared from run to run.")]
-    return said + [
+        texts = [*loud, ("pass", f"Nothing has changed beyond chance{where}: {numbers} compared from run to run.")]
+    return texts + [
         ("none", f"{found.pair(step)}: {_why_words(found, step)}") for step in steps if found.between[step].why
     ]
 
@@ -93,13 +95,13 @@ def has_changed(found: RunComparison, step: int) -> bool:
 
 def _step_words(found: RunComparison, step: int) -> str:
     """Which numbers changed beyond chance, and by how much."""
-    judged = found.assessed(step)
-    changed = _largest_first(judged[judged["changed"]])
+    assessed = found.assessed(step)
+    changed = _largest_first(assessed[assessed["changed"]])
     if found.between[step].rebuilt:
         more = f" Beyond chance by themselves: {_named(changed)}." if len(changed) else ""
         what = "changed in more places than can be named one by one: it was rebuilt, or is another machine."
         return f"{found.pair(step)}: {what}{more}"
-    return f"{found.pair(step)}: {len(changed)} of {count(len(judged), 'number')} changed: {_named(changed)}."
+    return f"{found.pair(step)}: {len(changed)} of {count(len(assessed), 'number')} changed: {_named(changed)}."
 
 
 def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
@@ -120,9 +122,9 @@ def _instead(row: object) -> str:
 def _effect_verdicts(found: RunComparison, step: int) -> list[Verdict]:
     """Effects that one of two runs found and the other did not."""
     before, now = (_effects_found(found, place) for place in (step, step + 1))
-    said = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
+    texts = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
     words = {"new": "found for the first time", "gone": "found no longer"}
-    return [("warn", f"{found.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in said if names]
+    return [("warn", f"{found.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
 
 
 def _effects_found(found: RunComparison, place: int) -> list[str]:
@@ -157,12 +159,12 @@ def _changes(found: RunComparison) -> ReportSection:
         "What changed: the fewest numbers whose changes explain all differences" if _is_mechanism(found) else "",
         held_by=_HELD_BY,
     )
-    judged = any(len(found.assessed(step)) for step in steps)
+    assessed = any(len(found.assessed(step)) for step in steps)
     changed = any(has_changed(found, step) for step in steps)
-    state = "changed" if changed else "pass" if judged else "not evaluated"
-    said = tuple((_mark(found, step), _step(found, step)) for step in steps)
+    state = "changed" if changed else "pass" if assessed else "not evaluated"
+    statements = tuple((_mark(found, step), _step(found, step)) for step in steps)
     return ReportSection(
-        "changes", "What has changed", lead, tuple(_pulls(found)), (listing,) if rows else (), state, said
+        "changes", "What has changed", lead, tuple(_pulls(found)), (listing,) if rows else (), state, statements
     )
 
 
@@ -174,8 +176,8 @@ def _pulls(found: RunComparison) -> Iterator[tuple[object, str]]:
     """Of each step of a mechanism in which something changed: every number in standard deviations, and the changes."""
     for step in range(len(found.between)):
         if has_changed(found, step) and _is_mechanism(found):
-            judged = found.assessed(step)
-            jumps = judged.assign(jump=judged["change"] / judged["sigma_change"])
+            assessed = found.assessed(step)
+            jumps = assessed.assign(jump=assessed["change"] / assessed["sigma_change"])
             title = label(f"{found.pair(step)}, in standard deviations")
             caption = "Numbers that are told only together may change without leaving the band each by itself."
             series = _SERIES if jumps["jump"].notna().any() else {"z": _SERIES["z"]}
@@ -283,12 +285,12 @@ def _trend_figures(found: RunComparison) -> tuple[tuple[tuple[go.Figure, str], .
 
 def _caption(changed: pd.DataFrame) -> str:
     """What is ringed, and why that may not be seen here."""
-    said = []
+    texts = []
     for r in changed.itertuples():
         together = cell(r.instead)
         why = f": told only together with {together}, so that the change is surer than its bar" if together else ""
-        said.append(f"{called(r)} changed by {change_text(r)}{why}.")
-    return f"Ringed: {' '.join(said)}" if said else ""
+        texts.append(f"{called(r)} changed by {change_text(r)}{why}.")
+    return f"Ringed: {' '.join(texts)}" if texts else ""
 
 
 def _kind(row: Any) -> str:

@@ -75,37 +75,37 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     if beyond:
         return _beyond(max(beyond, key=_times_noise), none, shortcoming(tables))
     if short := shortcoming(tables):
-        said = f"The picture is incomplete: {none}{short}."
+        text = f"The picture is incomplete: {none}{short}."
         p, limit = _least_likely(tables)
-        return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.LACK_OF_FIT, said, p, "1", limit)
+        return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.LACK_OF_FIT, text, p, "1", limit)
     if below:
         return _below(below[0], none)
     if not missed:
-        said = "Nothing says how far noise alone would let predictions miss: declare [noise]."
-        return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+        text = "Nothing says how far noise alone would let predictions miss: declare [noise]."
+        return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     one = max([one for one in missed if not one.held_out] or missed, key=_times_noise)
     ratio, size = _times_noise(one), f"{rough(one.after)} {sign(one.unit)}"
-    said = f"Predictions miss by {size} rms, and noise alone leaves {rough(one.floor or 0.0)}."
-    said += " So few numbers may miss by as much by chance." if ratio > AT_THE_FLOOR else ""
-    return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, said, ratio, "1", AT_THE_FLOOR)
+    text = f"Predictions miss by {size} rms, and noise alone leaves {rough(one.floor or 0.0)}."
+    text += " So few numbers may miss by as much by chance." if ratio > AT_THE_FLOOR else ""
+    return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
 def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
     """Errors beyond noise: by a factor they fail, for no declared noise is wrong by so much unnoticed."""
     ratio, unit, also = _times_noise(one), sign(one.unit), f"; {short}" if short else ""
-    said = f"The picture is incomplete: {none}predictions miss by {rough(one.after)} {unit} rms where noise alone "
-    said += f"would leave {rough(one.floor or 0.0)}{also}. Look at how they miss, under Diagnosis."
+    text = f"The picture is incomplete: {none}predictions miss by {rough(one.after)} {unit} rms where noise alone "
+    text += f"would leave {rough(one.floor or 0.0)}{also}. Look at how they miss, under Diagnosis."
     if ratio > BY_A_FACTOR:
-        return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, said, ratio, "1", BY_A_FACTOR)
-    return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, said, ratio, "1", AT_THE_FLOOR)
+        return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, text, ratio, "1", BY_A_FACTOR)
+    return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
 def _below(one: Overall, none: str) -> SectionVerdict:
     size = f"{rough(one.after)} {sign(one.unit)}"
-    said = f"{none}predictions miss by only {size} rms where noise alone would leave {rough(one.floor or 0.0)}, less "
-    said += f"than chance explains: {one.why_below}. Causes that hide in such noise cannot show: correct [noise]."
-    said = said[:1].upper() + said[1:]
-    return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, said, _times_noise(one), "1")
+    text = f"{none}predictions miss by only {size} rms where noise alone would leave {rough(one.floor or 0.0)}, less "
+    text += f"than chance explains: {one.why_below}. Causes that hide in such noise cannot show: correct [noise]."
+    text = text[:1].upper() + text[1:]
+    return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, text, _times_noise(one), "1")
 
 
 def _is_beyond(one: Overall) -> bool:

@@ -119,10 +119,10 @@ def _assessed_cause(row: Mapping[Any, Any]) -> AssessedCause:
 
 
 def _sizes(parameters: str) -> tuple[ParameterSize, ...]:
-    told = json.loads(parameters) if parameters else {}
+    reported = json.loads(parameters) if parameters else {}
     return tuple(
         ParameterSize(name, facts.get("value"), _number(facts.get("sigma")), cell(facts.get("unit")))
-        for name, facts in told.items()
+        for name, facts in reported.items()
     )
 
 

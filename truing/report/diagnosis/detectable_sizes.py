@@ -25,8 +25,10 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     table = filled(tables, "detectable")
     if table is None:
         why = "How large an effect must be to be found was not computed in this run."
-        told = _in_words(rows)
-        return ReportSection("hidden", _TITLE, why, listings=(told,) if told.rows else (), state="not evaluated")
+        reported = _in_words(rows)
+        return ReportSection(
+            "hidden", _TITLE, why, listings=(reported,) if reported.rows else (), state="not evaluated"
+        )
     table = table.assign(subject=table["subject"].map(cell), told=size_words(table))
     held = {row.cause for row in rows if row.reason_code == "contained"}
     table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
@@ -45,12 +47,12 @@ def size_words(table: pd.DataFrame) -> list[str]:
 
 def _lead(table: pd.DataFrame) -> str:
     power = float(table["power"].median())
-    said = f"An effect of the size told here would have been found with a probability of {100 * power:.0f} %; smaller "
-    said += "ones may be there all the same."
+    text = f"An effect of the size told here would have been found with a probability of {100 * power:.0f} %; smaller "
+    text += "ones may be there all the same."
     never = [cause for cause, own in table.groupby("cause", sort=False) if (own["told"] == _NEVER).all()]
     if never:
-        said += f" This campaign cannot show {', '.join(cause_words(str(c)) for c in never)} at any plausible size."
-    return said
+        text += f" This campaign cannot show {', '.join(cause_words(str(c)) for c in never)} at any plausible size."
+    return text
 
 
 def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
@@ -86,8 +88,8 @@ def _concerns(own: pd.DataFrame) -> str:
     single = [str(subject) for subject in subjects if subject]
     kinds = {subject.split()[0].rstrip("0123456789") for subject in single}
     noun = kinds.pop() if len(kinds) == 1 else "subject"
-    said = count(len(single), noun if not noun.endswith("s") else "subject")
-    return said if len(single) == len(subjects) else f"the whole, {said}"
+    text = count(len(single), noun if not noun.endswith("s") else "subject")
+    return text if len(single) == len(subjects) else f"the whole, {text}"
 
 
 def _from_to(own: pd.DataFrame) -> tuple[str, str]:
@@ -109,5 +111,5 @@ def _all(table: pd.DataFrame) -> Listing:
 
 def _in_words(rows: list[AssessedCause]) -> Listing:
     """What the explanations of the rejected say of it, where there is no table."""
-    told = tuple((row.name, printed(row.explanation)) for row in rows if row.verdict in (REJECTED, NOT_TESTABLE))
-    return Listing(("cause", "what the data say"), told, (), "What was not found", True, "diagnosis.parquet")
+    reported = tuple((row.name, printed(row.explanation)) for row in rows if row.verdict in (REJECTED, NOT_TESTABLE))
+    return Listing(("cause", "what the data say"), reported, (), "What was not found", True, "diagnosis.parquet")

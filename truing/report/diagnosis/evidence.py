@@ -63,14 +63,14 @@ def _lead(rows: list[AssessedCause]) -> str:
     found = accepted_of(rows)
     if not found:
         return "No candidate beats chance by more than the rate of false alarms allows."
-    said = f"{count(len(rivals), 'candidate')} within a factor {EQUAL_ODDS:g} of what was found" if rivals else ""
-    said = said or f"No candidate comes within a factor {EQUAL_ODDS:g} of what was found"
-    said += _next_best(rows, found)
-    judged = [row for row in found if row.holds]
-    changed = [row.name for row in judged if row.holds != "holds"]
+    text = f"{count(len(rivals), 'candidate')} within a factor {EQUAL_ODDS:g} of what was found" if rivals else ""
+    text = text or f"No candidate comes within a factor {EQUAL_ODDS:g} of what was found"
+    text += _next_best(rows, found)
+    assessed = [row for row in found if row.holds]
+    changed = [row.name for row in assessed if row.holds != "holds"]
     if changed:
-        return f"{said}. With plausible scales tripled the ranking changes: {', '.join(changed)}."
-    return f"{said}. The ranking holds with plausible scales tripled." if judged else f"{said}."
+        return f"{text}. With plausible scales tripled the ranking changes: {', '.join(changed)}."
+    return f"{text}. The ranking holds with plausible scales tripled." if assessed else f"{text}."
 
 
 def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
@@ -152,8 +152,8 @@ def _odds(row: AssessedCause) -> str:
     if size < 0.02:
         return "even odds"
     if size < 3.0:
-        told = rough(10.0**size)
-        return f"{told} to 1" if decades >= 0.0 else f"{told} to 1 against"
+        text = rough(10.0**size)
+        return f"{text} to 1" if decades >= 0.0 else f"{text} to 1 against"
     power = f"10<sup>{size:,.0f}</sup>"
     return f"{power} to 1" if decades > 0.0 else f"{power} to 1 against"
 
@@ -193,7 +193,7 @@ def _bars(rows: list[AssessedCause], values: list[float], words: list[str]) -> g
         go.Scatter(
             y=order,
             x=[max(0.0, value) for value in values],
-            text=[f" {said}" for said in words],
+            text=[f" {text}" for text in words],
             mode="text",
             textposition="middle right",
             cliponaxis=False,

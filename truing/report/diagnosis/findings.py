@@ -85,8 +85,8 @@ def explanation(facts: Facts) -> str:
         "rejected": _rejected,
         "not testable": _hidden,
     }
-    said = of_verdict[facts.verdict](facts)
-    return " ".join(f"{said} {facts.remark}".split())
+    text = of_verdict[facts.verdict](facts)
+    return " ".join(f"{text} {facts.remark}".split())
 
 
 def detectable_words(parameter: str, size: float | None, unit: str) -> str:
@@ -137,8 +137,8 @@ def _elsewhere(facts: Facts) -> str:
     if not facts.subjects:
         return ""
     whole = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole")
-    told = [f"{subject_words(subject) or whole} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
-    return f" That it concerns {' or '.join(told)} instead is less probable by these odds only."
+    texts = [f"{subject_words(subject) or whole} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
+    return f" That it concerns {' or '.join(texts)} instead is less probable by these odds only."
 
 
 def _suspected(facts: Facts) -> str:
@@ -179,8 +179,8 @@ def _rejected(facts: Facts) -> str:
 
 def _hidden(facts: Facts) -> str:
     """A candidate that could not have been seen: no word on whether it is there."""
-    said = f"Whether {facts.clause} is not testable here: this campaign would have shown it at no plausible size"
-    return f"{said}, only from {facts.detectable} on." if facts.detectable else f"{said}."
+    text = f"Whether {facts.clause} is not testable here: this campaign would have shown it at no plausible size"
+    return f"{text}, only from {facts.detectable} on." if facts.detectable else f"{text}."
 
 
 def missing_explanation(cause: str, reason_code: str) -> str:
@@ -199,11 +199,11 @@ def _improvement(facts: Facts) -> str:
         return ""
     unit = facts.unit
     missed = f"miss by {two_decimals(facts.rms_after)} {unit} rms with it, {two_decimals(facts.rms_before)} without"
-    said = f"Predictions from {facts.drive} {missed}"
+    text = f"Predictions from {facts.drive} {missed}"
     before, after = facts.held_out
     if before is not None and after is not None:
-        said += f" ({facts.held_out_words}: {two_decimals(after)} and {two_decimals(before)} {unit})"
-    return f"{said}; noise alone leaves {two_decimals(facts.floor)} {unit}."
+        text += f" ({facts.held_out_words}: {two_decimals(after)} and {two_decimals(before)} {unit})"
+    return f"{text}; noise alone leaves {two_decimals(facts.floor)} {unit}."
 
 
 def _sizes(facts: Facts) -> str:
@@ -227,10 +227,10 @@ def _size(name: str, value: Mapping[str, Any]) -> str:
 
 def scatter_explanation(clause: str, p_value: float, doubt: str = "") -> str:
     """The sentences on a cause that moves nothing on average; ``doubt``: the reason code where it is only suspected."""
-    said = f"It may be that {clause}" if doubt else f"The data show that {clause}"
+    text = f"It may be that {clause}" if doubt else f"The data show that {clause}"
     doubted = f" This is suspected, and not found: {DOUBTS[doubt]}." if doubt else ""
     return (
-        f"{said} (p = {p_value:.1g}, corrected for all groups that were tried).{doubted} It moves nothing "
+        f"{text} (p = {p_value:.1g}, corrected for all groups that were tried).{doubted} It moves nothing "
         "on average: what was measured there counts the less in all other findings, and no model predicts it."
     )
 

@@ -71,13 +71,13 @@ def gained(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     found = [row for row in accepted_of(rows) if not row.is_noise]
     of = compared(tables)
     missed = [_Missed(_words_of(one, of), one, bool(found)) for one in missed_by(rows, found, tables)]
-    told = [*_cause_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]
+    reported = [*_cause_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]
     misses = reading_misses(tables)
     by_part = _by_role(tables) if misses is None else by_channel(misses)
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if found else "How far predictions miss"
     lead = " ".join([_lead(missed, of, rows), *elsewhere(found, of)])
-    return ReportSection("gain", title, lead, tuple(told), tuple(listings))
+    return ReportSection("gain", title, lead, tuple(reported), tuple(listings))
 
 
 def _words_of(one: Overall, of: PartNames) -> str:
@@ -88,27 +88,27 @@ def _lead(missed: list[_Missed], of: PartNames, rows: list[AssessedCause]) -> st
     """What is left on what nothing was fitted to, against the noise, and the share of the excess removed."""
     if not missed:
         return "Nothing says how far predictions miss."
-    said = [_of_role(one) for one in missed]
+    texts = [_of_role(one) for one in missed]
     if not any(row.held_out[0] is not None for row in rows):
-        said.append(f"No {of.single} was held out, so nothing here was predicted before it was seen.")
-    return " ".join(said)
+        texts.append(f"No {of.single} was held out, so nothing here was predicted before it was seen.")
+    return " ".join(texts)
 
 
 def _of_role(missed: _Missed) -> str:
     one, unit = missed.of, sign(missed.of.unit)
     instead = f" instead of {rough(one.before)}" if missed.modelled else ""
-    said = f"On the {missed.words}, predictions miss by {rough(one.after)} {unit} rms{instead}"
+    text = f"On the {missed.words}, predictions miss by {rough(one.after)} {unit} rms{instead}"
     if one.floor is None:
-        return f"{said}."
+        return f"{text}."
     floor = f"the noise floor of {rough(one.floor)} {unit}"
     if one.is_below_noise:
-        return f"{said}; that is below {floor}, less than chance explains: {one.why_below}."
+        return f"{text}; that is below {floor}, less than chance explains: {one.why_below}."
     share = share_removed(one.before, one.after, one.floor) if missed.modelled else None
     gone = f", so {_per_cent(share)} of what is not noise is gone" if share is not None and share > 0.0 else ""
     ratio = one.after / one.floor
     verdict = "at" if 1.0 / AT_THE_FLOOR <= ratio <= AT_THE_FLOOR else f"{rough(ratio)} times"
     few = " Too few numbers tell whether chance leaves so little." if ratio < 1.0 / AT_THE_FLOOR else ""
-    return f"{said}; that is {verdict} {floor}{gone}.{few}"
+    return f"{text}; that is {verdict} {floor}{gone}.{few}"
 
 
 def _per_cent(share: float) -> str:
@@ -174,8 +174,8 @@ def _compared(tables: Tables) -> pd.DataFrame | None:
     plain_ones = accuracy[(accuracy["model"] == model) & accuracy["deformation"].isin(DEFORMATIONS)]
     parts = [(f"plain, {deformation_words(d)}", plain_ones[plain_ones["deformation"] == d]) for d in DEFORMATIONS]
     parts.append(("extended model", extended))
-    told = [part.assign(called=name) for name, part in parts if len(part)]
-    return pd.concat(told, ignore_index=True) if told else None
+    reported = [part.assign(called=name) for name, part in parts if len(part)]
+    return pd.concat(reported, ignore_index=True) if reported else None
 
 
 def _plain(tables: Tables) -> Drawn:

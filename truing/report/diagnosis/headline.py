@@ -31,9 +31,9 @@ def clause(row: AssessedCause, tables: Tables) -> str:
         return printed(remainder_clause(row.follows, row.subject, row.share_predicted or 0.0))
     if row.is_noise and row.cause == "unexplained":
         return printed(_noise(row))
-    said = catalogue.clause(replace(row, reach=_reach(row, tables)))
+    text = catalogue.clause(replace(row, reach=_reach(row, tables)))
     unnamed = UNNAMED if row.cause == "unexplained" and row.verdict == FOUND else ""
-    return printed(f"{said[:1].upper()}{said[1:]}{unnamed}")
+    return printed(f"{text[:1].upper()}{text[1:]}{unnamed}")
 
 
 def gain(found: list[AssessedCause], tables: Tables) -> str:

@@ -24,12 +24,12 @@ def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection 
     acted = _acted(rows, tables)
     if not acted or filled(tables, "sensor_matrix") is None:
         return None
-    said = load_warning(rows, tables) or (
+    text = load_warning(rows, tables) or (
         f"Beside {acted} acted as well. The calibration of the sensor holds it, as [diagnosis] apply asks. Whoever "
         "takes the loads as they are written down gets another G_B, and cannot see it from errors: every run has the "
         "same in it."
     )
-    return ReportSection("swallowed", _TITLE, said, see=(("calibration", "The calibration of the sensor."),))
+    return ReportSection("swallowed", _TITLE, text, see=(("calibration", "The calibration of the sensor."),))
 
 
 def load_warning(rows: list[AssessedCause], tables: Tables) -> str:

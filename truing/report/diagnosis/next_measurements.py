@@ -58,16 +58,16 @@ def _lead(steps: list[NextStep], tables: Tables) -> str:
     """How many things are asked for, and what they serve; why no configurations were computed where none were."""
     counts = Counter(step.need for step in steps)
     served = [f"{counts[need]} {words[counts[need] > 1]}" for need, words in _SERVED.items() if counts[need]]
-    said = f"The most urgent first: {', '.join(served)}." if served else ""
+    text = f"The most urgent first: {', '.join(served)}." if served else ""
     if filled(tables, "next_loads") is not None:
         begins = (
             "Every run begins with a zero of its own; the CSV below each table has all steps, with times and loads."
         )
-        return f"{said} {begins}".strip()
+        return f"{text} {begins}".strip()
     if filled(tables, "next_poses") is not None:
-        return f"{said} Readings stand below as the machine takes them.".strip()
+        return f"{text} Readings stand below as the machine takes them.".strip()
     legless = compared(tables) is POINTS and "pulls" not in tables
-    return f"{said} {_WITHOUT_MECHANISM if legless else compared(tables).not_planned}".strip()
+    return f"{text} {_WITHOUT_MECHANISM if legless else compared(tables).not_planned}".strip()
 
 
 def _computed(tables: Tables) -> tuple[Listing, ...]:
@@ -135,12 +135,12 @@ def _row(run: pd.DataFrame) -> tuple[str, ...]:
 
 def _loads(run: pd.DataFrame) -> str:
     """The loads of every axis that is loaded, in the order applied."""
-    told = [
+    texts = [
         f"{axis} {', '.join(f'{value:g}' for value in run[column])} {LOAD_UNITS[axis]}"
         for axis, column in LOADS.items()
         if run[column].ne(0.0).any()
     ]
-    return "; ".join(told) or f"none, {len(run)} steps"
+    return "; ".join(texts) or f"none, {len(run)} steps"
 
 
 def _steps(own: pd.DataFrame) -> Iterator[list[str]]:

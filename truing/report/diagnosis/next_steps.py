@@ -50,8 +50,8 @@ class NextStep:
 
 def next_steps(rows: list[AssessedCause], tables: Tables) -> list[NextStep]:
     """Return all that could be measured next, the most urgent need first."""
-    told = [NextStep(Need.RIVAL, *both) for both in decisive_measurements(rows, tables)]
-    steps = [*_requirements(tables), *told, *_findings(rows, tables), *_untested(rows)]
+    reported = [NextStep(Need.RIVAL, *both) for both in decisive_measurements(rows, tables)]
+    steps = [*_requirements(tables), *reported, *_findings(rows, tables), *_untested(rows)]
     once = {(step.need, step.words): step for step in steps}
     return sorted(once.values(), key=lambda step: step.need.rank)
 
@@ -92,14 +92,14 @@ def _deciding(row: Any, pace_s: float | None, several: int) -> NextStep:
     """The poses that decide one requirement; of ``several`` that are undecided they serve all."""
     total = int(row.measurements)
     takes = "" if pace_s is None else f" ({about(total * pace_s)} at the pace of this campaign)"
-    said = f"To decide whether {row.component} meets what is required, measure {count(total, 'further pose')} all over "
-    said += f"the workspace, with role verification{takes}."
-    said += " The same poses serve the other requirements." if several > 1 else ""
+    text = f"To decide whether {row.component} meets what is required, measure {count(total, 'further pose')} all over "
+    text += f"the workspace, with role verification{takes}."
+    text += " The same poses serve the other requirements." if several > 1 else ""
     now, then, asked = interval_words(row)
     given = f"The 95 % interval of its error is {now} now, required are {asked}. "
     given += f"It will be {then} if these poses miss by as much as the {int(row.poses_judged)} so far."
     figures = {"measurements": float(total)} | ({} if pace_s is None else {"duration_s": total * pace_s})
-    return NextStep(Need.REQUIREMENT, f"requirement {row.component}", f"{said} {given}", figures=figures)
+    return NextStep(Need.REQUIREMENT, f"requirement {row.component}", f"{text} {given}", figures=figures)
 
 
 def _pace(tables: Tables) -> float | None:

@@ -139,13 +139,13 @@ def rms_with_interval(rms: ArrayLike, rng: np.random.Generator, counts: ArrayLik
     squares, weights = weights[known] * sizes[known] ** 2, weights[known]
     if not len(squares):
         return "–"
-    said = plain(float(np.sqrt(squares.sum() / weights.sum())))
+    text = plain(float(np.sqrt(squares.sum() / weights.sum())))
     if len(squares) < _FEWEST:
-        return said
+        return text
     chosen = rng.integers(0, len(squares), (_DRAWS, len(squares)))
     drawn = np.sqrt(squares[chosen].sum(axis=1) / weights[chosen].sum(axis=1))
     low, high = np.quantile(drawn, [0.025, 0.975])
-    return f"{said} ({plain(float(low))} to {plain(float(high))})"
+    return f"{text} ({plain(float(low))} to {plain(float(high))})"
 
 
 @dataclass(frozen=True)
@@ -195,8 +195,8 @@ def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Ov
     effects = [row for row in found if not row.is_noise]
     if compared(tables) is READINGS and len(effects) > 1:
         units = dict.fromkeys(row.unit for row in effects)
-        told = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
-        return max(told, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
+        reported = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
+        return max(reported, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
     pair = whole_gain(found, held_out)
     if pair is None:
         return None
@@ -210,12 +210,12 @@ def as_it_is(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> li
         misses = reading_misses(tables)
         units = [] if misses is None else list(dict.fromkeys(misses["unit"]))
         return [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
-    told = next((row for row in rows if row.rms[0] is not None), None)
-    size = None if told is None else (told.held_out if held_out else told.rms)[0]
+    reported = next((row for row in rows if row.rms[0] is not None), None)
+    size = None if reported is None else (reported.held_out if held_out else reported.rms)[0]
     return (
         []
-        if told is None or size is None
-        else [Overall(size, size, told.floor, told.unit, held_out, _freedom(tables, told.unit, held_out))]
+        if reported is None or size is None
+        else [Overall(size, size, reported.floor, reported.unit, held_out, _freedom(tables, reported.unit, held_out))]
     )
 
 

@@ -70,12 +70,12 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
         return SectionVerdict("pulls", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Pulls not tested: {why}")
     last = _last(sums)
     size, limit = (_rms(chi_square, last.freedom) for chi_square in (last.chi_square, last.upper))
-    said = f"Pulls of the {of.built}: rms {rough(size)}, at most {rough(limit)} in 95 % of campaigns with honest "
-    said += f"tolerances (p = {p_value(last.p_value)}). {_verdict(last, of)}"
+    text = f"Pulls of the {of.built}: rms {rough(size)}, at most {rough(limit)} in 95 % of campaigns with honest "
+    text += f"tolerances (p = {p_value(last.p_value)}). {_verdict(last, of)}"
     if last.chi_square <= last.upper:
-        return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, said, size, "1", limit)
+        return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, text, size, "1", limit)
     state = RelationState.FAILS if last.p_value < _UNLIKELY else RelationState.ATTENTION
-    return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, said, size, "1", limit)
+    return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, size, "1", limit)
 
 
 def _sums(tables: Tables) -> dict[str, Any]:
@@ -199,22 +199,22 @@ def changes(tables: Tables) -> ReportSection | None:
     if "changes" not in tables:
         return None
     table = filled(tables, "changes")
-    said = change_words(tables)
-    if table is None or not said:
+    text = change_words(tables)
+    if table is None or not text:
         why = "The earlier model and this campaign have no number in common that both determine."
         return ReportSection("changes", _TITLE, why, state="not evaluated")
-    return ReportSection("changes", _TITLE, said, tuple(_figures(table)), (_listing(table),))
+    return ReportSection("changes", _TITLE, text, tuple(_figures(table)), (_listing(table),))
 
 
 def changes_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Whether numbers changed since the earlier model; None where there is none to compare with."""
-    table, said = filled(tables, "changes"), change_words(tables)
-    if table is None or not said:
+    table, text = filled(tables, "changes"), change_words(tables)
+    if table is None or not text:
         return None
     changed = float(table["changed"].sum())
     if changed:
-        return SectionVerdict("changes", RelationState.ATTENTION, ReasonCode.CHANGED, said, changed, "1")
-    return SectionVerdict("changes", RelationState.OK, ReasonCode.UNCHANGED, said, changed, "1")
+        return SectionVerdict("changes", RelationState.ATTENTION, ReasonCode.CHANGED, text, changed, "1")
+    return SectionVerdict("changes", RelationState.OK, ReasonCode.UNCHANGED, text, changed, "1")
 
 
 def change_words(tables: Tables) -> str:
@@ -227,13 +227,13 @@ def change_words(tables: Tables) -> str:
             "The earlier model is of another machine, or this one was rebuilt: nothing of what it knew was used, "
             "and this campaign stands by itself."
         )
-    judged = count(int((table["z"].notna() | table["changed"]).sum()), "number")
+    assessed = count(int((table["z"].notna() | table["changed"]).sum()), "number")
     changed = _largest_first(table[table["changed"]])
     if not len(changed):
-        return f"Since the earlier model none of {judged} changed beyond chance."
+        return f"Since the earlier model none of {assessed} changed beyond chance."
     most = "; ".join(_change(r) for r in changed.head(_NAMED).itertuples())
     more = f"; and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
-    return f"Since the earlier model {len(changed)} of {judged} changed: {most}{more}."
+    return f"Since the earlier model {len(changed)} of {assessed} changed: {most}{more}."
 
 
 def _is_another(table: pd.DataFrame) -> bool:

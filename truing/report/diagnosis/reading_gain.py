@@ -152,8 +152,8 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> list[go.Figure]:
     channels = channels_of(misses)
     kinds = [[c for c in channels if c.startswith("v") is signal] for signal in (False, True)]
     parts = [kind[k : k + _CHANNELS] for kind in kinds for k in range(0, len(kind), _CHANNELS)]
-    told = [f": {label(part[0])} to {label(part[-1])}" if len(parts) > 1 else "" for part in parts]
-    return [_in_order(misses, modelled, part, words) for part, words in zip(parts, told, strict=True)]
+    texts = [f": {label(part[0])} to {label(part[-1])}" if len(parts) > 1 else "" for part in parts]
+    return [_in_order(misses, modelled, part, words) for part, words in zip(parts, texts, strict=True)]
 
 
 def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], which: str) -> go.Figure:
@@ -213,8 +213,8 @@ def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     """Channel and load axis of what is missed most beside the noise."""
     sizes = {(c, a): _channel_misfit(_under(misses, c, a), a) for c in channels_of(misses) for a in axes_of(misses)}
     known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
-    telling = [key for key in known if sizes[key] > _TELLING]
-    return (telling if len(telling) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
+    informative = [key for key in known if sizes[key] > _TELLING]
+    return (informative if len(informative) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
 
 
 def _band(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:

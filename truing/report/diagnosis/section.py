@@ -49,11 +49,13 @@ def diagnosis(tables: Tables) -> ReportSection | None:
         return ReportSection("diagnosis", _TITLE, why[:1].upper() + why[1:])
     found = accepted_of(rows)
     rivals = [row for row in rows if row.verdict == RIVAL]
-    told = [_accepted(row, tables) for row in found]
-    told += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
+    reported = [_accepted(row, tables) for row in found]
+    reported += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
     listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
     parts = tuple(part for part in (adequacy(tables), *_parts(rows, found, tables)) if part is not None)
-    return ReportSection("diagnosis", _TITLE, counted(rows, tables), (), listings, statements=tuple(told), parts=parts)
+    return ReportSection(
+        "diagnosis", _TITLE, counted(rows, tables), (), listings, statements=tuple(reported), parts=parts
+    )
 
 
 def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[ReportSection | None]:
@@ -85,19 +87,19 @@ def _finding(row: AssessedCause, tables: Tables) -> str:
 
 def _words(rows: list[AssessedCause]) -> Listing:
     """The full sentences, as the tables hold them."""
-    told = tuple((row.name, printed(row.explanation), printed(row.then)) for row in rows)
+    reported = tuple((row.name, printed(row.explanation), printed(row.then)) for row in rows)
     heads = ("cause", "what the data say", "next measurement")
-    return Listing(heads, told, (), "In full, as diagnosis.parquet has it", True, "diagnosis.parquet")
+    return Listing(heads, reported, (), "In full, as diagnosis.parquet has it", True, "diagnosis.parquet")
 
 
 def _swallowed(tables: Tables) -> ReportSection | None:
     """Where the absorption map stands, and what it says in a sentence."""
     fitted = filled(tables, "calibration")
-    said = swallowed(absorbed_by(tables, shown_calibration(tables, fitted))) if fitted is not None else ""
-    if not said:
+    text = swallowed(absorbed_by(tables, shown_calibration(tables, fitted))) if fitted is not None else ""
+    if not text:
         return None
     see = (("knowledge", "The absorption map, under What can be known."),)
-    return ReportSection("swallowed", "What parameters swallow where it is left out", said, see=see)
+    return ReportSection("swallowed", "What parameters swallow where it is left out", text, see=see)
 
 
 def sizes(found: list[AssessedCause]) -> ReportSection:
@@ -192,9 +194,9 @@ def _parameters(row: AssessedCause) -> Listing:
 
 
 def _cells(size: ParameterSize) -> tuple[str, str, str]:
-    told = printed(size_text(size.name, size.value, size.sigma, size.unit))
+    text = printed(size_text(size.name, size.value, size.sigma, size.unit))
     number = with_uncertainty(size.number, size.sigma) if size.number is not None else _text(size.value)
-    return told, number, sign(size.unit)
+    return text, number, sign(size.unit)
 
 
 def _text(value: Any) -> str:

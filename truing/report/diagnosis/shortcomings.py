@@ -61,16 +61,16 @@ def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator
     if table is None or verdict is None or not rows:
         return
     epochs = _EPOCHS.get(Relation(rows[0].relation), _POSE) if rows[0].relation else _POSE
-    told: dict[str, str] = {}
+    reported: dict[str, str] = {}
     failed = table[table["state"] == "fails"].sort_values("p_value", kind="stable")
     if any(row.is_noise and row.verdict in (FOUND, SUSPECTED) for row in rows):  # which asks for repeats itself
         failed = failed[failed["test"] != _NOISE]
     for row in failed.itertuples():
-        told.setdefault(_decisive_measurement(row, epochs), shortcoming_words(row))
+        reported.setdefault(_decisive_measurement(row, epochs), shortcoming_words(row))
     if not (table["state"] == "fails").any() and verdict.reason_code in _OF_VERDICT:
         why, then = _OF_VERDICT[verdict.reason_code]
-        told[f"{epochs[2]} {then}"] = why
-    for words, why in list(told.items())[:_MOST]:
+        reported[f"{epochs[2]} {then}"] = why
+    for words, why in list(reported.items())[:_MOST]:
         yield why, words
 
 
@@ -94,16 +94,16 @@ def _of_cause_left(cause: str) -> str:
     known = WORDINGS.get(cause)
     if known is not None and isinstance(known.advice, str):
         return f"Next would be {cause_words(cause)}. {known.advice}"
-    said = "Measure a small campaign in which one thing changes at a time, and everything else is held."
-    return f"{said} Each effect then shows by itself."
+    text = "Measure a small campaign in which one thing changes at a time, and everything else is held."
+    return f"{text} Each effect then shows by itself."
 
 
 def _along(columns: tuple[str, ...], several: str) -> str:
     """What tells why residuals are alike where columns are alike."""
     what = columns_words(columns)
     if set(columns) <= OF_TIME:
-        said = f"Repeat five of the first {several} at the end, and measure the others in random order."
-        return f"{said} If the repeats differ, something drifts with time. If not, the error belongs to the {several}."
+        text = f"Repeat five of the first {several} at the end, and measure the others in random order."
+        return f"{text} If the repeats differ, something drifts with time. If not, the error belongs to the {several}."
     if all(_LOOKS_BACK.fullmatch(name) for name in columns):
         return (
             f"Measure five {several} twice from each side. What depends on how they were reached then shows by itself."
@@ -111,7 +111,7 @@ def _along(columns: tuple[str, ...], several: str) -> str:
     if any("temperature" in name for name in columns):
         return f"Repeat five {several} at two temperatures, each held until it is steady. All else stays as it was."
     if len(columns) > 1:
-        said = f"Repeat the five {several} with the largest errors on another day."
-        return f"{said} If they miss by the same again, measure more {several} near them: the error has a form there."
-    said = f"Measure at five values of {what}, up and down again, with all else held."
-    return f"{said} What follows {what} then shows by itself."
+        text = f"Repeat the five {several} with the largest errors on another day."
+        return f"{text} If they miss by the same again, measure more {several} near them: the error has a form there."
+    text = f"Measure at five values of {what}, up and down again, with all else held."
+    return f"{text} What follows {what} then shows by itself."

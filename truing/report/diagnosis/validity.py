@@ -24,19 +24,19 @@ _MOST = 6.0  # decimal places of odds beyond which nobody needs more
 def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
     """The sentences on what was left out block by block, and on what no block could tell of."""
     rows = [row for row in found if row.left_out_by]
-    said = [_of_blocks(row, of) for row in rows if row.left_out_gain is not None]
+    texts = [_of_blocks(row, of) for row in rows if row.left_out_gain is not None]
     if lone := [row.name for row in rows if row.left_out_by == ONE_BLOCK]:
-        said.append(
+        texts.append(
             f"No two blocks tell of {listed(lone)}: the effect shows in one series, run, day or region alone, or too "
             "little in each. Whether it holds elsewhere, only a repetition on another day tells."
         )
     if unknown := [row.name for row in rows if row.left_out_by == NONE]:
-        said.append(
+        texts.append(
             "The campaign has no three series, runs, days or regions that could be left out as a whole, and "
             f"{of.single}s drawn from among the others cannot tell whether {listed(unknown)} holds elsewhere. "
             f"{_to_measure(of)}"
         )
-    return said
+    return texts
 
 
 def _of_blocks(row: AssessedCause, of: PartNames) -> str:
@@ -46,8 +46,8 @@ def _of_blocks(row: AssessedCause, of: PartNames) -> str:
     if abs(gain) < math.log(EQUAL_ODDS):
         return f"With {parts} left out in turn, the others do not tell whether {row.name} holds there ({_odds(gain)})."
     more = "more" if gain > 0.0 else "less"
-    told = f"{row.name} makes them {more} probable ({_odds(gain)})"
-    return f"With {parts} left out in turn and predicted from the others, {told}."
+    text = f"{row.name} makes them {more} probable ({_odds(gain)})"
+    return f"With {parts} left out in turn and predicted from the others, {text}."
 
 
 def _odds(gain: float) -> str:

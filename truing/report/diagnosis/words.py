@@ -64,22 +64,22 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
         code = ReasonCode.SUSPECTED if doubted else ReasonCode.FOUND
         return _diagnosed(RelationState.ATTENTION, code, _found_words(found, tables), len(effects))
     if found:
-        said = f"{clause(found[0], tables)}; beyond that {_none(rows)}."
+        text = f"{clause(found[0], tables)}; beyond that {_none(rows)}."
         code = ReasonCode.NOTHING_FOUND if found[0].is_remainder else ReasonCode.NOISE
-        return _diagnosed(RelationState.ATTENTION, code, said)
+        return _diagnosed(RelationState.ATTENTION, code, text)
     if not _testable(rows):
-        said = f"{_upper(tested_words(rows))}: not tested, {_none(rows)}."
-        return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, said)
+        text = f"{_upper(tested_words(rows))}: not tested, {_none(rows)}."
+        return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, text)
     adequacy = before.get("adequacy")
     if adequacy is not None and adequacy.state in (RelationState.ATTENTION, RelationState.FAILS):
-        said = f"{_upper(_none(rows))}; yet what is left is not the declared noise."
-        return _diagnosed(RelationState.ATTENTION, ReasonCode.NOTHING_FOUND, said)
+        text = f"{_upper(_none(rows))}; yet what is left is not the declared noise."
+        return _diagnosed(RelationState.ATTENTION, ReasonCode.NOTHING_FOUND, text)
     return _diagnosed(RelationState.OK, ReasonCode.AGREES, _agreement(rows, tables))
 
 
-def _diagnosed(state: RelationState, code: ReasonCode, said: str, causes: int | None = None) -> SectionVerdict:
+def _diagnosed(state: RelationState, code: ReasonCode, text: str, causes: int | None = None) -> SectionVerdict:
     number = None if causes is None else float(causes)
-    return SectionVerdict("diagnosis", state, code, said, number, None if causes is None else "1")
+    return SectionVerdict("diagnosis", state, code, text, number, None if causes is None else "1")
 
 
 def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -89,12 +89,12 @@ def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Secti
         return None
     recorded = recorded_readings(tables)
     if not recorded:
-        said = "No simulation was tested: no readings were recorded that it could relate to the measured poses."
-        return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_READINGS, said)
+        text = "No simulation was tested: no readings were recorded that it could relate to the measured poses."
+        return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_READINGS, text)
     names = listed_shortly(recorded)
-    said = f"Whether the machine moves as its readings say was not tested: no [mechanism] relates {names} to the "
-    said += f"measured poses. {_bodies_words(assessed_causes(tables))}"
-    return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_MECHANISM, said)
+    text = f"Whether the machine moves as its readings say was not tested: no [mechanism] relates {names} to the "
+    text += f"measured poses. {_bodies_words(assessed_causes(tables))}"
+    return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_MECHANISM, text)
 
 
 def _bodies_words(rows: list[AssessedCause]) -> str:
@@ -108,8 +108,8 @@ def diagnosis_details(tables: Tables) -> list[Verdict]:
     found = accepted_of(rows)
     if not rows:
         return []
-    told = [*_rivals(found, rows, tables), ("warn", load_warning(rows, tables)), *_next(rows, tables)]
-    return [line for line in told if line[1]]
+    reported = [*_rivals(found, rows, tables), ("warn", load_warning(rows, tables)), *_next(rows, tables)]
+    return [line for line in reported if line[1]]
 
 
 def _found_words(found: list[AssessedCause], tables: Tables) -> str:
@@ -118,13 +118,13 @@ def _found_words(found: list[AssessedCause], tables: Tables) -> str:
     brings = gain(found, tables)
     sure = [row for row in [*effects, *noise] if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
-    said = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _more_findings(sure)] if sure else []
+    texts = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _more_findings(sure)] if sure else []
     if doubted:
         names = "; ".join(lower(clause(row, tables)) for row in doubted[:_TOLD])
-        said.append(f"Suspected, not found: {names}{_more_findings(doubted)}")
+        texts.append(f"Suspected, not found: {names}{_more_findings(doubted)}")
     modelling = "modelling it" if len(effects) == 1 else f"modelling {'both' if len(effects) == 2 else 'all of it'}"
-    told = ". ".join(said)
-    return f"{told}; {modelling} {brings}." if brings else f"{told}."
+    text = ". ".join(texts)
+    return f"{text}; {modelling} {brings}." if brings else f"{text}."
 
 
 def _more_findings(rows: list[AssessedCause]) -> str:
@@ -171,18 +171,18 @@ def _listed(clauses: list[str], several: int) -> str:
     """One clause as it is; several numbered."""
     if len(clauses) == 1:
         return clauses[0]
-    numbered = "; ".join(f"({k}) {lower(said)}" for k, said in enumerate(clauses, 1))
+    numbered = "; ".join(f"({k}) {lower(text)}" for k, text in enumerate(clauses, 1))
     return f"{_COUNTED.get(several, several)} things are wrong: {numbered}"
 
 
 def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     of = tested_words(rows)
-    said = f"{_upper(of)} agree to within the noise" if of else "What is left is noise"
-    said = f"{said}: {_none(rows)}."
+    text = f"{_upper(of)} agree to within the noise" if of else "What is left is noise"
+    text = f"{text}: {_none(rows)}."
     sizes = _hidden_sizes(filled(tables, "detectable"))
     if not sizes:
-        return said
-    return printed(f"{said} From these sizes on one would have been (80 %): {', '.join(sizes)}.")
+        return text
+    return printed(f"{text} From these sizes on one would have been (80 %): {', '.join(sizes)}.")
 
 
 def _hidden_sizes(table: pd.DataFrame | None) -> list[str]:
@@ -200,8 +200,8 @@ def _hidden_sizes(table: pd.DataFrame | None) -> list[str]:
 def _worst(own: pd.DataFrame) -> str:
     """The largest size of a cause's parameters, unit by unit: ``0.8 um/h or 0.3 arcsec/h``."""
     largest = own.loc[own.groupby("unit", sort=False, dropna=False)["size"].idxmax()]
-    told = (plain_size(str(r.parameter), float(r.size), cell(r.unit)) for r in largest.itertuples())
-    return " or ".join(dict.fromkeys(told))
+    reported = (plain_size(str(r.parameter), float(r.size), cell(r.unit)) for r in largest.itertuples())
+    return " or ".join(dict.fromkeys(reported))
 
 
 def _rivals(found: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
@@ -209,10 +209,10 @@ def _rivals(found: list[AssessedCause], rows: list[AssessedCause], tables: Table
     rivals = [row for row in rows if row.verdict == RIVAL]
     if not rivals or not found:
         return []
-    said = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
+    texts = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
     more = f", or one of {len(rivals) - _TOLD} more" if len(rivals) > _TOLD else ""
     which = "It" if len(found) == 1 else "Part of it"
-    words = f"{which} could as well be that {', or that '.join(said)}{more}: this campaign cannot tell."
+    words = f"{which} could as well be that {', or that '.join(texts)}{more}: this campaign cannot tell."
     return [("warn", words)]
 
 
@@ -232,16 +232,16 @@ def _next(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
 
 def certainty(row: AssessedCause) -> str:
     """How sure a finding is: chance, signal over noise, probability among the candidates, and what it predicts."""
-    told = []
+    reported = []
     if row.p_value is not None:
-        told.append(f"chance alone would show as much in {_share(row.p_value)} campaigns")
+        reported.append(f"chance alone would show as much in {_share(row.p_value)} campaigns")
     if row.signal_to_noise is not None:
-        told.append(f"signal-to-noise {rough(row.signal_to_noise)}")
+        reported.append(f"signal-to-noise {rough(row.signal_to_noise)}")
     if row.probability is not None and not row.is_noise:
-        told.append(f"probability among the candidates {_probability(row.probability)}")
+        reported.append(f"probability among the candidates {_probability(row.probability)}")
     if row.holds:
-        told.append(f"with plausible scales tripled the ranking {row.holds}")
-    return "; ".join(told)
+        reported.append(f"with plausible scales tripled the ranking {row.holds}")
+    return "; ".join(reported)
 
 
 def _share(p: float) -> str:
@@ -284,5 +284,5 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
 
 
 def _accepted_words(found: int, suspected: int) -> str:
-    told = [f"{found} found"] if found or not suspected else []
-    return ", ".join([*told, *([f"{suspected} suspected"] if suspected else [])])
+    texts = [f"{found} found"] if found or not suspected else []
+    return ", ".join([*texts, *([f"{suspected} suspected"] if suspected else [])])

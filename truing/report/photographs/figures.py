@@ -197,17 +197,17 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
     ``residuals``: the table image_residuals; ``cameras``: of the formats.
     """
     formats = cameras.groupby("camera", sort=False)[["width_px", "height_px"]].first()
-    told = residuals[residuals["vx_px"].notna()]
-    kept = told[~told["rejected"]]
+    reported = residuals[residuals["vx_px"].notna()]
+    kept = reported[~reported["rejected"]]
     width = float(formats["width_px"].max())
     usual = float(np.median(np.hypot(kept["vx_px"], kept["vy_px"]))) if len(kept) else 1.0
     gain = round_gain(_LENGTH * width / max(usual, 1e-9))
-    images = _shown_images(told)
+    images = _shown_images(reported)
     figure, steps = go.Figure(), []
     for camera in [name for name in formats.index if (kept["camera"] == name).any()]:
         steps.append((f"{camera}, all images: means of cells", _means(kept[kept["camera"] == camera], formats, gain)))
     for pose, image in images:
-        own = told[(told["pose"] == pose) & (told["image"] == image)]
+        own = reported[(reported["pose"] == pose) & (reported["image"] == image)]
         steps.append((f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _of_image(own, gain)))
     owner = [number for number, (_, traces) in enumerate(steps) for _ in traces]
     for number, (_, traces) in enumerate(steps):
@@ -215,7 +215,7 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
             trace.visible = number == 0
             figure.add_trace(trace)
     by = round_gain(width / 10.0)
-    total = told.groupby(["pose", "image"]).ngroups
+    total = reported.groupby(["pose", "image"]).ngroups
     more = f" The {len(images)} of {total} images with the largest residuals." if len(images) < total else ""
     style(
         figure,

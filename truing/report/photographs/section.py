@@ -64,21 +64,21 @@ def _figures(tables: Tables) -> dict[tuple[str, str], float]:
 
 
 def _lead(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, tables: Tables) -> str:
-    told = _figures(tables)
+    reported = _figures(tables)
     used = int((~residuals["rejected"]).sum())
-    said = f"{used:,} rays of {count(len(images), 'photograph')} make {count(len(points), 'object point')} in "
-    said += f"{count(points['pose'].nunique(), 'pose')}"
-    redundancy = told.get(("redundancy", ""))
-    said += f", with a redundancy of {redundancy:,.0f}." if redundancy else "."
+    text = f"{used:,} rays of {count(len(images), 'photograph')} make {count(len(points), 'object point')} in "
+    text += f"{count(points['pose'].nunique(), 'pose')}"
+    redundancy = reported.get(("redundancy", ""))
+    text += f", with a redundancy of {redundancy:,.0f}." if redundancy else "."
     sigma = points[SIGMA].to_numpy()
-    said += (
+    text += (
         f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
     )
     kept = residuals[~residuals["rejected"]]
-    said += f"{float(np.median(kept['sigma_x_px'])):.3f} px. Left out: {counted(len(residuals) - used, 'ray')}."
+    text += f"{float(np.median(kept['sigma_x_px'])):.3f} px. Left out: {counted(len(residuals) - used, 'ray')}."
     checks = filled(tables, "qa")
     scale = [] if checks is None else checks.loc[checks["check"] == "scale", "message"].tolist()
-    return " ".join([said, *scale])
+    return " ".join([text, *scale])
 
 
 def _cameras(cameras: pd.DataFrame, tables: Tables) -> Listing:
@@ -138,23 +138,23 @@ def _bars(tables: Tables) -> Iterator[Listing]:
 def _length(r: Any) -> tuple[str, str, str]:
     """A length as calibrated and as adjusted, and how far they differ."""
     # A bar that gives the scale alone differs by what numbers are rounded to.
-    told = r.deviation_sigma_mm > 1e-9 * r.length_mm
+    reported = r.deviation_sigma_mm > 1e-9 * r.length_mm
     return (
         with_uncertainty(r.length_mm, r.sigma_mm, "mm"),
         with_uncertainty(r.adjusted_mm, r.adjusted_sigma_mm, "mm"),
-        printed(handy(r.deviation_mm, r.deviation_sigma_mm, "mm")) if told else "0",
+        printed(handy(r.deviation_mm, r.deviation_sigma_mm, "mm")) if reported else "0",
     )
 
 
 def _noise(tables: Tables) -> Iterator[Listing]:
-    told = _figures(tables)
+    reported = _figures(tables)
     rows = tuple(
         (
             subject,
-            with_uncertainty(value, told.get(("noise over stated, sigma", subject))),
-            plain(told.get(("redundancy of a component", subject))),
+            with_uncertainty(value, reported.get(("noise over stated, sigma", subject))),
+            plain(reported.get(("redundancy of a component", subject))),
         )
-        for (figure, subject), value in told.items()
+        for (figure, subject), value in reported.items()
         if figure == "noise over stated"
     )
     if rows:

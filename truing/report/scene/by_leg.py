@@ -38,8 +38,8 @@ def _shifts(shifts: pd.DataFrame) -> list[tuple]:
         noise = float(np.sqrt(np.sum((shift * sigma) ** 2))) / (len(shift) * rms) if rms > 0.0 else float(sigma.max())
         most = int(np.argmax(np.abs(shift)))
         where = f"largest shift of the attachment along z, pose {own['pose'].iloc[most]}"
-        told = f"rms shift of the attachment along z over {count(len(own), 'pose')}"
-        rows.append((int(leg), told, with_uncertainty(rms, noise, "µm"), "–", "–"))
+        text = f"rms shift of the attachment along z over {count(len(own), 'pose')}"
+        rows.append((int(leg), text, with_uncertainty(rms, noise, "µm"), "–", "–"))
         rows.append((int(leg), where, with_uncertainty(float(shift[most]), float(sigma[most]), "µm"), "–", "–"))
     return rows
 

@@ -159,7 +159,7 @@ def held(scene: DrawnScene) -> dict[str, Any]:
         "legs": list(scene.legs),
         "joints": [_listed(_joints(scene, step)) for step in range(len(scene.labels))],
         "arrow": [] if scene.arrow is None else _listed(scene.arrow),
-        "said": [list(said) for said in scene.captions],
+        "said": [list(statements) for statements in scene.captions],
         "allLegs": scene.all_legs,
         "scale": round_gain(scene.extent / 10.0),
         "colours": {"chosen": RED, "other": "rgba(122,122,122,0.5)"},

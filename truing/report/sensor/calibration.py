@@ -72,18 +72,18 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     evaluated = [test for test in tests if test.holds is not None]
     if choice is None or not evaluated:
         why = tests[0].statement if tests else _why(tables)
-        said = f"Calibration not tested: {why}"
-        return SectionVerdict("calibration", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, said)
+        text = f"Calibration not tested: {why}"
+        return SectionVerdict("calibration", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     chosen = _chosen(choice)
     failed = [test for test in evaluated if not test.holds]
     if not failed:
-        said = f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}."
-        return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, said)
-    said = f"The calibration {chosen} fails a test ({failed[0].question}). {failed[0].statement}"
+        text = f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}."
+        return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, text)
+    text = f"The calibration {chosen} fails a test ({failed[0].question}). {failed[0].statement}"
     own = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
     ratio = max(filter(None, (_ratio(own, what) for what in ("heldout", "verification"))))
     state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
-    return SectionVerdict("calibration", state, ReasonCode.HELD_OUT_MISSED, said, ratio, "1", _AT_NOISE)
+    return SectionVerdict("calibration", state, ReasonCode.HELD_OUT_MISSED, text, ratio, "1", _AT_NOISE)
 
 
 def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
@@ -140,7 +140,7 @@ def _lead(tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, l
     held = own[own["figure"] == "heldout_rms"].set_index("subject")["value"]
     share = {load: 100.0 * float(held[load]) / largest[load] for load in largest if load in held}
     worst = max(share, key=lambda load: share[load])
-    said = [
+    texts = [
         f"Chosen: {chosen}. Loads that it was not fitted to it misses by {plain(min(share.values()))} to "
         f"{plain(share[worst])} % of the largest load, rms; {worst} worst, {plain(held[worst])} {LOAD_UNITS[worst]}."
     ]
@@ -148,17 +148,17 @@ def _lead(tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, l
     if len(printed) and chosen != printed["model"].iloc[0]:
         other = 100.0 * float(printed.set_index("subject")["value"][worst]) / largest[worst]
         if other > 1.5 * share[worst]:
-            said.append(f"Least squares without a zero, as the paper prints it, misses by {plain(other)} % there.")
-    said += _verified(own)
-    said += filter(None, [data_words(tables)])
+            texts.append(f"Least squares without a zero, as the paper prints it, misses by {plain(other)} % there.")
+    texts += _verified(own)
+    texts += filter(None, [data_words(tables)])
     equal = choice[(choice["figure"] == "indistinguishable") & (choice["value"] == 1.0)]["model"]
     if len(equal):
-        said.append(f"The data cannot tell {' or '.join(equal)} from it; the simpler one is taken.")
+        texts.append(f"The data cannot tell {' or '.join(equal)} from it; the simpler one is taken.")
     if (own["figure"] == "tared").any() and float(own.loc[own["figure"] == "tared", "value"].iloc[0]):
-        said.append(
+        texts.append(
             "Runs differ in their unloaded signals by more than noise: signals are counted from each run's own."
         )
-    return " ".join(said)
+    return " ".join(texts)
 
 
 def _verified(own: pd.DataFrame) -> list[str]:
@@ -207,12 +207,12 @@ def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
             continue
         held = own[own["figure"] == "heldout_rms"].set_index("subject")["value"]
         ratio = float(np.sqrt(facts["heldout_chi_square"] / facts["heldout_freedom"]))
-        said = "chosen" if model == chosen else "equal" if facts.get("indistinguishable") == 1.0 else ""
+        text = "chosen" if model == chosen else "equal" if facts.get("indistinguishable") == 1.0 else ""
         sizes = [plain(float(held[load])) for load in largest]
         rows.append(
-            (model, *sizes, plain(ratio), plain(facts.get("heldout_log_density")), plain(facts.get("parameters")), said)
+            (model, *sizes, plain(ratio), plain(facts.get("heldout_log_density")), plain(facts.get("parameters")), text)
         )
-        marks.append("pass" if said == "chosen" else "none" if said else "")
+        marks.append("pass" if text == "chosen" else "none" if text else "")
     heads = (
         "model",
         *(f"{load} ({LOAD_UNITS[load]})" for load in largest),
@@ -326,8 +326,8 @@ def _name(model: str) -> str:
 
 def error_classes(classes: pd.DataFrame) -> go.Figure:
     """The largest error of every class and axis, with what noise alone would exceed once in twenty times."""
-    told = classes.dropna(subset=["value"])
-    worst = told.assign(size=told["value"].abs()).sort_values("size").groupby(["error_class", "load"]).tail(1)
+    reported = classes.dropna(subset=["value"])
+    worst = reported.assign(size=reported["value"].abs()).sort_values("size").groupby(["error_class", "load"]).tail(1)
     order = list(dict.fromkeys(classes["error_class"]))
     names = [name for name in order if (worst["error_class"] == name).any()]
     loads = [load for load in LOADS if (worst["load"] == load).any()]

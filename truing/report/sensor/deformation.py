@@ -44,8 +44,8 @@ def deformation(tables: Tables) -> ReportSection | None:
     tests = _tests(tables)
     listings = [listing_of(tests, "Tests of the models"), by_leg_of_sensor(tables), _entries(compliance)]
     listings.append(_errors(tables["deformation_errors"]))
-    told = tuple(listing for listing in listings if listing.rows)
-    return ReportSection("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), told)
+    reported = tuple(listing for listing in listings if listing.rows)
+    return ReportSection("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), reported)
 
 
 def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -59,10 +59,10 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, tests[0].statement)
     failed = [test for test in evaluated if not test.holds]
     first = (failed or evaluated)[0]
-    said = _lead(tables, compliance)
+    text = _lead(tables, compliance)
     if failed:
-        return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, said, first.p, "1", _UNCLEAR)
-    return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, said, first.p, "1", _UNCLEAR)
+        return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, text, first.p, "1", _UNCLEAR)
+    return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, text, first.p, "1", _UNCLEAR)
 
 
 def _tests(tables: Tables) -> list[ModelTest]:
@@ -126,16 +126,16 @@ def _maps(compliance: pd.DataFrame) -> Drawn:
 
 def _lead(tables: Tables, compliance: pd.DataFrame) -> str:
     facts = _facts(tables["deformation_errors"])
-    said = []
+    texts = []
     gain = facts.get(("matrix", "p_value_over_linear"))
     if gain is not None and gain == gain:
         verb = "earns" if gain < _UNCLEAR else "does not earn"
-        said.append(f"The compliance matrix {verb} its entries over the diagonal alone (p {p_equals(gain)}).")
+        texts.append(f"The compliance matrix {verb} its entries over the diagonal alone (p {p_equals(gain)}).")
     measured = compliance[compliance["model"] == "matrix"]
     open_entries = len(CHANNELS) * len(LOADS) - len(measured)
     if open_entries:
-        said.append(f"Of 36 entries {open_entries} were never measured: they are unknown, not zero.")
-    return " ".join([*said, *_against(measured), *_asymmetry(facts)]) or "Displacement per load."
+        texts.append(f"Of 36 entries {open_entries} were never measured: they are unknown, not zero.")
+    return " ".join([*texts, *_against(measured), *_asymmetry(facts)]) or "Displacement per load."
 
 
 def _against(measured: pd.DataFrame) -> list[str]:
@@ -209,7 +209,7 @@ def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
     """Measured over simulated in every cell; colour says by how many sigmas they differ."""
     measured = {(r.response, r.load): r for r in compliance[compliance["model"] == "matrix"].itertuples()}
     drawing = {(r.response, r.load): r for r in compliance[compliance["model"] == "simulated"].itertuples()}
-    pull, text, said = np.full((6, 6), np.nan), np.full((6, 6), "", object), np.full((6, 6), "", object)
+    pull, text, sentence = np.full((6, 6), np.nan), np.full((6, 6), "", object), np.full((6, 6), "", object)
     for i, response in enumerate(CHANNELS):
         for j, load in enumerate(LOADS):
             one, two = measured.get((response, load)), drawing[response, load]
@@ -219,7 +219,7 @@ def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
                 continue
             pull[i, j] = one.pull
             text[i, j] = f"{_short(factor * one.coefficient)}<br>{_short(factor * two.coefficient)}"
-            said[i, j] = (
+            sentence[i, j] = (
                 f"measured {with_uncertainty(factor * one.coefficient, factor * one.sigma, unit)}<br>"
                 f"simulated {with_uncertainty(factor * two.coefficient, factor * two.sigma, unit)}<br>"
                 f"{one.pull:+.1f} sigma: {one.verdict}"
@@ -233,7 +233,7 @@ def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
             text=text,
             texttemplate="%{text}",
             textfont={"size": 12},
-            customdata=said,
+            customdata=sentence,
             hovertemplate="%{y}under %{x}<br>%{customdata}<extra></extra>",
             colorscale="RdBu_r",
             zmin=-_CLIPPED,

@@ -38,16 +38,16 @@ def displacement(tables: Tables) -> ReportSection | None:
 
 def _lead(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     known = cases[list(_COMPONENTS.values())].notna().to_numpy()
-    said = [
+    texts = [
         f"{count(len(residuals), 'reading')} of {count(residuals['run'].nunique(), 'run')} join to the displacement"
     ]
     whole = int(known.all(axis=1).sum())
-    said[0] += f" of the platform in {count(len(cases), 'load case')}, {whole:,} of them in all six components."
+    texts[0] += f" of the platform in {count(len(cases), 'load case')}, {whole:,} of them in all six components."
     never = [channel for channel, seen in zip(_COMPONENTS, known.any(axis=0), strict=True) if not seen]
     if never:
-        said.append(f"Never measured, and therefore unknown: {', '.join(never)}.")
-    said.append("Zeros and drifts of the runs are taken out; their uncertainty is in the covariance.")
-    return " ".join(said)
+        texts.append(f"Never measured, and therefore unknown: {', '.join(never)}.")
+    texts.append("Zeros and drifts of the runs are taken out; their uncertainty is in the covariance.")
+    return " ".join(texts)
 
 
 def _known(cases: pd.DataFrame) -> Listing | None:

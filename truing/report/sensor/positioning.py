@@ -42,8 +42,8 @@ def positioning(tables: Tables) -> ReportSection | None:
     listings = (_of_axis(axis), corrections(tables, of_axis=True), _of_targets(targets))
     shown = tuple(listing for listing in listings if listing.rows)
     drawn = tuple((deviations(own), _CAPTION) for own in _few_runs(targets))
-    said = tuple(("fail", why) for why in withheld)
-    return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, statements=said)
+    statements = tuple(("fail", why) for why in withheld)
+    return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, statements=statements)
 
 
 def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -57,7 +57,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     if not len(own):
         return None
     sigma = own["sigma"] if "sigma" in own else own["value"] * math.nan
-    told = [
+    texts = [
         f"{words} {handy(float(own.loc[name, 'value']), float(sigma[name]), str(own.loc[name, 'unit']))}"
         for name, words in _TOLD.items()
         if name in own.index
@@ -66,9 +66,9 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     withheld = len(not_stated(tables))
     also = f" Of {count(withheld, 'further run')} nothing is stated, see Positioning." if withheld else ""
     which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
-    said = printed(f"By ISO 230-2, {which}: {', '.join(told)}, each with one standard deviation.{also}")
+    text = printed(f"By ISO 230-2, {which}: {', '.join(texts)}, each with one standard deviation.{also}")
     size, unit = float(own.loc["A", "value"]), str(own.loc["A", "unit"])
-    return SectionVerdict("positioning", RelationState.OK, ReasonCode.MEASURED, said, size, unit)
+    return SectionVerdict("positioning", RelationState.OK, ReasonCode.MEASURED, text, size, unit)
 
 
 def not_stated(tables: Tables) -> list[str]:
@@ -120,7 +120,7 @@ def deviations(rows: pd.DataFrame) -> go.Figure:
 
 
 def _of_axis(rows: pd.DataFrame) -> Listing:
-    told = tuple(
+    reported = tuple(
         (
             str(r.run),
             r.figure,
@@ -130,14 +130,14 @@ def _of_axis(rows: pd.DataFrame) -> Listing:
         )
         for r in rows.itertuples()
     )
-    return Listing(("run", "symbol", "what", "value, µm", "95 %, µm"), told, held_by="positioning.parquet")
+    return Listing(("run", "symbol", "what", "value, µm", "95 %, µm"), reported, held_by="positioning.parquet")
 
 
 def _of_targets(rows: pd.DataFrame) -> Listing:
     wide = rows.pivot(index=["run", "subject"], columns="figure", values="value")
     order = rows.drop_duplicates(["run", "subject"])[["run", "subject"]]
     heads = ("mean_forward", "mean_backward", "B", "s_forward", "s_backward", "R")
-    told = tuple(
+    reported = tuple(
         (str(run), subject, *(f"{wide.loc[(run, subject), head]:.3g}" for head in heads))
         for run, subject in order.itertuples(index=False)
     )
@@ -146,4 +146,6 @@ def _of_targets(rows: pd.DataFrame) -> Listing:
         "target",
         *(f"{what}, µm" for what in ("mean forward", "mean backward", "B", "s forward", "s backward", "R")),
     )
-    return Listing(shown, told, caption="Target by target", folded=len(told) > 12, held_by="positioning.parquet")
+    return Listing(
+        shown, reported, caption="Target by target", folded=len(reported) > 12, held_by="positioning.parquet"
+    )

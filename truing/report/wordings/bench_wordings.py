@@ -311,16 +311,16 @@ def _disconnect(claim: Claim) -> str:
 def _curved(claim: Claim) -> str:
     """``signal v1 is not linear, with a quadratic part of ...``; of several terms the surest is told."""
     who = _where(claim, "")
-    said = f"{who} is not linear" if who else "the signals are not linear"
+    text = f"{who} is not linear" if who else "the signals are not linear"
     size = max(claim.sizes, key=lambda one: abs(one.number or 0.0) / (one.sigma or 1.0), default=None)
     if size is None:
-        return said
+        return text
     term, _, signal = size.name.partition("_v")
     of = f" of v{signal}" if signal else ""
     if term in ("quadratic", "cubic"):
-        return f"{said}, with a {term} part{of} of {size_in_words(size)}"
+        return f"{text}, with a {term} part{of} of {size_in_words(size)}"
     return (
-        f"{said}, by products of loads: {term.replace('_', '·')} makes {size_in_words(size)}{of} at the largest loads"
+        f"{text}, by products of loads: {term.replace('_', '·')} makes {size_in_words(size)}{of} at the largest loads"
     )
 
 

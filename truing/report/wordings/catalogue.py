@@ -135,5 +135,5 @@ def own_clause(says: str, subject: str) -> str:
 
 def confirming(claim: Claim, otherwise: str = "") -> Advice:
     """What to measure to confirm a cause; ``otherwise``: what one that is not the project's own says of it."""
-    said = WORDINGS[claim.cause].advice if claim.cause in WORDINGS else otherwise
-    return Advice(AdviceKind.CONFIRM, said if isinstance(said, str) else said(claim))
+    text = WORDINGS[claim.cause].advice if claim.cause in WORDINGS else otherwise
+    return Advice(AdviceKind.CONFIRM, text if isinstance(text, str) else text(claim))

@@ -169,12 +169,12 @@ def moves(claim: Claim) -> str:
     return "" if claim.largest_motion is None else f", by up to {rough(claim.largest_motion)} {claim.unit}"
 
 
-def with_sizes(said: str, claim: Claim) -> str:
+def with_sizes(text: str, claim: Claim) -> str:
     """A clause, and how large it is: its parameters, or where these are many, how far it moves what was measured."""
     if len(claim.sizes) > _TOLD and claim.largest_motion is not None:
-        return said + moves(claim)
+        return text + moves(claim)
     sizes = ", ".join(f"{size.name} {size_in_words(size)}" for size in claim.sizes[:_TOLD])
-    return f"{said}: {sizes}" if sizes else said
+    return f"{text}: {sizes}" if sizes else text
 
 
 def listed(names: Iterable[object]) -> str:

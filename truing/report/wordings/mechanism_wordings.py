@@ -67,12 +67,12 @@ def _deforms_with_all(claim: Claim) -> str:
 def _in_plane(claim: Claim) -> str:
     """Attachments shift across the platform's z with their own actuators."""
     where, own = subject_words(claim.subject), _verb(claim, "its own actuator", "their own actuators")
-    said = f"the platform deforms in its plane at {where or 'each leg'} with {own if where else 'its own actuator'}"
+    text = f"the platform deforms in its plane at {where or 'each leg'} with {own if where else 'its own actuator'}"
     size = largest((*claim.sizes_of("kappa_x"), *claim.sizes_of("kappa_y")))
     if size is None:
-        return said
+        return text
     _, axis, leg = size.name.split("_")
-    return f"{said}, most at leg {leg} along the platform's {axis} ({size_in_words(size)})"
+    return f"{text}, most at leg {leg} along the platform's {axis} ({size_in_words(size)})"
 
 
 def _driver(claim: Claim) -> str:
@@ -273,13 +273,13 @@ def _body_deforms(claim: Claim) -> str:
         return with_sizes(f"{_body(claim)} deforms", claim)
     if terms[0].startswith(_CAME_FROM):
         way = f"after {own_name(terms[0].removeprefix(_CAME_FROM))} went up than after it went down (hysteresis)"
-        said = f"{_body(claim)} {'stands elsewhere' if whole else 'keeps another shape'} {way}"
+        text = f"{_body(claim)} {'stands elsewhere' if whole else 'keeps another shape'} {way}"
     elif whole:
-        said = f"{_body(claim)}, which should stand still, moves as a whole with {_terms(claim)}"
+        text = f"{_body(claim)}, which should stand still, moves as a whole with {_terms(claim)}"
     else:
         or_time = ", or with time, which ran along with it" if claim.fact("with_time") else ""
-        said = f"{_body(claim)} deforms with {_terms(claim)}{or_time}"
-    return with_sizes(said, claim)
+        text = f"{_body(claim)} deforms with {_terms(claim)}{or_time}"
+    return with_sizes(text, claim)
 
 
 def _terms(claim: Claim) -> str:
@@ -292,8 +292,8 @@ def _terms(claim: Claim) -> str:
     names = ["the temperature" if column == _TEMPERATURE else own_name(column) for column in columns]
     if len(terms) == 1:
         return product_words(names * (2 if _TIMES in terms[0] and len(names) == 1 else 1))
-    said = " and ".join(names)
-    return f"{said}, not in proportion" if len(terms) > len(names) else said
+    text = " and ".join(names)
+    return f"{text}, not in proportion" if len(terms) > len(names) else text
 
 
 def _alone(claim: Claim) -> str:

@@ -55,15 +55,15 @@ def columns_words(columns: tuple[str, ...]) -> str:
     others = [_COLUMNS.get(c, c) for c in loads if not re.fullmatch(_DRIVE, c)]
     if len(drives) > 2:
         return " and ".join(["the actuators", *others])
-    told = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []
-    return " and ".join([*told, *others])
+    texts = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []
+    return " and ".join([*texts, *others])
 
 
 def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
     """What the model without causes misses and what predicts it, without a full stop."""
     whose = f" of {subject_words(subject)}" if subject else ""
-    said = f"What the model without causes misses{whose} follows {columns_words(columns)}"
-    return f"{said}, {'' if subject else 'up to '}{100.0 * share:.0f} % of it"
+    text = f"What the model without causes misses{whose} follows {columns_words(columns)}"
+    return f"{text}, {'' if subject else 'up to '}{100.0 * share:.0f} % of it"
 
 
 def remainder_advice(columns: tuple[str, ...]) -> str:
@@ -111,21 +111,21 @@ def _followed_words(claim: Claim) -> str:
         return columns_words(claim.follows) or "none of the recorded columns"
     rows = "steps" if claim.fact("channel") else "rows" if claim.fact("element") else ""
     of_steps = {"order": f"the order of the {rows}"} if rows else {}
-    said = [of_steps.get(column) or _column_words(column) for column in columns]
-    first, half = said[0], claim.fact("half_ranges")[0]
+    texts = [of_steps.get(column) or _column_words(column) for column in columns]
+    first, half = texts[0], claim.fact("half_ranges")[0]
     size = f"{half:.4g} {_LOADS.get(columns[0], 's')}"
     forms = {
         "all drives": "the displacements of all actuators",
         "period": f"{first}, to and fro with a period of {size}",
         "beyond": f"{first}, by a jump beyond {size}",
         "rest": f"{first} since the last long pause of a run, fading with some {half:.0f} s",
-        "loop": f"{first} and {said[-1]}",
+        "loop": f"{first} and {texts[-1]}",
         "stretch": f"{first}, by a constant over {2.0 * half:.4g} s",
-        "gain": f"{first}, with a factor that follows {said[-1]}",
+        "gain": f"{first}, with a factor that follows {texts[-1]}",
     }
     if claim.fact("form") == "memory":
         return f"{first} of steps before"
-    return forms.get(claim.fact("form")) or product_words(said)
+    return forms.get(claim.fact("form")) or product_words(texts)
 
 
 _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", "my_nm", "mz_nm"), "N m")

@@ -64,13 +64,13 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
         for (before, now), tables in zip(pairwise(runs), pairwise(numbers), strict=True)
     )
     parts = [_first(numbers[0])]
-    for own, before, judged in zip(numbers[1:], numbers, steps, strict=False):
-        parts.append(_joined(own, before, [step.rows for step in judged if len(step.rows)]))
-    told = [
+    for own, before, assessed in zip(numbers[1:], numbers, steps, strict=False):
+        parts.append(_joined(own, before, [step.rows for step in assessed if len(step.rows)]))
+    reported = [
         part.assign(place=place, folder=str(run.folder), campaign=run.campaign)
         for place, (part, run) in enumerate(zip(parts, runs, strict=True), start=1)
     ]
-    return SideBySide(pd.concat(told, ignore_index=True).reindex(columns=ARTIFACTS["compared"].columns), steps)
+    return SideBySide(pd.concat(reported, ignore_index=True).reindex(columns=ARTIFACTS["compared"].columns), steps)
 
 
 def compared_table(found: SideBySide) -> pa.Table:
@@ -162,13 +162,13 @@ def _first(numbers: pd.DataFrame) -> pd.DataFrame:
     return numbers.assign(changed=False)
 
 
-def _joined(own: pd.DataFrame, before: pd.DataFrame, judged: list[pd.DataFrame]) -> pd.DataFrame:
+def _joined(own: pd.DataFrame, before: pd.DataFrame, assessed: list[pd.DataFrame]) -> pd.DataFrame:
     """Return the numbers of a run with what was judged of them against the run before."""
     on = [*NAMES, _NTH]
     table = _numbered(own).merge(_numbered(before)[[*on, "value"]], on=on, how="left", suffixes=("", "_before"))
     table["difference"] = table["value"] - table.pop("value_before")
-    if judged:
-        rows = pd.concat([one.astype(dict.fromkeys(NAMES, object)) for one in judged], ignore_index=True)
+    if assessed:
+        rows = pd.concat([one.astype(dict.fromkeys(NAMES, object)) for one in assessed], ignore_index=True)
         table = table.merge(_numbered(rows), on=on, how="left")
     table = table.reindex(columns=[*dict.fromkeys([*table.columns, "z", "changed", "reason"])])
     table["changed"] = table["changed"].eq(True)

@@ -71,8 +71,8 @@ def beyond_chance(z: NDArray) -> NDArray:
     """
     from scipy.special import ndtr
 
-    judged = np.isfinite(z)
-    return judged & (2.0 * ndtr(-np.abs(np.where(judged, z, 0.0))) * max(int(judged.sum()), 1) < LEVEL)
+    assessed = np.isfinite(z)
+    return assessed & (2.0 * ndtr(-np.abs(np.where(assessed, z, 0.0))) * max(int(assessed.sum()), 1) < LEVEL)
 
 
 def mechanism_numbers(found: ExtendedModel) -> pd.DataFrame:
@@ -111,21 +111,21 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     """
     if stated := _stated_otherwise(before.model, now.model):
         return not_assessed(stated)
-    own_keys, lasting = ({c.key for c in one.model.causes if c.is_persistent} for one in (now, before))
-    common = tuple(c for c in before.model.causes if c.key in own_keys & lasting)
-    earlier = mechanism_prior(before, _surveyed(now), common)
-    then_at, now_at = (earlier.places(one.model) for one in (before, now))
-    apart = earlier.frames + sum(
+    own_keys, persistent = ({c.key for c in one.model.causes if c.is_persistent} for one in (now, before))
+    common = tuple(c for c in before.model.causes if c.key in own_keys & persistent)
+    prior = mechanism_prior(before, _surveyed(now), common)
+    then_at, now_at = (prior.places(one.model) for one in (before, now))
+    apart = prior.frames + sum(
         shift_without_effects(one.shared, one.covariance, own, _of_others(one.model, common))
         for one, own in ((before, then_at), (now, now_at))
     )
     value, covariance = now.shared[now_at], now.covariance[np.ix_(now_at, now_at)]
-    found = compare(earlier.mean, earlier.covariance, value, covariance, earlier.shared, apart)
-    told = reported_numbers(earlier, now.model, now.shared, now.covariance)
-    columns = {**told.columns, **figures(earlier, told, found, value, covariance, LEVEL)}
+    found = compare(prior.mean, prior.covariance, value, covariance, prior.shared, apart)
+    reported = reported_numbers(prior, now.model, now.shared, now.covariance)
+    columns = {**reported.columns, **figures(prior, reported, found, value, covariance, LEVEL)}
     if len(found.observable) == 0:
         return not_assessed("neither campaign tells more of the machine than its tolerances")
-    known = _known(told, earlier.covariance, np.linalg.inv(earlier.shared)) & ~np.isnan(columns["z"])
+    known = _known(reported, prior.covariance, np.linalg.inv(prior.shared)) & ~np.isnan(columns["z"])
     return _step(columns, known)
 
 
@@ -137,13 +137,13 @@ def _step(columns: dict[str, Any], known: NDArray) -> RunStep:
     rows["z"] = rows["z"].where(known)
     if rebuilt:
         rows["changed"] = beyond_chance(rows["z"].to_numpy(float))
-    rows["reason"] = [None if told else "not identifiable" for told in known]
+    rows["reason"] = [None if reported else "not identifiable" for reported in known]
     return RunStep(rows.drop(columns=["before", "sigma_before", "now", "sigma_now", "unit"]), rebuilt=rebuilt)
 
 
-def _known(told: ReportedNumbers, covariance: NDArray, prior: NDArray) -> NDArray:
+def _known(reported: ReportedNumbers, covariance: NDArray, prior: NDArray) -> NDArray:
     """Return which rows (R,) an estimate tells more of than what was known before."""
-    by = told.by_numbers
+    by = reported.by_numbers
     return np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * np.diag(by @ prior @ by.T)
 
 
@@ -235,7 +235,7 @@ def _each(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArra
         "change": np.where(changed, difference, np.nan),
         "sigma_change": np.where(changed, spread, np.nan),
         "instead": None,
-        "reason": [None if told else "not identifiable" for told in known],
+        "reason": [None if reported else "not identifiable" for reported in known],
     }
     return RunStep(pd.DataFrame(names, columns=NAMES).assign(**columns))
 

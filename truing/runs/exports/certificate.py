@@ -104,8 +104,8 @@ def optional(parent: Element, name: str, value: str | None) -> None:
 
 def rounded(value: float, uncertainty: float) -> tuple[str, str]:
     """An estimate and its expanded uncertainty of two significant digits, both to the same place (GUM 7.2.6)."""
-    told = Decimal(f"{uncertainty:.1e}")
-    return str(Decimal(repr(value)).quantize(told)), str(told)
+    reported = Decimal(f"{uncertainty:.1e}")
+    return str(Decimal(repr(value)).quantize(reported)), str(reported)
 
 
 def words(values: Iterable[str]) -> str:
@@ -191,8 +191,8 @@ def qualified(run: Run) -> _Qualified:
     if strange:
         good = good[~good["unit"].fillna("1").isin(strange)]
         left_out.append(f"Results in units that the SI has no name for: {', '.join(strange)}.")
-    told = parts[(parts["evaluation"] == "not evaluated") & parts["result"].isin(good["result"])]
-    omitted = [f"{row.result}: {row.input_source} ({row.reason})." for row in told.itertuples()]
+    reported = parts[(parts["evaluation"] == "not evaluated") & parts["result"].isin(good["result"])]
+    omitted = [f"{row.result}: {row.input_source} ({row.reason})." for row in reported.itertuples()]
     return _Qualified(good, tuple(left_out), tuple(dict.fromkeys(omitted)))
 
 
@@ -215,50 +215,50 @@ def temperature(run: Run) -> tuple[float, float] | None:
     return None
 
 
-def certificate(run: Run, told: Certificate) -> Iterator[tuple[str, bytes]]:
-    """Yield the certificate of a run; ``told`` has to have all keys that a certificate needs."""
+def certificate(run: Run, document: Certificate) -> Iterator[tuple[str, bytes]]:
+    """Yield the certificate of a run; ``document`` has to have all keys that a certificate needs."""
     found = qualified(run)
     root = Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": _VERSION})
     root.set(f"{{{_INSTANCE}}}schemaLocation", f"{DCC} {DCC}/v{_VERSION}/dcc.xsd")
-    _administration(dcc(root, "administrativeData"), run, told, found)
+    _administration(dcc(root, "administrativeData"), run, document, found)
     results = dcc(root, "measurementResults")
 
     def circumstances(result: Element) -> None:
         """What belongs to every result: PTB's rules look for it there."""
         _software(dcc(result, "usedSoftware"), run)
-        if told.equipment:
+        if document.equipment:
             equipment = dcc(result, "measuringEquipments")
-            for one in told.equipment:
+            for one in document.equipment:
                 _item(dcc(equipment, "measuringEquipment"), one)
-        _conditions(result, run, told)
+        _conditions(result, run, document)
 
-    _add_results(results, found.results, told.methods, circumstances)
+    _add_results(results, found.results, document.methods, circumstances)
     indent(root)
     yield FILE, tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
-def _administration(parent: Element, run: Run, told: Certificate, found: _Qualified) -> None:
+def _administration(parent: Element, run: Run, document: Certificate, found: _Qualified) -> None:
     _software(dcc(parent, "dccSoftware"), run)
-    _core(dcc(parent, "coreData"), told)
-    _item(dcc(dcc(parent, "items"), "item"), told.item)
+    _core(dcc(parent, "coreData"), document)
+    _item(dcc(dcc(parent, "items"), "item"), document.item)
     laboratory = dcc(parent, "calibrationLaboratory")
-    optional(laboratory, "calibrationLaboratoryCode", told.laboratory_code)
-    _contact(dcc(laboratory, "contact"), told.laboratory)
+    optional(laboratory, "calibrationLaboratoryCode", document.laboratory_code)
+    _contact(dcc(laboratory, "contact"), document.laboratory)
     persons = dcc(parent, "respPersons")
-    for place, person in enumerate(told.persons):
+    for place, person in enumerate(document.persons):
         entry = dcc(persons, "respPerson")
         text(dcc(entry, "person"), "name", str(person.name))
         optional(entry, "role", person.role)
         dcc(entry, "mainSigner", "false" if place else "true")
-    _contact(dcc(parent, "customer"), told.customer)
+    _contact(dcc(parent, "customer"), document.customer)
     statements = dcc(parent, "statements")
     _statement(statements, "Uncertainty", statement(found.results))
     if found.omitted:
         _statement(statements, "Not in the uncertainty", *found.omitted)
     if found.left_out:
         _statement(statements, "Not certified", *found.left_out)
-    if told.traceability:
-        _statement(statements, "Traceability", told.traceability)
+    if document.traceability:
+        _statement(statements, "Traceability", document.traceability)
 
 
 def _software(parent: Element, run: Run) -> None:
@@ -270,18 +270,18 @@ def _software(parent: Element, run: Run) -> None:
         dcc(software, "type", "application")
 
 
-def _core(parent: Element, told: Certificate) -> None:
-    dcc(parent, "countryCodeISO3166_1", told.country)
+def _core(parent: Element, document: Certificate) -> None:
+    dcc(parent, "countryCodeISO3166_1", document.country)
     for name in ("usedLangCodeISO639_1", "mandatoryLangCodeISO639_1"):
         dcc(parent, name, _LANGUAGE)
-    dcc(parent, "uniqueIdentifier", told.number)
-    if told.order is not None:
-        _identification(dcc(dcc(parent, "identifications"), "identification"), "customer", told.order, "order")
-    optional(parent, "receiptDate", None if told.received is None else told.received.isoformat())
-    dcc(parent, "beginPerformanceDate", str(told.begin))
-    dcc(parent, "endPerformanceDate", str(told.end))
-    dcc(parent, "performanceLocation", told.location)
-    optional(parent, "issueDate", None if told.issued is None else told.issued.isoformat())
+    dcc(parent, "uniqueIdentifier", document.number)
+    if document.order is not None:
+        _identification(dcc(dcc(parent, "identifications"), "identification"), "customer", document.order, "order")
+    optional(parent, "receiptDate", None if document.received is None else document.received.isoformat())
+    dcc(parent, "beginPerformanceDate", str(document.begin))
+    dcc(parent, "endPerformanceDate", str(document.end))
+    dcc(parent, "performanceLocation", document.location)
+    optional(parent, "issueDate", None if document.issued is None else document.issued.isoformat())
 
 
 def _item(parent: Element, item: Item) -> None:
@@ -309,13 +309,13 @@ def _contact(parent: Element, contact: Contact) -> None:
         optional(location, name, value)
 
 
-def _conditions(parent: Element, run: Run, told: Certificate) -> None:
+def _conditions(parent: Element, run: Run, document: Certificate) -> None:
     """The temperature of the item: as recorded, else as [certificate] tells it; even between its ends."""
     recorded = temperature(run)
     if recorded is not None:
         low, high, how = *recorded, "As recorded during the measurement."
     else:
-        middle, half = told.temperature_c or 0.0, told.temperature_within_c or 0.0
+        middle, half = document.temperature_c or 0.0, document.temperature_within_c or 0.0
         low, high, how = middle - half, middle + half, "As told by the laboratory."
     condition = dcc(dcc(parent, "influenceConditions"), "influenceCondition")
     text(condition, "name", "Temperature")
@@ -391,10 +391,10 @@ def _method(parent: Element, name: str, norm: str | None = None) -> None:
 def _quantity(parent: Element, name: str, rows: pd.DataFrame) -> None:
     quantity = dcc(parent, "quantity")
     text(quantity, "name", name)
-    told = [_number(row) for row in rows.itertuples()]
+    reported = [_number(row) for row in rows.itertuples()]
     unit = _unit(rows["unit"].iloc[0])[1]
     alike = [one_word(str(subject).rpartition(", ")[2]) for subject in rows["subject"]]
-    _numbers(quantity, [one_word(name)] if len(rows) < _ALIKE else alike, unit, told)
+    _numbers(quantity, [one_word(name)] if len(rows) < _ALIKE else alike, unit, reported)
 
 
 def _unit(unit: Any) -> tuple[float, str]:
@@ -411,10 +411,10 @@ def _number(row: Any) -> tuple[str, str, str, str]:
     return value, uncertainty, f"{row.coverage_factor:.2f}", "drawn" if row.result == "positioning" else law
 
 
-def _numbers(parent: Element, labels: list[str], unit: str, told: list[tuple[str, str, str, str]]) -> None:
+def _numbers(parent: Element, labels: list[str], unit: str, reported: list[tuple[str, str, str, str]]) -> None:
     """One number with its uncertainty, or several as the list that D-SI has for them."""
-    many = "XMLList" if len(told) >= _ALIKE else ""
-    values, uncertainties, factors, laws = (words(column) for column in zip(*told, strict=True))
+    many = "XMLList" if len(reported) >= _ALIKE else ""
+    values, uncertainties, factors, laws = (words(column) for column in zip(*reported, strict=True))
     real = si(parent, f"realList{many}" if many else "real")
     for tag, content in (("label", words(labels)), ("value", values), ("unit", unit)):
         si(real, f"{tag}{many}", content)

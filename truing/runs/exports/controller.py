@@ -61,7 +61,7 @@ def _text(document: dict[str, Any]) -> Iterator[str]:
             f"subject = {toml_value(effect['subject'])}",
         )
         yield "[effects.parameters]"
-        yield from (f"{toml_key(name)} = {toml_value(told)}" for name, told in effect["parameters"].items())
+        yield from (f"{toml_key(name)} = {toml_value(reported)}" for name, reported in effect["parameters"].items())
 
 
 def _leg_numbers(document: dict[str, Any]) -> Iterator[_Number]:
@@ -77,10 +77,10 @@ def _leg_numbers(document: dict[str, Any]) -> Iterator[_Number]:
 
 
 def _compliance(document: dict[str, Any]) -> Iterator[_Number]:
-    told = document.get("compliance")
-    if told is None:
+    reported = document.get("compliance")
+    if reported is None:
         return
-    for channel, values, sigmas in zip(CHANNELS, told["identified"], told["sigma"], strict=True):
+    for channel, values, sigmas in zip(CHANNELS, reported["identified"], reported["sigma"], strict=True):
         for load, value, sigma in zip(LOADS, values, sigmas, strict=True):
             unit = f"{'m' if channel[0] == 'd' else 'rad'}/{'N' if load[0] == 'f' else '(N m)'}"
             yield "compliance", f"{channel} {load}", value, sigma, unit
@@ -89,9 +89,9 @@ def _compliance(document: dict[str, Any]) -> Iterator[_Number]:
 def _effects(document: dict[str, Any]) -> Iterator[_Number]:
     for effect in document.get("effects", ()):
         of = f"{effect['cause']} {effect['subject']}".strip()
-        for name, told in effect["parameters"].items():
-            if not isinstance(told["value"], str):
-                yield of, name, told["value"], told.get("sigma"), told["unit"]
+        for name, reported in effect["parameters"].items():
+            if not isinstance(reported["value"], str):
+                yield of, name, reported["value"], reported.get("sigma"), reported["unit"]
 
 
 def _matrix(run: Run) -> list[_Number]:

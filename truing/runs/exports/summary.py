@@ -17,7 +17,7 @@ _AS_THEY_ARE = ("diagnosis_choices", "calibrations_compared", "second_campaign_e
 
 def summary(run: Run) -> Iterator[tuple[str, bytes]]:
     """Yield the summary; what a run did not evaluate is absent, and numbers that are none are null."""
-    told = {
+    reported = {
         "format": _FORMAT,
         "campaign": run.campaign,
         "software_versions": sorted({run.origin(name)["software_version"] for name in run}),
@@ -31,7 +31,7 @@ def summary(run: Run) -> Iterator[tuple[str, bytes]]:
         **_uncertainty(run),
         "artifacts": {name: _artifact(run, name) for name in run},
     }
-    yield "summary.json", (json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    yield "summary.json", (json.dumps(reported, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def _artifact(run: Run, name: str) -> dict[str, Any]:
@@ -44,12 +44,15 @@ def _quality(run: Run) -> dict[str, Any]:
     if "qa" not in run:
         return {}
     checks = run["qa"]
-    told = checks[checks["verdict"].isin(["warn", "fail"])]
+    reported = checks[checks["verdict"].isin(["warn", "fail"])]
     accepted = checks["accepted"].notna() if "accepted" in checks else checks["verdict"].isna()
     failed = checks[checks["verdict"].eq("fail") & ~accepted]
     counts = checks["verdict"].value_counts().sort_index().to_dict()
     belonging = {"belonging": _rows(run["belonging"])} if "belonging" in run else {}
-    return {"qa": {"verdicts": counts, "told": _rows(told), "failed": _rows(failed[["check", "subject"]])}, **belonging}
+    return {
+        "qa": {"verdicts": counts, "told": _rows(reported), "failed": _rows(failed[["check", "subject"]])},
+        **belonging,
+    }
 
 
 def _causes(run: Run) -> dict[str, Any]:
@@ -71,25 +74,25 @@ def _calibration(run: Run) -> dict[str, Any]:
 
 
 def _sensor(run: Run) -> dict[str, Any]:
-    told = {}
+    reported = {}
     if "sensor_matrix" in run:
         matrix = run["sensor_matrix"]
-        told["sensor_matrix"] = _rows(matrix[matrix["chosen"]])
+        reported["sensor_matrix"] = _rows(matrix[matrix["chosen"]])
     if "error_classes" in run:
-        told["error_classes"] = _rows(run["error_classes"])
-    return told
+        reported["error_classes"] = _rows(run["error_classes"])
+    return reported
 
 
 def _uncertainty(run: Run) -> dict[str, Any]:
     """Return every result with its expanded uncertainty, or why none is stated, and what no budget holds."""
     if "uncertainty" not in run:
         return {}
-    told: dict[str, Any] = {"uncertainty": _rows(run["uncertainty"])}
+    reported: dict[str, Any] = {"uncertainty": _rows(run["uncertainty"])}
     if "uncertainty_budget" in run:
         parts = run["uncertainty_budget"]
         left = parts[parts["evaluation"] == "not evaluated"]
-        told["not_in_budget"] = _rows(left[["result", "input_source", "reason"]])
-    return told
+        reported["not_in_budget"] = _rows(left[["result", "input_source", "reason"]])
+    return reported
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:

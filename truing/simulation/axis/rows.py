@@ -112,15 +112,15 @@ def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray,
     command are as the row before.
     """
     direction, travel = np.ones(len(command)), np.zeros(len(command))
-    way, standing, turn = 1.0, np.nan, np.nan
+    way, current, turn = 1.0, np.nan, np.nan
     for row in np.argsort(order, kind="stable"):
-        step = command[row] - standing
+        step = command[row] - current
         if np.isfinite(step) and abs(step) > least:
             if np.sign(step) != way:
-                turn = standing
+                turn = current
             way = float(np.sign(step))
         if np.isfinite(command[row]) and not abs(step) <= least:
-            standing = command[row]
-            turn = turn if np.isfinite(turn) else standing
-        direction[row], travel[row] = way, abs(np.nan_to_num(standing - turn))
+            current = command[row]
+            turn = turn if np.isfinite(turn) else current
+        direction[row], travel[row] = way, abs(np.nan_to_num(current - turn))
     return direction, travel

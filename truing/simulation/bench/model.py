@@ -235,10 +235,10 @@ class BenchModel(ChannelModel[ReadingCause]):
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return readings and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
-        passage = self._forward_pass(shared, local)
-        points = self._with_zeros(passage.state.readings, shared)[..., None]
-        slopes = self._by_shared(shared, passage)[:, :, None] if by_shared else None
-        return self._prediction(shared, points, slopes, passage.from_wrench(self._load_errors)[:, :, None])
+        forward_pass = self._forward_pass(shared, local)
+        points = self._with_zeros(forward_pass.state.readings, shared)[..., None]
+        slopes = self._by_shared(shared, forward_pass)[:, :, None] if by_shared else None
+        return self._prediction(shared, points, slopes, forward_pass.from_wrench(self._load_errors)[:, :, None])
 
     def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[ReadingCause, NDArray], NDArray]:
         return self._forward_pass(shared, local).of_cause
@@ -303,42 +303,44 @@ class BenchModel(ChannelModel[ReadingCause]):
         seen = optics.rows_at(unknowns), optics.grown(self.steps, unknowns)
         return passed(self.steps, wrench, response.compliance, rows, seen, self.effects(shared))
 
-    def _by_shared(self, shared: NDArray, passage: BenchForwardPass) -> NDArray:
+    def _by_shared(self, shared: NDArray, forward_pass: BenchForwardPass) -> NDArray:
         """Return the readings' derivatives (B, K, G) by the shared unknowns."""
-        slopes = np.zeros((*passage.state.readings.shape, self.shared_size))
+        slopes = np.zeros((*forward_pass.state.readings.shape, self.shared_size))
         index = self._zero_of
         step, channel = np.nonzero(index >= 0)
         slopes[step, channel, self.layout["zero"].start + index[step, channel]] = self.known.zeros.sigma[
             index[step, channel]
         ]
-        sensor, wrench = self.known.sensor, passage.after[Step.DRIVE].wrench
+        sensor, wrench = self.known.sensor, forward_pass.after[Step.DRIVE].wrench
         by_stiffness = sensor.by_stiffness(shared[self.layout["stiffness"]])
         for name, response in (("geometry", sensor.by_geometry), ("stiffness", by_stiffness)):
             if len(response.compliance):
-                slopes[..., self.layout[name]] = self._by_response(response, shared, wrench, passage)
+                slopes[..., self.layout[name]] = self._by_response(response, shared, wrench, forward_pass)
         for name, by_wrench in self._by_signals(shared).items():
             signals = np.einsum("sjn,bj->bsn", by_wrench, wrench)
             motion = np.zeros((len(wrench), _AXES, signals.shape[-1]))
-            slopes[..., self.layout[name]] = passage.from_readings(np.concatenate([motion, signals], 1))
+            slopes[..., self.layout[name]] = forward_pass.from_readings(np.concatenate([motion, signals], 1))
         if self.known.optics.size:
-            motion = passage.after[Step.STRUCTURE].deflection.sum(-1)
+            motion = forward_pass.after[Step.STRUCTURE].deflection.sum(-1)
             seen = self.known.optics.slopes(self.steps, motion)
             still = np.zeros((len(wrench), self.known.signals, self.known.optics.size))
-            slopes[..., self.layout["optics"]] = passage.from_readings(np.concatenate([seen, still], 1))
-        self._fill_effects(slopes, shared, passage.of_cause)
+            slopes[..., self.layout["optics"]] = forward_pass.from_readings(np.concatenate([seen, still], 1))
+        self._fill_effects(slopes, shared, forward_pass.of_cause)
         return slopes
 
-    def _by_response(self, response: Response, shared: NDArray, wrench: NDArray, passage: BenchForwardPass) -> NDArray:
+    def _by_response(
+        self, response: Response, shared: NDArray, wrench: NDArray, forward_pass: BenchForwardPass
+    ) -> NDArray:
         """Return the readings' derivatives (B, K, n) by what changes the sensor's response."""
         signals = np.zeros((len(wrench), self.known.signals, len(response.compliance)))
         if self.known.signals and self.known.gains.are_of_legs:
             rows = self._gains(shared)[:, None] * self._mixed(response.forces, shared)
             signals = np.einsum("nsj,bj->bsn", rows, wrench)
-        if not passage.subsequent_effects(None, Step.STRUCTURE):
+        if not forward_pass.subsequent_effects(None, Step.STRUCTURE):
             motion = np.moveaxis(wrench @ np.swapaxes(response.compliance, -1, -2), 0, -1)
-            return passage.from_motion(motion, signals)
+            return forward_pass.from_motion(motion, signals)
         deflection = np.moveaxis(response.compliance, 0, -1) * wrench[:, None, :, None]
-        return passage.from_deflection(deflection, signals)
+        return forward_pass.from_deflection(deflection, signals)
 
     def _by_signals(self, shared: NDArray) -> dict[str, NDArray]:
         """Return how the signals' rows follow gains and what lies between the models of leg forces: (S, 6, n) each."""

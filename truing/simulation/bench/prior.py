@@ -52,16 +52,16 @@ class SensorPrior(CampaignPrior[ReadingCause]):
         """Return the numbers (n,): unknowns, of which the told combinations are those that the compliance tells."""
         sensor, geometry, stiffness = _parted(model, shared)
         own = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
-        told = self.start + self.back @ (sensor.at(geometry, stiffness).compliance.ravel() - self.compliance)
+        reported = self.start + self.back @ (sensor.at(geometry, stiffness).compliance.ravel() - self.compliance)
         others = super().values(model, shared)[len(own) :]
-        return np.concatenate([own + self.along.T @ (told - self.along @ own), others])
+        return np.concatenate([own + self.along.T @ (reported - self.along @ own), others])
 
     def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return how the numbers follow their own unknowns (n, n)."""
         sensor, _, stiffness = _parted(model, shared)
         own = np.diag(self._ratio(sensor))
-        told = self.back @ _by_unknowns(sensor, stiffness)
-        own = own + self.along.T @ (told - self.along @ own)
+        reported = self.back @ _by_unknowns(sensor, stiffness)
+        own = own + self.along.T @ (reported - self.along @ own)
         return block_diagonal(own, super().slopes(model, shared)[len(own) :, len(own) :])
 
     def _ratio(self, sensor: UncertainSensor) -> NDArray:
@@ -85,9 +85,9 @@ def sensor_prior(found: ExtendedSensor, model: BenchModel) -> SensorPrior:
     sigmas = [model.effect_sigma(cause) for cause in causes]
     places = found.places(causes)
     turn = block_diagonal(back, *(np.diag(1.0 / sigma) for sigma in sigmas))
-    told = np.linalg.inv(turn @ found.covariance[np.ix_(places, places)] @ turn.T)
-    spread = block_diagonal(along, np.eye(len(told) - len(along)))
-    information = clipped(spread.T @ clipped(told - np.eye(len(told))) @ spread)
+    precision = np.linalg.inv(turn @ found.covariance[np.ix_(places, places)] @ turn.T)
+    spread = block_diagonal(along, np.eye(len(precision) - len(along)))
+    information = clipped(spread.T @ clipped(precision - np.eye(len(precision))) @ spread)
     values = [effect.values / model.effect_sigma(effect.cause) for effect in found.effects if effect.cause in causes]
     mean, identity = np.concatenate([along.T @ (along @ start), *values]), np.eye(len(information))
     behind = {"along": along, "back": back, "compliance": found.compliance.ravel(), "start": along @ start}

@@ -90,8 +90,8 @@ def measured_body(
     shape (k, 3), m, with its covariance (k, 3, 3) where it was surveyed; order (B,) rank of the poses in time; noise of
     a coordinate, m, where points carry none.
     """
-    judged = select_points(residuals, points, shape, order)
-    right, trusted = _put_right(points, residuals, judged)
+    assessed = select_points(residuals, points, shape, order)
+    right, trusted = _put_right(points, residuals, assessed)
     fit = umeyama(shape, right, trusted.astype(float))
     if fit.ok.sum() < _FEWEST_POSES:
         return None
@@ -108,12 +108,12 @@ def measured_body(
     places = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
     sigma = float(np.sqrt(np.median(np.trace(cov[known], axis1=-2, axis2=-1)) / 3))
     loose = _loose_corners(name, points.targets, shape, trusted)
-    seen = judged.kept & known & (trusted | ~lonely_places(places, known, order, sigma, loose))
+    seen = assessed.kept & known & (trusted | ~lonely_places(places, known, order, sigma, loose))
     changes = changes_of_place(places, seen, order, sigma, loose)
     seen &= ~stray_places(places, seen, order, sigma, changes, loose)
     moved = moved_for_certain(name, points, shape, order, changes)
     ok = fit.ok & (seen.sum(1) >= FEWEST_TARGETS)
-    swapped = tuple(swapped_targets(name, points.targets, points.poses, order, judged.exchanges))
+    swapped = tuple(swapped_targets(name, points.targets, points.poses, order, assessed.exchanges))
     certain: tuple[TargetsSwapped | TargetMoved, ...] = (*swapped, *moved)
     is_surveyed = shape_cov is not None
     return BodyTargets(name, points.targets, shape, sits, is_surveyed, points.points, cov, seen, R, t, ok, certain)
@@ -147,11 +147,11 @@ def moved_for_certain(
     return (*found, *single)
 
 
-def _put_right(points: PosePoints, residuals: PointResiduals, judged: PointSelection) -> tuple[Array, Mask]:
+def _put_right(points: PosePoints, residuals: PointResiduals, assessed: PointSelection) -> tuple[Array, Mask]:
     """Points (B, k, 3) under their right labels, and which of them (B, k) tell where the body is."""
     right = points.points.copy()
     trusted = points.seen & residuals.fitted
-    for one in judged.exchanges:
+    for one in assessed.exchanges:
         right[one.pose, [one.first, one.second]] = points.points[one.pose, [one.second, one.first]]
         few = trusted[one.pose].sum() < FEWEST_TARGETS
         trusted[one.pose] |= points.seen[one.pose] if few else False
@@ -193,11 +193,11 @@ class MeasuredBodies:
     lead: int
 
     @classmethod
-    def led(cls, bodies: list[BodyTargets], stands: list[BodyPlaces], reference: str | None) -> MeasuredBodies:
+    def led(cls, bodies: list[BodyTargets], places: list[BodyPlaces], reference: str | None) -> MeasuredBodies:
         """Return bodies led by the reference, else by the one determined most often; by none where one stands still."""
         names = [body.name for body in bodies]
         lead = names.index(reference) if reference in names else int(np.argmax([body.ok.sum() for body in bodies]))
-        return cls(bodies, stands, -1 if any(one.levels for one in stands) else lead)
+        return cls(bodies, places, -1 if any(one.levels for one in places) else lead)
 
     @property
     def targets(self) -> Targets:

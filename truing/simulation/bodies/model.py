@@ -216,8 +216,8 @@ class BodyModel(RecordedModel):
         recording = self._recording(shared, local)
 
         def found(cause: PointCause) -> dict[str, NDArray]:
-            told = designs(recording, cause, self.effect_scale(cause))
-            return {name: design for name, design in told.items() if name == OBSERVED}
+            reported = designs(recording, cause, self.effect_scale(cause))
+            return {name: design for name, design in reported.items() if name == OBSERVED}
 
         return found
 
@@ -258,8 +258,8 @@ class BodyModel(RecordedModel):
 
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         """Return what is recorded of the bodies with the effects in force."""
-        passage = self._forward_pass(shared)
-        places = self._places(passage)
+        forward_pass = self._forward_pass(shared)
+        places = self._places(forward_pass)
         kind = np.result_type(places, shared, local)
         points, turn = np.empty(places.shape, kind), np.empty((*places.shape, 3), kind)
         for body, centre in enumerate(self._centres):
@@ -269,7 +269,7 @@ class BodyModel(RecordedModel):
             middle = self.conditions.t[:, body] + start @ centre + pose[:, :3]
             points[:, own] = middle[:, None] + (places[:, own] - centre) @ np.swapaxes(R, -1, -2)
             turn[:, own] = R[:, None]
-        return record(passage, self.targets, _NO_FRAMES, self.effects(shared), points, turn)
+        return record(forward_pass, self.targets, _NO_FRAMES, self.effects(shared), points, turn)
 
     def _forward_pass(self, shared: NDArray) -> ForwardPass:
         """Return where the targets sit on their bodies, and which effects brought them there."""
@@ -288,9 +288,9 @@ class BodyModel(RecordedModel):
         )
         return ForwardPass(state, (), {}).through(Step.STRUCTURE, self.effects(shared), applied)
 
-    def _places(self, passage: ForwardPass) -> NDArray:
+    def _places(self, forward_pass: ForwardPass) -> NDArray:
         """Return where the targets sit (B, K, 3) in the frames of their bodies."""
-        state = passage.state
+        state = forward_pass.state
         return np.broadcast_to(state.shape + state.moved, (len(self.conditions.t), *state.shape.shape))
 
     def _by_pose(self, shared: NDArray, local: NDArray, recording: Recording) -> Iterator[tuple[int, NDArray, NDArray]]:

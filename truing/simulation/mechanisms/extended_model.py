@@ -91,7 +91,7 @@ def with_targets(model: MechanismModel, own: NDArray) -> MechanismModel:
     """Return the model with some of its targets (K,), none on a leg, at their surveyed places."""
     found, known = model.targets, model.known
     kept = np.flatnonzero(own)
-    names, bodies = (tuple(told[k] for k in kept) if told else () for told in (found.names, found.bodies))
+    names, bodies = (tuple(reported[k] for k in kept) if reported else () for reported in (found.names, found.bodies))
     targets = Targets(found.body[kept], found.leg[kept], names, bodies)
     # What was known before is in the covariance already.
     surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), ridden=np.arange(0))
@@ -251,8 +251,8 @@ def _prior(model: MechanismModel) -> list[str]:
     """Return what was known of the geometry: lines of a table."""
     known = model.known
     sigmas = [f"{n} = {toml_value(known.geometry.get(n, 0.0))}  # {'rad' if n == 'u' else 'm'}" for n in "abul"]
-    said = "[prior]  # one standard deviation of the nominal geometry; 0: taken as exact; open: only a start"
-    return [said, *sigmas, f"open = {toml_value(known.open_geometry)}"]
+    text = "[prior]  # one standard deviation of the nominal geometry; 0: taken as exact; open: only a start"
+    return [text, *sigmas, f"open = {toml_value(known.open_geometry)}"]
 
 
 def _leg(legs: Legs, leg: int) -> str:
@@ -276,10 +276,13 @@ def _targets(extended_model: ExtendedModel) -> list[str]:
     model, bodies = extended_model.model, {kind: body for body, kind in _BODIES.items()}
     found, lines = model.targets, []
     for k, place in enumerate(model.known.shape):
-        told: dict[str, Any] = {"body": bodies[int(found.body[k])], "target": found.names[k] if found.names else str(k)}
-        told |= {"leg": int(found.leg[k]) + 1} if found.leg[k] >= 0 else {}
-        told |= {"place_mm": _mm(place), "sigma_mm": _mm(extended_model.survey_sigma[k])}
-        lines.append(f"  {toml_value(told)},")
+        reported: dict[str, Any] = {
+            "body": bodies[int(found.body[k])],
+            "target": found.names[k] if found.names else str(k),
+        }
+        reported |= {"leg": int(found.leg[k]) + 1} if found.leg[k] >= 0 else {}
+        reported |= {"place_mm": _mm(place), "sigma_mm": _mm(extended_model.survey_sigma[k])}
+        lines.append(f"  {toml_value(reported)},")
     return ["", "[survey]", "targets = [", *lines, "]"]
 
 

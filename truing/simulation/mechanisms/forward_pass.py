@@ -104,16 +104,16 @@ def carried(change: Change, met: Sequence[Met]) -> Change:
     return Change(fields, change.size)
 
 
-def structure_response(passage: ForwardPass, change: Change) -> tuple[Change, NDArray]:
+def structure_response(forward_pass: ForwardPass, change: Change) -> tuple[Change, NDArray]:
     """Return a change at the end of the structure, with what its effects make of the pose's motion, and the twist.
 
     The twist (B, 6, P) of the platform is exact.
     """
-    twist = _twist(passage.state, change)
-    if not passage.answer.fields:
+    twist = _twist(forward_pass.state, change)
+    if not forward_pass.answer.fields:
         return change, twist
-    answer = passage.answer
-    twist = np.linalg.solve(np.eye(6) - _twist(passage.state, answer), twist)
+    answer = forward_pass.answer
+    twist = np.linalg.solve(np.eye(6) - _twist(forward_pass.state, answer), twist)
     fields = dict(change.fields)
     for name, slope in answer.fields.items():
         fields[name] = fields.get(name, 0.0) + np.einsum("b...q,bqp->b...p", slope, twist)

@@ -353,14 +353,16 @@ class MechanismModel(RecordedModel):
     def pose_derivatives(self, shared: NDArray, local: NDArray) -> tuple[NDArray, NDArray]:
         """Return the platform's twist per shared (B, 6, G) and per local (B, 6, H) unknown."""
         recording = self._recording(shared, local)
-        passage = recording.forward_pass
-        by_shared = np.zeros((len(passage.state.rho), 6, self.shared_size))
-        by_local = np.zeros((len(passage.state.rho), 6, self.local_size))
+        forward_pass = recording.forward_pass
+        by_shared = np.zeros((len(forward_pass.state.rho), 6, self.shared_size))
+        by_local = np.zeros((len(forward_pass.state.rho), 6, self.local_size))
         for part, change, cause in self._changes(shared, recording):
-            met = passage.before_recording(cause)
-            by_shared[..., part] = structure_response(passage, carried(change, met))[1]
+            met = forward_pass.before_recording(cause)
+            by_shared[..., part] = structure_response(forward_pass, carried(change, met))[1]
         if (reading := self._reading_change) is not None:
-            by_local[..., : reading.size] = structure_response(passage, carried(reading, passage.before_recording()))[1]
+            by_local[..., : reading.size] = structure_response(
+                forward_pass, carried(reading, forward_pass.before_recording())
+            )[1]
         return by_shared, by_local
 
     def _forward_pass(self, shared: NDArray, local: NDArray) -> ForwardPass:
@@ -385,13 +387,13 @@ class MechanismModel(RecordedModel):
         return passed(start, self.effects(shared))
 
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
-        passage = self._forward_pass(shared, local)
+        forward_pass = self._forward_pass(shared, local)
         roll = np.zeros(self.conditions.readings.shape, local.dtype)
         roll[:, self.known.ridden] = local[:, self._rolls] * FREE_ANGLE_RAD
-        frames = leg_frames(passage.state, self.nominal_direction, roll, self._seats(shared)[0])
-        state = passage.state
+        frames = leg_frames(forward_pass.state, self.nominal_direction, roll, self._seats(shared)[0])
+        state = forward_pass.state
         points, turn = positions(state, self.targets, frames), target_rotations(state, self.targets, frames)
-        return record(passage, self.targets, frames, self.effects(shared), points, turn)
+        return record(forward_pass, self.targets, frames, self.effects(shared), points, turn)
 
     def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice, Change, PointCause | None]]:
         """Yield every change upstream of instruments by shared unknowns: its place among these, its cause."""

@@ -49,11 +49,13 @@ def mechanism_prior(
     parts = tuple(SharedUnknowns(name, np.broadcast_to(wider.scale_of(name), _size(old, name))) for name in names)
     bridge = _bridge(old, wider, names)
     own, others = _split(old, names)
-    told = clipped(np.linalg.inv(found.covariance) - np.eye(len(found.shared)))
-    told = marginal(told + np.diag(np.isin(np.arange(len(told)), others).astype(float)), others)[np.ix_(own, own)]
+    information = clipped(np.linalg.inv(found.covariance) - np.eye(len(found.shared)))
+    information = marginal(information + np.diag(np.isin(np.arange(len(information)), others).astype(float)), others)[
+        np.ix_(own, own)
+    ]
     back, nominal = np.linalg.inv(bridge), _offset(old, wider, names)
     estimate = bridge @ found.shared[own] + nominal, bridge @ found.covariance[np.ix_(own, own)] @ bridge.T
-    prior = CampaignPrior.of(causes, parts, estimate, clipped(back.T @ told @ back), back.T @ back, nominal)
+    prior = CampaignPrior.of(causes, parts, estimate, clipped(back.T @ information @ back), back.T @ back, nominal)
     return _by_survey(prior, found, wider)
 
 

@@ -121,11 +121,11 @@ class MotionDerivatives:
     moved: NDArray | None  # (B, K, 3, P)
 
 
-def motion(passage: ForwardPass, nominal: NDArray, change: Change) -> MotionDerivatives:
+def motion(passed: ForwardPass, nominal: NDArray, change: Change) -> MotionDerivatives:
     """Return the motion of all bodies that a change at the end of the structure brings about; exact."""
-    state = passage.state
+    state = passed.state
     legs, R = state.legs, state.R
-    change, twist = structure_response(passage, change)
+    change, twist = structure_response(passed, change)
     arms = attachments(legs, state.delta_bz) @ np.swapaxes(R, -1, -2)
     attachment = attachment_change(legs, R, change) + point_motion(twist, arms)
     lower = np.broadcast_to(legs.closure.lower_change(legs, state.rho, change), attachment.shape)
@@ -199,7 +199,7 @@ class Recording:
 
 
 def record(
-    passage: ForwardPass,
+    passed: ForwardPass,
     targets: Targets,
     frames: LegFrames,
     effects: Sequence[Effect[PointCause]],
@@ -207,7 +207,7 @@ def record(
     turn: NDArray,
 ) -> Recording:
     """Return what instruments record of points (B, K, 3), m, and of turns (B, K, 3, 3) of their axes."""
-    seen = passage.entering(replace(passage.state, points=points, turn=turn))
+    seen = passed.entering(replace(passed.state, points=points, turn=turn))
     return Recording(seen.through(Step.INSTRUMENT, effects, applied), targets, frames)
 
 

@@ -229,9 +229,9 @@ def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tupl
         if levels(UNLOADING + load) > 1:
             yield (UNLOADING + load,), POLYNOMIAL, 1
             yield (load,), MEMORY, _REMEMBERED
-        for told in (SO_FAR, WAY):
-            if levels(told + load) > 1:
-                yield (told + load,), POLYNOMIAL, 1
+        for text in (SO_FAR, WAY):
+            if levels(text + load) > 1:
+                yield (text + load,), POLYNOMIAL, 1
     for pair in combinations(loads, 2):
         if levels(*pair) > 1:
             yield pair, POLYNOMIAL, 1

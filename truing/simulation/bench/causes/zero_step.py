@@ -135,8 +135,8 @@ def _of_channels(
         own = tuple(float(one) for one in scales[target])
         return ZeroStep(names, steps.run[row].item(), steps.step[row].item(), int(steps.rank[row]), own)
 
-    values, told = late[..., None].astype(float), usable[:, places]
+    values, reported = late[..., None].astype(float), usable[:, places]
     if places.shape[1] == 1:
-        return ChannelCandidates(values, places[:, 0], told[..., 0], scale, member)
+        return ChannelCandidates(values, places[:, 0], reported[..., 0], scale, member)
     patterns = np.stack([np.diag(own / scale) for own in scales])[:, :, None, :]
-    return ChannelCandidates(values, places, np.asarray(told.all(-1)), scale, member, patterns)
+    return ChannelCandidates(values, places, np.asarray(reported.all(-1)), scale, member, patterns)

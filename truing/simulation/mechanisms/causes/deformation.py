@@ -105,13 +105,13 @@ class NonlinearPlatformDeformation(PerLeg):
     def candidates(self, scene: PointScene) -> Sequence[NonlinearPlatformDeformation]:
         """Return every form for every choice of legs whose displacements tell the terms apart."""
         moved = scene.readings - scene.rho0
-        telling = {form: _legs_resolving_power(moved, max(form)) for form in _FORMS}
+        informative = {form: _legs_resolving_power(moved, max(form)) for form in _FORMS}
         every = tuple(range(1, scene.legs + 1))
         return [
             NonlinearPlatformDeformation(chosen, form)
-            for form, told in telling.items()
+            for form, reported in informative.items()
             for chosen in choices(scene.legs)
-            if told.issuperset(chosen or every)
+            if reported.issuperset(chosen or every)
         ]
 
     def prior(self, scene: PointScene) -> float:

@@ -76,13 +76,13 @@ class LegDrift(PerLeg):
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the drifts, then tau in s where the drift settles."""
-        told = super().reported(values, covariance, legs)
+        reported_values = super().reported(values, covariance, legs)
         if self.tau_s == 0:
-            return told
+            return reported_values
         if not self.free:
-            return (*told, ReportedParameter("tau", self.tau_s, None, "s"))
+            return (*reported_values, ReportedParameter("tau", self.tau_s, None, "s"))
         tau = self.tau_s * float(np.exp(values[-1]))
-        return (*told[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
+        return (*reported_values[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return the course of the drift per leg concerned, and by the logarithm of the time constant."""

@@ -121,15 +121,19 @@ class CameraInstability(RayCause):
         """Return the changes, then the pose of a jump or the time constant; of what has no order its scatter."""
         if self.form == SCATTER:
             return tuple(self._scatter(values, covariance))
-        told = super().reported(values, covariance, legs)
+        reported_values = super().reported(values, covariance, legs)
         if self.form == JUMP:
-            return (*told, ReportedParameter("from_pose", self.from_pose, None, "")) if self.from_pose != "" else told
+            return (
+                (*reported_values, ReportedParameter("from_pose", self.from_pose, None, ""))
+                if self.from_pose != ""
+                else reported_values
+            )
         if self.form != SETTLES:
-            return told
+            return reported_values
         if not self.free:
-            return (*told, ReportedParameter("tau", self.tau_s, None, "s"))
+            return (*reported_values, ReportedParameter("tau", self.tau_s, None, "s"))
         tau = self.tau_s * float(np.exp(values[-1]))
-        return (*told[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
+        return (*reported_values[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return d numbers / d parameters: the course, of each number or of each pose."""
