@@ -31,7 +31,7 @@ class Bench:
     folder: Path
     drawn: Campaign
     tables: dict[str, Any]
-    said: dict[str, Outcome]
+    outcomes: dict[str, Outcome]
 
     def frame(self, name: str) -> pd.DataFrame:
         """A table as a frame."""
@@ -54,8 +54,8 @@ def bench(
     """A campaign written to a folder and run through stages."""
     drawn = draw_campaign(made, effects, np.random.default_rng(seed))
     write_campaign(drawn, folder, seed)
-    tables, said = run_line(folder, *stages)
-    return Bench(folder, drawn, tables, said)
+    tables, outcomes = run_line(folder, *stages)
+    return Bench(folder, drawn, tables, outcomes)
 
 
 def case_errors(made: Bench) -> np.ndarray:

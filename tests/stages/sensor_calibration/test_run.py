@@ -53,7 +53,7 @@ def six(tmp_path_factory) -> Bench:
     }
     signals = settings_of(drawn.folder).signals.model_copy(update=stated)
     outcome = _again(drawn, lambda table: table, signals=signals)
-    return replace(drawn, tables=drawn.tables | dict(outcome.artifacts), said={"calibrate": outcome})
+    return replace(drawn, tables=drawn.tables | dict(outcome.artifacts), outcomes={"calibrate": outcome})
 
 
 def test_the_matrix_is_the_true_one_within_its_sigma(six):
