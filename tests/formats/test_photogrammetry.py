@@ -13,28 +13,28 @@ PHOTOMODELER = """\
 Bundle Soln of a title of its own
  0.000500 20 2000 1500
  1.00000  0.10000 10.00000 100.00000 100.00000 100.00000 20.00000 20.00000 20.00000
- 7.4000  4.1000  2.9000 8.00000 6.00000 4.981e-3 -9.814e-5 0 -6.587e-5 -2.806e-5
+ 7.4000  4.1000  2.9000 8.00000 6.00000 4.976e-3 -1.030e-4 0 -6.800e-5 -3.200e-5
  0.00000  0.00725  0.00544 0.500000 0.500000 0.001000 0.000100 0.000100 0.001000 0.001000
    0 e:\\photos\\of one P1.JPG
-   0   -0.045    1.294    1.470 -179.839   -1.178  -39.434
-   0   0.0002   0.0001   0.0001   0.0030   0.0048   0.0048
+   0    0.312   -0.448    1.193   22.657   13.568   35.000
+   0   0.0003   0.0002   0.0002   0.0040   0.0040   0.0060
 
    0   7.400   4.100   2.900 8.00000 6.00000 0.00498 -0.00010 0.00000 -0.00007 -0.00003
    0  0.00000  0.00725  0.00544 0.500000 0.500000 0.001000 0.000100 0.000100 0.001000 0.001000
    4 e:\\photos\\P2.JPG
-   4   -0.030    1.528    1.639  -90.122   -1.854  -39.769
-   4   0.0002   0.0001   0.0002   0.0032   0.0052   0.0052
+   4   -0.426    0.187    1.261   -6.201  -18.565  -50.000
+   4   0.0003   0.0002   0.0002   0.0041   0.0043   0.0062
 
    4   7.400   4.100   2.900 8.00000 6.00000 0.00498 -0.00010 0.00000 -0.00007 -0.00003
    4  0.00000  0.00725  0.00544 0.500000 0.500000 0.001000 0.000100 0.000100 0.001000 0.001000
 
     1001   -0.50000    0.50000    0.00000  -1.778088  -1.778088  -1.778088
 
-       2   -0.21428    0.64304   -0.00099   0.000044   0.000043   0.000075
+       2    0.11750    0.28200    0.00400   0.000051   0.000048   0.000082
     1001   -0.50000    0.50000    0.00000  -1.778088  -1.778088  -1.778088
 
-   0        2 1429.1871 1456.4278  0.10000  0.20000
-   4        2 1217.8557 1456.1798  0.10000  0.10000
+   0        2 1519.3456  577.6241  0.10000  0.20000
+   4        2  964.3987  333.6040  0.10000  0.10000
 
    1 2 3
 """
@@ -84,12 +84,12 @@ def test_photomodelers_marks(tmp_path):
     assert found.faults == ()
     assert found.columns["image"] == ["of one P1.JPG", "P2.JPG"]
     assert (found.columns["point"], found.columns["camera"]) == (["2", "2"], ["camera", "camera"])
-    assert_close(found.columns["x_px"], [1428.6871, 1217.3557], atol=1e-9)
+    assert_close(found.columns["x_px"], [1518.8456, 963.8987], atol=1e-9)
     assert_close(found.columns["sigma_y_px"], [0.2, 0.1], atol=0.0)
     points = read(tmp_path, "points", {**entry, "constants": {"pose": 1, "body": "b"}})
     assert points.columns["target"] == ["2", "1001"]
-    assert_close(points.columns["x_mm"], [-214.28, -500.0], atol=1e-9)
-    assert points.columns["sigma_z_mm"] == [pytest.approx(0.075), None]
+    assert_close(points.columns["x_mm"], [117.5, -500.0], atol=1e-9)
+    assert points.columns["sigma_z_mm"] == [pytest.approx(0.082), None]
 
 
 def test_photomodelers_camera_corrects_what_ours_distorts(tmp_path):
@@ -163,8 +163,8 @@ def test_gsi_in_the_unit_of_each_word(tmp_path):
     [
         ("p.txt", PHOTOMODELER, "20 2000 1500", "20", "width and height of the photos", 2),
         ("p.txt", PHOTOMODELER, "   4   7.400", "   5   7.400", "a photo in six lines", 12),
-        ("p.txt", PHOTOMODELER, "1217.8557", "oops", "a mark: photo, point", 25),
-        ("p.txt", PHOTOMODELER, "   4        2 1217", "   9        2 1217", "marks on photos of the file", 25),
+        ("p.txt", PHOTOMODELER, "964.3987", "oops", "a mark: photo, point", 25),
+        ("p.txt", PHOTOMODELER, "   4        2  964", "   9        2  964", "marks on photos of the file", 25),
         ("p.xml", XML, "</chunk>", "", "a whole XML file", 25),
         ("p.xml", XML, 'camera_id="3"', 'camera_id="8"', "markers and cameras that the file lists", 20),
         ("p.xml", XML, 'x="10.25"', 'x="inf"', "a number", 22),
@@ -205,10 +205,10 @@ def test_known_by_their_look(tmp_path, name, text):
 
 
 MARKS = """
-   0        2 1429.1871 1456.4278  0.10000  0.20000
+   0        2 1519.3456  577.6241  0.10000  0.20000
    0        2  300.5000  400.5000  0.00000  0.00000
    0        3  310.5000  410.5000  0.00000  0.00000
-   4        2 1217.8557 1456.1798  0.10000  0.10000
+   4        2  964.3987  333.6040  0.10000  0.10000
    4        2  320.5000  420.5000  0.00000  0.00000
    4        3  330.5000  430.5000  0.00000  0.00000
 """
@@ -216,7 +216,7 @@ MARKS = """
 
 def test_photomodelers_marks_without_a_sigma_state_none_and_may_bear_the_number_of_another_point(tmp_path):
     """Matched points have marks of sigma 0 and numbers of their own, on the photos and among the object points."""
-    before, _, after = PHOTOMODELER.partition("\n   0        2 1429")
+    before, _, after = PHOTOMODELER.partition("\n   0        2 1519")
     matched = "       2    0.11428    0.24304   -0.00199   0.000144   0.000143   0.000175\n"
     written(tmp_path, "export.txt", f"{before}{matched}{MARKS}{after.partition('0.10000  0.10000')[2]}")
     entry = {"path": "export.txt", "format": "photomodeler", **POSE}
@@ -229,7 +229,7 @@ def test_photomodelers_marks_without_a_sigma_state_none_and_may_bear_the_number_
 
 
 def test_a_number_that_no_photo_shows_twice_is_one_point_with_and_without_a_sigma(tmp_path):
-    text = PHOTOMODELER.replace("1217.8557 1456.1798  0.10000  0.10000", "1217.8557 1456.1798  0.00000  0.00000")
+    text = PHOTOMODELER.replace("964.3987  333.6040  0.10000  0.10000", "964.3987  333.6040  0.00000  0.00000")
     written(tmp_path, "export.txt", text)
     found = read(tmp_path, "image_points", {"path": "export.txt", "format": "photomodeler", **POSE})
     assert found.columns["point"] == ["2", "2"]
@@ -239,8 +239,8 @@ def test_a_number_that_no_photo_shows_twice_is_one_point_with_and_without_a_sigm
 @pytest.mark.parametrize(
     ("name", "text", "table", "column", "begins"),
     [
-        ("p.txt", PHOTOMODELER, "image_points", "x_px", ["   0        2 1429", "   4        2 1217"]),
-        ("p.txt", PHOTOMODELER, "points", "target", ["       2   -0.21", "    1001   -0.50"]),
+        ("p.txt", PHOTOMODELER, "image_points", "x_px", ["   0        2 1519", "   4        2  964"]),
+        ("p.txt", PHOTOMODELER, "points", "target", ["       2    0.11", "    1001   -0.50"]),
         ("p.txt", PHOTOMODELER, "cameras", "camera", ["   0 e:"]),
         ("p.xml", XML, "image_points", "x_px", ['        <location camera_id="0"', '      <marker marker_id="5"']),
     ],
