@@ -208,10 +208,17 @@ def predict(
     ],
     out: _OutTable = None,
 ) -> None:
-    """Predict with the extended model where nothing was measured: poses from actuator readings.
+    """Predict poses or readings with the extended model, or test its predictions on a second campaign.
 
-    Of a second campaign's folder it tells how far the nominal, the calibrated and the extended model miss what was
-    measured there: rms and largest error. The calibration is that of the run in the folder of MODEL.toml.
+    INPUTS is a table: configurations of a mechanism give poses of the platform seen from the base, with their 6 x 6
+    covariance; load steps of a force sensor give interferometer readings; commands of an axis give the readings of
+    its encoders, each with its sigma. The table needs every column that an effect of the model depends on.
+
+    Where INPUTS is the folder of a second campaign of the same machine, its measurements are compared with predictions
+    by the nominal, the calibrated and the extended model: rms and largest error of each. The calibration is that of the
+    run in the folder of MODEL.toml.
+
+    The result is CSV on standard output, or the file --out, as .csv or .parquet.
 
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """

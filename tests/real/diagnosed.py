@@ -11,6 +11,8 @@ import pandas as pd
 
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.report.diagnosis.adequacy import shortcoming
+from truing.report.wordings.nonparametric_wordings import columns_words
+from truing.schemas.covariates import named
 
 _MM = ["x_mm", "y_mm", "z_mm"]
 _EDGE = 25  # poses at either end that tell where a target began and ended
@@ -27,7 +29,7 @@ def diagnosed(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
     return {
         "found": [_finding(row) for _, row in causes.iterrows()],
         "noise": [_first_sentence(text) for text in noise["explanation"]],
-        "remainder": list(dict.fromkeys(text.split(". ")[0] + "." for text in found.loc[is_remainder, "explanation"])),
+        "remainder": [_followed(row) for _, row in found[is_remainder].iterrows()],
         "before": float(causes["rms_before"].iloc[0]) if len(causes) else None,
         "after": float(causes["rms_after"].iloc[-1]) if len(causes) else None,
         "floor": float(rows["noise_floor"].iloc[len(causes) - 1]) if len(causes) else None,
@@ -47,6 +49,11 @@ def _finding(row: pd.Series) -> dict[str, Any]:
         "after": float(row["rms_after"]),
         "value": {name: told["value"] for name, told in json.loads(row["parameters"]).items()},
     }
+
+
+def _followed(row: pd.Series) -> str:
+    """The inputs that predict residuals of the model without causes, and the largest share of squares."""
+    return f"{columns_words(named(row['follows']))} {100.0 * row['share_predicted']:.0f} %"
 
 
 def _first_sentence(text: str) -> str:
