@@ -11,7 +11,7 @@ from tests.tolerance import assert_between, assert_close
 
 
 @pytest.mark.parametrize(("first", "second"), [(7, 1), (3, 3), (0, 8), (5, 2)])
-def test_of_one_size_it_is_fishers_test(first: int, second: int) -> None:
+def test_for_one_size_the_comparison_of_rates_is_fishers_exact_test(first: int, second: int) -> None:
     expected = fisher_exact([[first, 8 - first], [second, 8 - second]]).pvalue
     assert_close(unlike([Pair(first, 8, second, 8)]), expected, atol=1e-9)
 

@@ -93,7 +93,7 @@ def test_poses_that_were_fitted_to_count_no_more_beside_further_ones() -> None:
     assert alone.more_poses == both.more_poses + 8
 
 
-def test_what_is_decided_or_lies_at_the_limit_asks_for_no_number() -> None:
+def test_a_requirement_decided_or_at_its_limit_asks_for_no_further_poses() -> None:
     errors, variances = np.array([1.0, -2.0, 0.5]), np.zeros(3)
     found = error_of_95_percent(errors, variances)
     assert found is not None

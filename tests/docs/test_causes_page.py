@@ -29,7 +29,7 @@ def test_every_cause_has_its_section() -> None:
 
 
 @pytest.mark.parametrize(("name", "bare"), [("likeness", False), ("likeness-bare", True)])
-def test_what_is_taken_for_what_is_as_computed(name: str, bare: bool) -> None:
+def test_likeness_of_causes_on_the_page_is_the_computed_one(name: str, bare: bool) -> None:
     """To one per cent, and what is told as alike is."""
     rows = shown(PAGE, name).splitlines()[2:]
     cells = [[cell.strip() for cell in row.strip("|").split("|")[1:]] for row in rows]
@@ -61,7 +61,7 @@ def test_the_catalogue_of_a_bench_is_that_of_the_code() -> None:
 
 
 @pytest.mark.parametrize(("name", "own"), [("likeness-of-readings", False), ("likeness-of-own-channels", True)])
-def test_what_a_bench_is_taken_for_is_as_computed(name: str, own: bool) -> None:
+def test_likeness_of_bench_causes_on_the_page_is_the_computed_one(name: str, own: bool) -> None:
     """To one per cent; what does not show at all is like nothing."""
     rows = shown(PAGE, name).splitlines()[2:]
     cells = [[cell.strip() for cell in row.strip("|").split("|")[1:]] for row in rows]

@@ -31,7 +31,7 @@ def test_a_command_that_does_not_exist_is_told(line: str, told: str) -> None:
 @pytest.mark.parametrize(
     "line", ["A=b .venv/bin/truing run x --qa warn", "make all CAMPAIGN=x", "python mine.py x", "cd x", "make pose"]
 )
-def test_one_that_exists_is_none(line: str) -> None:
+def test_an_existing_command_is_no_fault(line: str) -> None:
     (words,) = commands(line)
     assert fault(words, {"mine.py"}) is None
 

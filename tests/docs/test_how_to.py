@@ -116,7 +116,7 @@ constants = { material_temperature_c = 20.4 }
         ("renishaw", "[files.positioning]\n", EXPANSION, "reading_corrections", "correction", {"material"}),
     ],
 )
-def test_what_pages_say_in_passing_works(tmp_path, page, old, new, table, column, values):
+def test_settings_mentioned_in_how_to_pages_work(tmp_path, page, old, new, table, column, values):
     folder = examples(FOLDER / f"{page}.md")[0].write(tmp_path)
     text = (folder / "campaign.toml").read_text(encoding="utf-8")
     assert old in text

@@ -31,7 +31,7 @@ def test_the_figure_is_of_these_numbers(tmp_path):
         assert old == pytest.approx(new, rel=0.06, abs=0.011)
 
 
-def test_what_the_page_says_of_the_map():
+def test_figures_of_the_absorption_map_are_those_on_the_page():
     shift, _, left, share = absorption_map.absorption_map()
     tolerances = scales(SIX)[:, None]
     names = [effect.name.split("\n")[0] for effect in absorption_map.effects()]

@@ -13,7 +13,7 @@ from tests.conftest import PROJECT
 DOCUMENT = recorded()
 
 
-def test_it_is_an_executed_notebook_of_a_small_size():
+def test_the_notebook_is_executed_and_smaller_than_one_megabyte():
     cells = code_cells(DOCUMENT)
     assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
     assert all(cell["outputs"] for cell in cells)
@@ -23,7 +23,7 @@ def test_it_is_an_executed_notebook_of_a_small_size():
     assert len(pictures) >= 2
 
 
-def test_it_is_valid():
+def test_the_notebook_is_valid_by_its_schema():
     nbformat = pytest.importorskip("nbformat", reason="nbformat is not here to say what a notebook is")
     nbformat.validate(json.loads(NOTEBOOK.read_text(encoding="utf-8")))
 

@@ -14,7 +14,7 @@ def _pose(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return exp_so3(rng.normal(size=3)), rng.normal(size=3), root @ root.T
 
 
-def test_it_is_the_whole_covariance_where_the_bodies_themselves_are_exact() -> None:
+def test_shared_covariance_is_the_whole_covariance_of_exact_bodies() -> None:
     rng = np.random.default_rng(3)
     parent, bodies = _pose(rng), [_pose(rng) for _ in range(2)]
     seen = [relative(*parent, R, p, np.zeros((6, 6))) for R, p, _ in bodies]

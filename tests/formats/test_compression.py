@@ -42,7 +42,7 @@ def test_the_name_inside_an_archive_leads_nowhere(tmp_path: Path, name: str) -> 
     assert _contents(tmp_path) == ["a", "b", "p.zip"]
 
 
-def test_what_macos_adds_for_itself_is_no_second_file(tmp_path: Path) -> None:
+def test_resource_forks_of_macos_count_as_no_second_file(tmp_path: Path) -> None:
     (tmp_path / "p.zip").write_bytes(_zip("points.csv", CONTENT, "__MACOSX/._points.csv"))
     with open_plain(tmp_path / "p.zip") as stream:
         assert stream.read() == CONTENT

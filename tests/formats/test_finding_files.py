@@ -49,7 +49,7 @@ def campaign(tmp_path):
         ("../" * 2000 + "*.csv", []),
     ],
 )
-def test_what_a_pattern_means(campaign, pattern, found):
+def test_a_pattern_finds_its_files(campaign, pattern, found):
     names = [name.replace("./", "", 1) if pattern.startswith("./") else name for name in find_files(campaign, pattern)]
     assert sorted(names) == sorted(found)
     assert names == found or "**" in pattern
@@ -79,7 +79,7 @@ def test_a_pattern_that_walks_the_disk_is_given_up(campaign, monkeypatch):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no /proc")
 @pytest.mark.parametrize("path", ["/proc/self/environ", "/proc/self/env*", "linked.csv", "points.csv"])
-def test_what_the_system_makes_up_is_no_table(campaign, path):
+def test_a_file_of_proc_is_no_table(campaign, path):
     for name in ("linked.csv", "points.csv"):
         (campaign / name).symlink_to("/proc/self/environ")
     mapped = None if path == "points.csv" else {"path": path, "header": False}

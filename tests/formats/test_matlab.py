@@ -85,7 +85,7 @@ def test_faults_count_rows_of_the_matrix(tmp_path, write):
     assert (fault.row, fault.column) == (4, "2")
 
 
-def test_what_holds_no_numbers_says_what_to_save(tmp_path):
+def test_a_matlab_variable_without_numbers_names_the_cure(tmp_path):
     older(tmp_path, {"s": csr_matrix(np.eye(3)), "c": np.array([1.0 + 2.0j, 3.0])})
     for name, cure in (("s", "full(s)"), ("c", "real(c)")):
         (fault,) = read(tmp_path, entries={**POINTS, "variable": name, "columns": AXES}).faults
@@ -120,7 +120,7 @@ def test_a_damaged_file_is_faults_and_no_defect(tmp_path, write):
         read(tmp_path, entries={**POINTS, "variable": "xyz", "columns": AXES})  # raises nothing
 
 
-def test_what_claims_more_than_it_holds_is_refused(tmp_path):
+def test_a_matlab_file_that_claims_more_than_its_size_is_refused(tmp_path):
     with h5py.File(tmp_path / "data.mat", "w") as file:
         file.create_dataset("xyz", (10**9, 3), chunks=(1000, 3), dtype="f8")
     (fault,) = read(tmp_path, entries={**POINTS, "columns": AXES}).faults

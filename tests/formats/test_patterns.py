@@ -98,7 +98,7 @@ def test_a_template_looks_nothing_up_in_a_value():
         ("time_format", "%H:%"),
     ],
 )
-def test_what_cannot_be_carried_out_is_a_fault_of_its_key(key, value):
+def test_an_invalid_pattern_is_a_fault_of_its_key(key, value):
     campaign = {"campaign": {"name": "c", "kind": "photogrammetry"}, "files": {"points": {"path": "p.csv", key: value}}}
     with pytest.raises(CampaignFaults) as caught:
         read_campaign(campaign)
@@ -115,5 +115,5 @@ def test_what_cannot_be_carried_out_is_a_fault_of_its_key(key, value):
         ("wide", "{body}.{target}_{axis}"),
     ],
 )
-def test_what_can_be_carried_out_is_none(key, value):
+def test_a_valid_pattern_is_no_fault(key, value):
     read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "files": {"points": {"path": "p", key: value}}})

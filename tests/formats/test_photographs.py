@@ -295,7 +295,7 @@ def test_raw_data_beside_its_photograph_and_notes_are_counted(tmp_path):
     }
 
 
-def test_what_is_no_regular_file_is_told(tmp_path):
+def test_pipes_and_dead_links_among_photographs_are_named(tmp_path):
     saved(tmp_path / "images/1/a.jpg")
     os.mkfifo(tmp_path / "images/1/b.jpg")
     os.mkfifo(tmp_path / "images/1/control")

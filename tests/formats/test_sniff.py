@@ -36,7 +36,7 @@ def text(separator, decimal, thousands, end, names):
     st.sampled_from(sorted(HEADERS)),
     st.integers(0, 2),
 )
-def test_what_is_proposed_reads_the_file(tmp_path_factory, separator, notation, end, encoding, language, preamble):
+def test_a_proposed_mapping_reads_its_file(tmp_path_factory, separator, notation, end, encoding, language, preamble):
     decimal, thousands = notation
     if separator in notation:
         separator = ";"
@@ -91,7 +91,7 @@ def test_coordinates_without_header_by_position_and_compressed(tmp_path):
 
 @pytest.mark.parametrize("content", [b"", b"\n\n", b"\x00\x01\x02" * 50, b"just a sentence\n", b"\xff\xfe", b"PAR1 no"])
 @pytest.mark.parametrize("name", ["a.csv", "a.parquet", "a.csv.gz", "a.txt"])
-def test_what_holds_no_table_is_said_and_never_raises(tmp_path, name, content):
+def test_a_file_without_a_table_is_named_and_raises_nothing(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     guess = sniff_file(tmp_path / name)
     assert guess.table is None

@@ -81,7 +81,7 @@ def test_finding_files_imports_nothing_heavy():
 
 
 @pytest.mark.parametrize("path", ["sub", "missing.csv"])
-def test_what_is_no_file_is_a_fault(tmp_path, path):
+def test_a_path_to_no_regular_file_is_a_fault(tmp_path, path):
     (tmp_path / "sub").mkdir()
     (fault,) = read(tmp_path, entries={"path": path}).faults
     assert (fault.file, fault.column, fault.value) == ("campaign.toml", "files.points.path", path)

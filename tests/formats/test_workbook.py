@@ -158,7 +158,7 @@ def test_numbers_typed_as_text_with_a_decimal_comma(tmp_path):
 
 
 @pytest.mark.parametrize("damage", ["cut", "no archive", "other archive", "bomb", "a row far away", "entities"])
-def test_what_is_no_whole_workbook_is_one_fault(tmp_path, damage):
+def test_a_damaged_workbook_is_one_fault(tmp_path, damage):
     path = tmp_path / "book.xlsx"
     book(tmp_path, {"Data": [HEADER, *ROWS]})
     good = path.read_bytes()

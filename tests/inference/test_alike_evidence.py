@@ -29,7 +29,7 @@ def _drawn(rng: np.random.Generator, parts: int, others: int, count: int) -> NDA
 
 
 @pytest.mark.parametrize(("parts", "others"), [(2, 0), (3, 0), (2, 2)])
-def test_it_is_the_mean_likelihood_over_parameters_drawn_beforehand(parts: int, others: int) -> None:
+def test_evidence_is_the_mean_likelihood_over_draws_of_the_prior(parts: int, others: int) -> None:
     rng = np.random.default_rng(parts + others)
     size = parts + others
     root = rng.normal(size=(size, size)) + 1.5 * np.eye(size)

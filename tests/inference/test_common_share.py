@@ -63,7 +63,7 @@ def test_the_share_is_told(jacobian: np.ndarray, share: float, low: float, high:
     assert low < np.median([estimated_share(*fit(jacobian, one, HALF), COMMON, HALF) for one in rows]) <= high
 
 
-def test_it_does_not_hang_on_the_share_of_the_fit(jacobian: np.ndarray) -> None:
+def test_the_estimated_share_is_independent_of_the_share_assumed_by_the_fit(jacobian: np.ndarray) -> None:
     rows = drawn(jacobian, 0.8, np.random.default_rng(4))
     found = [estimated_share(*fit(jacobian, rows, share), COMMON, share) for share in (0.02, 0.3, 0.999)]
     np.testing.assert_allclose(found, found[1], rtol=1e-6)

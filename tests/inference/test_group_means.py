@@ -68,13 +68,13 @@ def test_what_follows_the_command_is_seen_and_what_follows_nothing_is_not() -> N
     assert p_value(residuals(rng, anywhere)) > 1e-3
 
 
-def test_it_asks_nothing_of_the_declared_noise() -> None:
+def test_the_p_value_is_independent_of_the_declared_noise() -> None:
     found = residuals(np.random.default_rng(4))
     louder = replace(found, values=7.0 * found.values)
     assert p_value(louder) == pytest.approx(p_value(found), rel=1e-9)
 
 
-def test_it_does_not_depend_on_the_frame_that_a_pose_was_measured_in() -> None:
+def test_the_p_value_is_independent_of_the_measurement_frame_of_each_pose() -> None:
     rng = np.random.default_rng(5)
     poses, turns = toy.POSES, exp_so3(rng.normal(size=(toy.POSES, 3)))
 

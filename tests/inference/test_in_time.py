@@ -57,7 +57,7 @@ def test_three_poses_before_a_target_was_moved_are_enough() -> None:
     assert np.argwhere(alone).tolist() == [[5, 1]]
 
 
-def test_what_deforms_from_pose_to_pose_is_not_alone() -> None:
+def test_a_target_that_moves_in_all_poses_is_not_alone_in_time() -> None:
     rng = np.random.default_rng(3)
     values = _noise(rng)
     values[:, 7] += 1e-4 * rng.uniform(-1, 1, (POSES, 1))

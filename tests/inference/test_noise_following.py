@@ -52,7 +52,7 @@ def test_a_target_that_trembles_is_named() -> None:
     assert_between(found.ratio, 1.5, 2.6, what="its noise over that of the others")
 
 
-def test_what_a_fit_takes_of_residuals_is_given_back() -> None:
+def test_standardised_residuals_have_unit_spread_after_a_fit() -> None:
     rng = np.random.default_rng(4)
     told = np.broadcast_to(np.diag([0.3, 0.6, 1.0]), (4000, 1, 3, 3))
     rest = rng.normal(size=(4000, 1, 3)) * np.sqrt([0.3, 0.6, 1.0])

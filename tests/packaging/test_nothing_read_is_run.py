@@ -50,7 +50,7 @@ def test_nothing_that_is_read_is_run(room: str) -> None:
         "run(c, shell=True)",
     ],
 )
-def test_such_a_line_would_be_found(tmp_path: Path, line: str) -> None:
+def test_a_dangerous_line_is_found(tmp_path: Path, line: str) -> None:
     (tmp_path / "m.py").write_text(line + "\n")
     assert _dangerous(tmp_path / "m.py") != []
 

@@ -83,13 +83,13 @@ def test_a_stream_becomes_full_row_groups_and_the_same_bytes_as_the_table(tmp_pa
         (observations(2, sigma_x_mm=pa.array([1.0, -1.0])), "expected at least 0"),
     ],
 )
-def test_what_breaks_the_schema_is_not_written(tmp_path: Path, table: pa.Table, words: str) -> None:
+def test_a_table_against_its_schema_is_not_written(tmp_path: Path, table: pa.Table, words: str) -> None:
     with pytest.raises(SchemaBreach, match=words):
         write_artifacts(tmp_path, {"observations": table}, STAMP, [])
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_breaks_the_schema_is_not_read(tmp_path: Path) -> None:
+def test_a_table_against_its_schema_is_not_read(tmp_path: Path) -> None:
     pq.write_table(observations(2, sigma_x_mm=pa.array([1.0, -1.0])), tmp_path / "observations.parquet")
     with pytest.raises(Unreadable, match="expected at least 0"):
         read_artifact(tmp_path, ARTIFACTS["observations"])

@@ -139,7 +139,7 @@ def test_a_survey_without_a_standard_deviation_is_a_fault_and_no_defect(tmp_path
 
 
 @pytest.mark.parametrize("kind", ["photogrammetry", "interferometer"])
-def test_what_init_wrote_for_an_empty_folder_is_told(tmp_path: Path, kind: str) -> None:
+def test_the_template_of_an_empty_folder_asks_for_a_table(tmp_path: Path, kind: str) -> None:
     folder = tmp_path / "empty"
     folder.mkdir()
     assert CliRunner().invoke(app, ["init", str(folder)]).exit_code == ExitCode.DONE
@@ -148,7 +148,7 @@ def test_what_init_wrote_for_an_empty_folder_is_told(tmp_path: Path, kind: str) 
     assert any(fault.expected.startswith("this file") for fault in faults(folder))
 
 
-def test_what_init_wrote_for_points_lacks_the_noise(tmp_path: Path) -> None:
+def test_the_template_of_points_asks_for_the_noise(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(points("1", "2", "3"))
     (tmp_path / "targets.csv").write_text(survey("A"))
     assert CliRunner().invoke(app, ["init", str(tmp_path)]).exit_code == ExitCode.DONE
@@ -190,7 +190,7 @@ CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibrati
         ),
     ],
 )
-def test_what_looks_like_a_mistake_is_said(tmp_path: Path, files: dict[str, str], told: str) -> None:
+def test_a_probable_mistake_is_named_under_attention(tmp_path: Path, files: dict[str, str], told: str) -> None:
     folder = written(tmp_path, **files)
     assert any(told in sentence for sentence in check_campaign(open_campaign(folder)).attention)
     done = CliRunner().invoke(app, ["check", str(folder)])

@@ -130,7 +130,7 @@ def test_settings_of_numba_beside_the_data_say_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_who_starts_processes_starts_them_safely(room: str) -> None:
+def test_modules_that_start_processes_use_child_processes(room: str) -> None:
     sources = {path: path.read_text(encoding="utf-8") for path in (PROJECT / room).rglob("*.py")}
     starts = [path for path, text in sources.items() if any(f"import {name}" in text for name in _STARTS_PROCESSES)]
     assert [path for path in starts if "truing.child_processes" not in sources[path]] == []

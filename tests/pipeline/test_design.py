@@ -198,7 +198,7 @@ REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
 
 
 @pytest.mark.parametrize(("sections", "options", "words"), REFUSED, ids=[words[:40] for *_, words in REFUSED])
-def test_what_cannot_be_designed_is_refused_in_a_line(
+def test_settings_and_options_that_cannot_be_designed_are_a_fault(
     sections: dict[str, Any], options: list[object], words: str, tmp_path: Path
 ) -> None:
     done = call(campaign(tmp_path / "given", **sections), *options)

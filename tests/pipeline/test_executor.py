@@ -107,7 +107,7 @@ def test_a_worker_that_is_asked_to_end_has_its_piece_done_by_another(tmp_path: P
     assert {path.name for path in tmp_path.glob("tidied-*")} == {"tidied-0", "tidied-1"}
 
 
-def test_what_is_closed_early_leaves_no_worker_behind(tmp_path: Path) -> None:
+def test_closing_results_early_ends_all_workers(tmp_path: Path) -> None:
     pieces = [(str(tmp_path), number, 0) for number in range(40)]
     with closing(results(work.end_own_worker, pieces, Workforce(2), lost)) as found:
         assert next(found) == 0

@@ -121,7 +121,7 @@ def test_a_stage_that_breaks_its_word_is_a_defect(fake: FakeProject, trouble: st
     assert not (fake.out / "residuals.parquet").exists()
 
 
-def test_of_several_campaigns_the_gravest_ending_counts_and_all_are_tried(fake: FakeProject) -> None:
+def test_the_worst_exit_code_of_several_campaigns_counts_and_all_are_tried(fake: FakeProject) -> None:
     done = fake.call("run", "nowhere", str(fake.campaign), "--out", "both")
     assert done.returncode == 2
     assert (fake.cwd / "both" / "bench" / "report.html").exists()

@@ -124,7 +124,7 @@ def test_two_kinds_of_files_for_one_table_become_two_entries(tmp_path: Path) -> 
     assert [entry["path"] for entry in written(tmp_path)["files"]["points"]] == ["first.csv", "second.csv"]
 
 
-def test_what_is_not_recognised_is_left_as_a_comment(tmp_path: Path) -> None:
+def test_an_unrecognised_file_is_left_as_a_comment(tmp_path: Path) -> None:
     (tmp_path / "notes.bin").write_bytes(bytes(range(256)))
     done = init(tmp_path)
     assert done.exit_code == 0
@@ -259,7 +259,7 @@ def test_a_few_long_files_of_bare_coordinates_are_targets_and_their_rows_poses(t
     assert "6 files" in done.stdout
 
 
-def test_of_a_bundle_coded_targets_alone_are_taken(tmp_path: Path) -> None:
+def test_only_coded_targets_of_a_bundle_are_proposed(tmp_path: Path) -> None:
     entry = proposed(tmp_path / "raw", BUNDLES, VSTARS + "TARGET36,-12.5,4.5,-1.5,0.2,1.4,0.1,0.000\n")
     assert entry["select"] == {"target": r"CODE\d+"}
     assert "select" not in proposed(tmp_path / "coded", BUNDLES, VSTARS)

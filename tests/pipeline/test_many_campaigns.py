@@ -87,7 +87,7 @@ def test_workers_that_meet_a_limit_of_memory_end_and_say_so(fresh: FakeProject, 
     assert all("stage pose" in line and "ulimit -v" in line for line in said)
 
 
-def test_what_another_run_holds_is_left_alone_and_the_others_are_run(fresh: FakeProject, campaigns: list[str]) -> None:
+def test_a_campaign_locked_by_another_run_is_skipped(fresh: FakeProject, campaigns: list[str]) -> None:
     held = fresh.cwd / "runs" / "first" / PRIVATE
     held.mkdir(parents=True)
     with hold(held / "lock"):
@@ -107,7 +107,7 @@ def test_a_campaign_that_ends_its_worker_ends_no_other(fresh: FakeProject, campa
     assert fresh.call("run", campaigns[0]).returncode == 0, "what was whole is whole still"
 
 
-def test_what_is_no_schedulers_address_is_refused_at_once(fake: FakeProject) -> None:
+def test_an_invalid_scheduler_address_is_refused_at_once(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign), "--scheduler", "example.org")
     assert done.returncode == 2
     assert "expected tcp://host:port, tls://host:port or local" in done.stderr

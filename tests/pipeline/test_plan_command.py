@@ -70,7 +70,7 @@ def test_stations_for_what_is_wanted(place):
     assert "Where the cameras stand" in (place / "plan.html").read_text(encoding="utf-8")
 
 
-def test_what_a_scale_bar_limits_no_photograph_cures(place):
+def test_an_error_below_that_of_the_scale_bars_is_out_of_reach(place):
     (place / "scale_bars.csv").write_text(BARS.replace("0.004", "0.2"), encoding="utf-8")
     found = plan(place, "--wanted", "0.01", "--stations", "6", *FEW, "--out", str(place / "plan.csv"))
     assert "the scale bars alone leave" in found.output
@@ -103,7 +103,7 @@ def test_targets_that_face_away_are_told(place):
         ("", "", ("--out", "plan.txt"), "a file that ends in .csv or .parquet"),
     ],
 )
-def test_what_cannot_be_planned_is_a_fault(place, old, new, options, expected):
+def test_settings_and_options_that_cannot_be_planned_are_a_fault(place, old, new, options, expected):
     (place / "campaign.toml").write_text(CAMPAIGN.replace(old, new, 1) if old else CAMPAIGN, encoding="utf-8")
     (place / "image_targets.csv").write_text(
         "family,code,body,target,diameter_mm\nring12,1,table,0,5\nring12,2,table,1,5\nring12,3,table,2,5\n"

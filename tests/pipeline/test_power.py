@@ -136,7 +136,7 @@ def _refused(piece: Any) -> Any:
         (("--out", "power.txt"), "a file that ends in .csv or .parquet"),
     ],
 )
-def test_what_cannot_be_asked_for_is_refused(measured: Path, words: tuple[str, ...], told: str) -> None:
+def test_unusable_options_of_power_are_refused(measured: Path, words: tuple[str, ...], told: str) -> None:
     code, said = call(measured, *words)
     assert code == 2
     assert told in said

@@ -31,13 +31,13 @@ def test_declared_sections_read_as_the_campaign_does_and_are_noted() -> None:
 @pytest.mark.parametrize(
     "path", ["campaign", "mechanism.type", "mechanism.tolerance", "noise.actuator_mm", "model_dump"]
 )
-def test_what_is_not_declared_cannot_be_read(path: str) -> None:
+def test_an_undeclared_setting_cannot_be_read(path: str) -> None:
     view = SettingsView(CAMPAIGN, ("noise.point_mm", "mechanism.legs"))
     with pytest.raises(UndeclaredSetting, match=f"{path} is read but not declared"):
         attrgetter(path)(view)
 
 
-def test_what_is_derived_needs_what_it_is_derived_from() -> None:
+def test_a_derived_setting_requires_its_sources() -> None:
     view = SettingsView(CAMPAIGN, ("bodies.reference", "mechanism.type"))
     assert view.reference_body == "base"
     assert view.sections_read == {"bodies.reference", "mechanism.type"}

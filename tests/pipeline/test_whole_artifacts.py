@@ -205,7 +205,7 @@ def test_a_read_only_folder(ran: FakeProject, place: str) -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_what_dead_runs_left_is_swept(ran: FakeProject) -> None:
+def test_leftovers_of_dead_runs_are_removed(ran: FakeProject) -> None:
     (ran.out / ".poses.parquet.part").write_bytes(b"half")
     ran.run()
     assert not list(ran.out.rglob("*.part"))

@@ -86,7 +86,7 @@ def test_three_digits_stay_right(value):
     assert math.isclose(float(plain(value)), value, rel_tol=5.01e-3, abs_tol=0.0)
 
 
-def test_what_is_missing_is_a_dash():
+def test_a_missing_number_is_shown_as_a_dash():
     assert plain(None) == plain(math.nan) == plain(math.inf) == p_value(None) == "–"
 
 

@@ -85,7 +85,7 @@ def test_every_stated_result_stands_in_si_units_and_rounded(run: truing.Run) -> 
         assert all(float(k) >= 1.0 for k in (factor.text or "").split())
 
 
-def test_what_was_told_stands_where_readers_look_for_it(run: truing.Run) -> None:
+def test_certificate_data_stand_in_the_elements_of_the_schema(run: truing.Run) -> None:
     tree = _read(run)
     core = tree.find("dcc:administrativeData/dcc:coreData", _NAMES)
     assert core is not None
@@ -112,7 +112,7 @@ def test_a_temperature_that_nobody_recorded_is_told_by_the_laboratory(run: truin
     assert [child.text for child in interval] == ["0.173", "19.800", "20.400", "1", "uniform"]
 
 
-def test_it_keeps_the_rules_that_ptb_checks_beside_the_schema(run: truing.Run) -> None:
+def test_the_certificate_keeps_the_rules_of_ptb_that_no_schema_states(run: truing.Run) -> None:
     tree = _read(run)
     for parent in tree.iter():
         languages = [content.get("lang") for content in parent.findall("dcc:content", _NAMES)]
@@ -132,7 +132,7 @@ def test_equal_runs_give_equal_certificates(run: truing.Run) -> None:
 
 
 @pytest.mark.skipif(SCHEMA not in os.environ, reason=f"{SCHEMA} names no folder with dcc.xsd of PTB, version 3.3.0")
-def test_it_is_valid_by_the_schema_of_ptb(run: truing.Run) -> None:
+def test_the_certificate_is_valid_by_the_schema_of_ptb(run: truing.Run) -> None:
     etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
     schema = etree.XMLSchema(etree.parse(str(Path(os.environ[SCHEMA]) / "dcc.xsd")))
     hostile = TOLD.model_copy(update={"number": "a\x00\x0b ]]> <b>\t&amp;\ud800"})
@@ -231,7 +231,7 @@ def _measurements(run: truing.Run) -> list[ElementTree.Element]:
 @pytest.mark.parametrize(
     ("section", "state", "code"), [("diagnosis", "fails", "found"), ("pulls", "attention", "misfit")]
 )
-def test_what_says_nothing_against_the_model_refuses_nothing(
+def test_harmless_verdicts_leave_all_measurements_certified(
     run: truing.Run, section: str, state: str, code: str
 ) -> None:
     assert len(_measurements(_judged(run, section, state, code))) == len(_measurements(run))

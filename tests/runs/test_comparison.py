@@ -125,7 +125,7 @@ def test_a_machine_that_was_rebuilt_is_not_told_number_by_number(texts: dict[str
         ("started", "started started from the model of spring, which its numbers rest on"),
     ],
 )
-def test_what_cannot_be_judged_is_shown_and_said(runs: Path, name: str, why: str) -> None:
+def test_a_run_that_cannot_be_assessed_gives_the_reason(runs: Path, name: str, why: str) -> None:
     code, said, _ = called(runs, "spring", name)
     assert code == ExitCode.DONE
     assert said.startswith(f"spring → {name}: no number was judged: {why}")
@@ -145,7 +145,7 @@ def test_what_cannot_be_judged_is_shown_and_said(runs: Path, name: str, why: str
         (("spring", "broken"), "broken: expected a model.toml that `truing run` has written"),
     ],
 )
-def test_what_cannot_be_compared_is_told(runs: Path, names: tuple[str, ...], told: str) -> None:
+def test_runs_that_cannot_be_compared_are_a_fault(runs: Path, names: tuple[str, ...], told: str) -> None:
     code, _, errors = called(runs, *names)
     assert code == ExitCode.UNUSABLE_CAMPAIGN
     assert told in errors

@@ -74,5 +74,5 @@ def test_a_single_leg_is_told_with_its_number_and_a_phase_is_no_size(found: list
     ("subject", "concerns"),
     [("", "the whole"), ("leg3", "one leg"), ("target P07", "one target"), ("leg1 leg4", None), ("targets A B", None)],
 )
-def test_what_a_subject_concerns(subject: str, concerns: str | None) -> None:
+def test_a_subject_names_the_leg_body_or_target_it_concerns(subject: str, concerns: str | None) -> None:
     assert concerned(subject) == concerns

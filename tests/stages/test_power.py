@@ -81,7 +81,7 @@ def _keys(table: pa.Table) -> list[tuple[Any, ...]]:
     return list(zip(*(table.column(name).to_pylist() for name in ("pose", "body", "target")), strict=True))
 
 
-def test_what_was_seen_is_seen_again_with_the_noise_that_was_told(
+def test_a_redrawn_campaign_has_the_same_sightings_and_the_declared_noise(
     tables: dict[str, pa.Table], drawn: dict[str, pa.Table]
 ) -> None:
     before, after = tables["observations"], drawn["observations"]
@@ -165,7 +165,9 @@ def test_campaigns_are_drawn_about_the_size_that_theory_expects_and_with_seeds_o
         ([("leg-drift", "found", "leg3"), ("actuator-gain", "rejected", "leg3")], (True, False, False)),
     ],
 )
-def test_what_a_diagnosis_says_of_what_was_hidden(rows: list[tuple[str, str, str]], expected: tuple[bool, ...]) -> None:
+def test_a_diagnosis_counts_as_found_named_and_placed(
+    rows: list[tuple[str, str, str]], expected: tuple[bool, ...]
+) -> None:
     hidden = Trial(0, 1.0, (replace(_question(50.0).kind, causes=(GAIN,), weights=np.ones(1)).draw(1.0, 6, RNG),), (1,))
     told = answer(hidden, [dict(zip(("cause", "verdict", "subject"), row, strict=True)) for row in rows])
     assert (told.found, told.named, told.subject_right) == expected

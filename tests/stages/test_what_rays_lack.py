@@ -16,7 +16,7 @@ from truing.pipeline.in_memory import stage_line
         ("aicon", 1, ("5 of them without a standard deviation",), ("scale",)),
     ],
 )
-def test_what_is_not_in_the_file_is_in_the_words(tmp_path, page, number, said, unsaid):
+def test_columns_missing_from_a_ray_file_are_named(tmp_path, page, number, said, unsaid):
     line = stage_line(examples(FOLDER / f"{page}.md")[number].write(tmp_path)).call("images")
     words = line.outcomes["images"].read
     assert [one for one in said if one not in words] == []

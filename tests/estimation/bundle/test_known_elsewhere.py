@@ -20,7 +20,7 @@ def elsewhere(given: np.ndarray, sigma_m: float = 2e-5) -> list[KnownPointMismat
     return known_elsewhere(named, state)
 
 
-def test_of_another_frame() -> None:
+def test_known_points_in_another_frame_are_a_fault_with_their_pose() -> None:
     given = XYZ * [1.0, 1.0, -1.0] + [0.0, 0.0, 0.2]
     (found,) = elsewhere(given)
     off = np.linalg.norm(given - XYZ, axis=1)
@@ -33,6 +33,6 @@ def test_of_another_frame() -> None:
     assert not elsewhere(XYZ[:, [1, 0, 2]], sigma_m=1.0)
 
 
-def test_of_few_that_are_wrong() -> None:
+def test_small_offsets_and_two_wrong_known_points_are_no_other_frame() -> None:
     assert not elsewhere(XYZ + 5e-4)
     assert not elsewhere(XYZ + np.where(np.arange(12)[:, None] < 2, 0.3, 0.0))

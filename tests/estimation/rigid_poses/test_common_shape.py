@@ -66,7 +66,7 @@ def test_a_body_that_flexes_more_than_its_noise_has_a_shape_all_the_same():
     assert off_shape(common_shape(y, np.ones((40, 5), bool), SIGMA), x) < 45 * SIGMA
 
 
-def test_what_hangs_with_nothing_is_left_out():
+def test_a_target_never_seen_with_others_has_no_common_shape():
     rng = np.random.default_rng(85)
     _, y = measured(rng, 5, 8)
     mask = np.ones((5, 8), bool)

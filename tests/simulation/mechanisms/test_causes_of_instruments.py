@@ -210,7 +210,7 @@ def test_candidates_are_those_that_could_show() -> None:
     assert not TargetMoved().channel_candidates(scene)
 
 
-def test_what_a_cause_of_the_catalogue_does_is_not_told_again_without_a_name() -> None:
+def test_nonparametric_effects_exclude_the_forms_of_the_catalogue() -> None:
     """Neither a gain, nor backlash, nor a linear deformation of the platform is among what may follow."""
     for cause in Nonparametric().candidates(_model([]).scene):
         own = cause.settings()
@@ -219,7 +219,7 @@ def test_what_a_cause_of_the_catalogue_does_is_not_told_again_without_a_name() -
         assert APPROACH not in own["columns"]
 
 
-def test_what_follows_names_the_columns() -> None:
+def test_a_nonparametric_effect_names_its_input_columns() -> None:
     assert Nonparametric(legs=(3,), **OWN).inputs(6) == ("rho3_mm",)
     assert Nonparametric(**PRODUCT).inputs(6) == ("rho2_mm", "temperature_c")
     assert Nonparametric(columns=(ORDER,), centres=(0.0,), half_ranges=(1.0,)).inputs(6) == ("time_s",)

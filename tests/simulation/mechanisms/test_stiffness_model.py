@@ -67,7 +67,7 @@ def test_readings_and_loads_are_those_of_the_reference() -> None:
     assert_close([lever[2, 1], lever[0, 2], lever[1, 0]], found.arm[0, 0] * 1e3, atol=1e-9 * 130.0, what="arm, mm")
 
 
-def test_what_equilibrium_lacks_is_that_of_the_reference() -> None:
+def test_unbalanced_forces_are_those_of_the_reference() -> None:
     inputs, outputs = vector("eq33")
     machine = flexure_telescope()
     rho = machine.legs.rho0 + np.array(inputs["drho_mm"])[None] * 1e-3

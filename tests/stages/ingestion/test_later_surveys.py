@@ -127,7 +127,7 @@ def test_a_target_at_an_attachment_joins_again_where_it_is_said_to_sit_there(fol
         (entry() + entry(), "resurvey.2.survey: found 'after'; expected each survey once"),
     ],
 )
-def test_what_names_nothing_is_a_fault(folder, entries, told):
+def test_an_unknown_survey_pose_or_target_is_a_fault(folder, entries, told):
     surveyed(folder)
     folder.toml += entries
     said = [str(fault) for fault in folder.faults()]

@@ -95,7 +95,7 @@ def test_no_table_of_names_where_nothing_is_called_otherwise(folder):
         ([{"target": "P1", "called": "P1"}], "renamed.1.called: found 'P1'; expected another name than the target"),
     ],
 )
-def test_what_contradicts_itself_is_a_fault_with_the_names(folder, entries, told):
+def test_contradictory_renames_are_a_fault_with_the_names(folder, entries, told):
     called(folder, ("P1", "T112"))
     folder.toml += "".join(renamed(**entry) for entry in entries)
     said = [str(fault) for fault in folder.faults()]

@@ -43,7 +43,7 @@ def test_the_earlier_model_is_copied_without_where_it_came_from(folder):
     assert tomllib.loads(left["start"]) == {k: v for k, v in tomllib.loads(EARLIER).items() if k != "provenance"}
 
 
-def test_it_counts_among_the_raw_files(folder):
+def test_the_prior_model_counts_as_a_raw_file(folder):
     folder.run()
     assert "model.toml" in {path.name for path in raw_files(folder.path, tomllib.loads(folder.toml))}
 
@@ -59,7 +59,7 @@ def test_it_counts_among_the_raw_files(folder):
         (EARLIER.replace("[[legs]]\n", "", 1).encode(), "a model of 3 legs, not of 2"),
     ],
 )
-def test_what_cannot_be_started_from_is_a_fault(folder, change, expected):
+def test_an_unusable_prior_model_is_a_fault(folder, change, expected):
     file = folder.path.parent / "last" / "model.toml"
     if change is None:
         file.unlink()

@@ -13,7 +13,7 @@ from truing.stages.quality.check import CampaignLimits
 from truing.stages.quality.steps_and_surroundings import load_range
 
 
-def test_how_far_an_overload_test_went_is_said():
+def test_an_overload_check_gives_the_largest_load_over_the_range():
     load = np.zeros((3, 6))
     load[:, 2] = 0.0, 12000.0, -3000.0
     view = SimpleNamespace(steps=SimpleNamespace(load=load))

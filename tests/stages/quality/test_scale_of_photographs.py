@@ -58,7 +58,7 @@ def test_a_scale_that_nothing_checks_is_told_as_such() -> None:
         ),
     ],
 )
-def test_what_checks_it_is_named(check: Check, words: str) -> None:
+def test_a_passed_scale_check_names_what_it_was_compared_with(check: Check, words: str) -> None:
     assert check.message.endswith(words)
     assert check.verdict == "pass"
 
