@@ -101,7 +101,7 @@ def test_a_place_is_as_loose_as_what_carries_it_leaves_it() -> None:
         assert scatter[~known] == pytest.approx(loose[row, ~known], rel=0.05)
 
 
-def test_what_is_known_loosely_is_neither_lonely_nor_moved_for_that(places: np.ndarray) -> None:
+def test_a_loosely_known_target_counts_neither_as_lonely_nor_as_moved(places: np.ndarray) -> None:
     known, loose = np.ones((20, 4), bool), np.ones((20, 4))
     places[:, 2] *= 12.0
     loose[:, 2] = 12.0

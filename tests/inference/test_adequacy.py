@@ -44,7 +44,7 @@ def test_missing_observations_and_constant_columns_are_left_alone() -> None:
     assert not list(like_neighbours(rest[:5], {"time_s": np.arange(5.0)}, rng))
 
 
-def test_what_a_group_has_in_common_is_no_misfit_where_groups_are_exchanged_as_such() -> None:
+def test_permuting_whole_groups_keeps_their_common_offset_from_counting_as_misfit() -> None:
     rng = np.random.default_rng(4)
     groups = np.repeat(np.arange(8), 5)
     rest = rng.normal(size=(8, CHANNELS, 1))[groups] + rng.normal(size=(EPOCHS, CHANNELS, 1))

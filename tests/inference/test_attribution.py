@@ -75,7 +75,7 @@ def test_a_walk_in_time_follows_time_and_no_input_that_walks_too() -> None:
     assert sum(bool(one - {"time_s"}) for one in said) <= 1
 
 
-def test_one_course_in_many_channels_is_told_though_each_hardly_shows_it() -> None:
+def test_a_weak_course_common_to_many_channels_is_attributed_to_its_input() -> None:
     rng = np.random.default_rng(7)
     columns = _columns(rng)
     course, field = np.cos(3.0 * columns["load_n"]), rng.standard_normal(24)

@@ -95,7 +95,7 @@ def test_a_cause_of_two_days_is_told_by_these_and_the_first_kind_that_tells_is_t
     assert other.kind == BlockKind.REGION
 
 
-def test_what_changes_sign_from_day_to_day_pays_on_none_that_was_left_out() -> None:
+def test_an_effect_that_changes_sign_daily_predicts_no_left_out_day() -> None:
     rng = np.random.default_rng(4)
     values = measured(TEMPLATE, rng)
     sign = np.where(DAYS.numbers % 2, -1.0, 1.0)[:, None]

@@ -34,7 +34,7 @@ def test_small_groups_and_epochs_of_none_are_never_left_out() -> None:
     assert len(np.unique(found.numbers[:15])) == 3
 
 
-def test_of_many_runs_several_are_left_out_together() -> None:
+def test_many_runs_are_left_out_in_twelve_blocks() -> None:
     numbers = np.repeat(np.arange(50), 4)
     (found,) = possible_blocks({BlockKind.RUN: numbers}, 200)
     assert found.count == 12
@@ -51,7 +51,7 @@ def test_regions_are_quarters_and_do_not_depend_on_units(seed: int) -> None:
     assert len(np.unique(np.stack([own, scaled]), axis=1).T) == 4
 
 
-def test_what_is_in_one_place_is_in_one_region() -> None:
+def test_observations_at_one_place_share_a_region() -> None:
     places = np.random.default_rng(1).normal(size=(9, 2))
     own = regions(np.repeat(places, 4, axis=0)).reshape(9, 4)
     assert (own == own[:, :1]).all()

@@ -55,7 +55,7 @@ def test_the_number_that_changed_is_named_and_no_other(designs):
         assert np.abs((sizes - 1.0) / sigmas).max() < 4.5
 
 
-def test_of_numbers_told_only_together_one_stands_for_both(designs):
+def test_one_of_two_confounded_numbers_is_named_as_changed_with_the_other_as_alternative(designs):
     rng = np.random.default_rng(3)
     change = 1.0 * (np.arange(NUMBERS) == 6)
     named = [campaigns(designs, rng, change).changed() for _ in range(20)]

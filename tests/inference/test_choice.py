@@ -68,14 +68,14 @@ def both() -> Round:
     return _round({"weak": weak, "strong": strong, "twin": twin}, {"weak": 20.0, "strong": 25.0}, ("strong",))
 
 
-def test_what_is_there_beside_a_cause_is_no_rival_of_it(both: Round) -> None:
+def test_a_second_real_cause_is_no_rival_of_the_first(both: Round) -> None:
     choice = choose(both, set(), LEVEL)
     assert choice is not None
     assert choice.candidate.key in ("weak", "twin")
     assert "strong" not in [rival.key for rival, _ in choice.rivals]
 
 
-def test_of_two_causes_that_are_there_the_rivals_are_those_that_do_as_well_beside_the_other(both: Round) -> None:
+def test_rivals_of_a_cause_explain_as_much_next_to_the_other_real_cause(both: Round) -> None:
     choice = choose(both, set(), LEVEL)
     assert choice is not None
     assert {choice.candidate.key, *(rival.key for rival, _ in choice.rivals)} == {"weak", "twin"}
@@ -112,9 +112,7 @@ def test_a_name_goes_first_only_where_another_form_of_the_same_does_not_explain_
 
 
 @pytest.mark.parametrize(("held", "late", "expected"), [(20.0, False, True), (20.0, True, False), (6.0, False, False)])
-def test_what_is_small_beside_a_form_that_the_model_holds_is_a_remainder_where_it_acts_on_the_same(
-    held: float, late: bool, expected: bool
-) -> None:
+def test_a_small_effect_on_the_poses_of_a_larger_form_is_its_remainder(held: float, late: bool, expected: bool) -> None:
     """The form acts on the first half of the poses; a signal of 8 is small beside one of 20, not of 6."""
     first = np.arange(toy.POSES) < toy.POSES // 2
     own = _design(np.where(first ^ late, COURSES[0], 0.0), 0)
@@ -181,7 +179,9 @@ def test_a_name_is_given_unless_a_form_without_one_is_three_times_as_probable(le
 @pytest.mark.parametrize(
     ("name", "further", "expected"), [(2.0, 0.0, None), (4.0, 2.0, "further"), (4.0, 0.0, "name"), (9.0, 5.0, "name")]
 )
-def test_what_is_left_of_a_form_without_a_name_is_given_none(name: float, further: float, expected: str | None) -> None:
+def test_the_remainder_of_a_nonparametric_effect_gets_no_name(
+    name: float, further: float, expected: str | None
+) -> None:
     """Beside an accepted one, a name has to be twenty times as probable as none, and as that form's further terms."""
     odds = {"name": name, **({"further": further} if further else {})}
     assert _accepted(_Told(odds, ("further",), (_cause("form", False),))) == expected
@@ -225,7 +225,7 @@ def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> Non
     assert_close([against for _, against in choice.subjects], [np.e, 10.0], atol=1e-9, what="odds against")
 
 
-def test_what_predicts_worse_leaves_the_place_to_what_is_real_and_less_probable() -> None:
+def test_a_refused_candidate_gives_way_to_a_less_probable_one() -> None:
     """A periodic error whose pitch fits the levels of the drives may swallow a gain, and fail between the levels."""
     designs = {"refused": _design(COURSES[0], 0), "less": _design(COURSES[0] + 0.5 * COURSES[2], 0)}
     current = _round(designs, {"refused": 20.0}, ())

@@ -56,7 +56,7 @@ def test_the_smallest_size_has_the_power_that_was_asked_for_and_grows_with_it() 
         assert sight.power(size) == pytest.approx(power, abs=1e-6)
 
 
-def test_one_parameter_needs_the_signal_that_its_threshold_asks_for() -> None:
+def test_the_detectable_signal_is_the_sum_of_the_quantiles_of_threshold_and_power() -> None:
     """Normal noise that is all but known: the quantile of the threshold plus that of the power."""
     from scipy.stats import norm
 
@@ -65,19 +65,21 @@ def test_one_parameter_needs_the_signal_that_its_threshold_asks_for() -> None:
 
 
 @pytest.mark.parametrize("sight", [EffectSensitivity(_Named(), "any", AcceptanceRule(0, 1.0, 0.03), np.array([0.0]))])
-def test_what_no_direction_shows_is_not_found_at_any_size(sight: EffectSensitivity) -> None:
+def test_an_effect_without_signal_has_no_detectable_size(sight: EffectSensitivity) -> None:
     assert sight.smallest() is None
     assert not sight.is_plausible
 
 
 @pytest.mark.parametrize(("per_plausible_scale", "seen"), [(6.0, True), (0.6, True), (0.06, False)])
-def test_what_shows_far_beyond_plausible_sizes_only_is_not_testable(per_plausible_scale: float, seen: bool) -> None:
+def test_an_effect_detectable_only_beyond_plausible_sizes_is_not_testable(
+    per_plausible_scale: float, seen: bool
+) -> None:
     """Found with four fifths at about five standard deviations: at 0.9, 9 and 90 plausible scales."""
     sight = EffectSensitivity(_Named(), "any", AcceptanceRule(1, 1e7, 1e-5), np.array([per_plausible_scale]))
     assert sight.is_plausible is seen
 
 
-def test_what_shows_in_half_of_the_directions_only_is_not_found_with_four_fifths() -> None:
+def test_an_effect_visible_in_half_of_its_directions_has_no_size_of_80_percent_power() -> None:
     half = np.concatenate([np.zeros(32), np.full(32, 5.0)])
     assert EffectSensitivity(_Named(), "any", AcceptanceRule(2, 100.0, 1e-4), half).smallest(0.8) is None
 

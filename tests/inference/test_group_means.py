@@ -60,7 +60,7 @@ def test_the_ratio_is_one_on_average_where_only_noise_is_left() -> None:
     assert np.mean(ratios) == pytest.approx(expected, abs=3.5 * spread / np.sqrt(TRIALS))
 
 
-def test_what_follows_the_command_is_seen_and_what_follows_nothing_is_not() -> None:
+def test_means_of_repeats_show_an_effect_of_the_command_and_no_scatter() -> None:
     rng = np.random.default_rng(3)
     effect = rng.normal(size=(8, REPEATED.residual.shape[1]))
     assert p_value(residuals(rng, effect[GROUPS])) < 1e-6
@@ -98,7 +98,7 @@ def test_the_p_value_is_independent_of_the_measurement_frame_of_each_pose() -> N
     )
 
 
-def test_what_was_not_seen_twice_counts_for_nothing() -> None:
+def test_observations_without_a_repeat_count_for_nothing() -> None:
     found = residuals(np.random.default_rng(6))
     seen = found.seen.copy()
     seen[1::3] = seen[2::3] = False
@@ -120,7 +120,7 @@ def test_without_repeats_the_reason_is_that_and_with_few_another() -> None:
     assert MisfitKind.PURE_ERROR not in Adequacy((), not_asked=frozenset([MisfitKind.PURE_ERROR])).untested
 
 
-def test_what_differs_from_region_to_region_is_seen_by_region() -> None:
+def test_an_effect_of_the_region_is_found_by_region() -> None:
     rng = np.random.default_rng(8)
     poses, width = 64, 12
 

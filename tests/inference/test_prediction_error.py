@@ -39,12 +39,12 @@ def _vetoes(poses: int, size: float, share: float) -> float:
 
 
 @pytest.mark.parametrize("poses", [3, 6, 20])
-def test_what_is_half_right_is_refused_as_rarely_as_stated(poses: int) -> None:
+def test_a_half_right_cause_is_refused_at_the_stated_rate(poses: int) -> None:
     """It predicts as well as nothing does: 0.6 %, within four standard errors of that many trials."""
     assert_between(_vetoes(poses, 2.0, 0.5), 0.001, 0.011, what="refused")
 
 
-def test_what_is_right_is_never_refused_and_what_is_wrong_is_though_poses_are_few() -> None:
+def test_few_poses_refuse_a_wrong_cause_and_never_a_right_one() -> None:
     assert _vetoes(3, 2.0, 1.0) == 0.0
     assert _vetoes(3, 8.0, 0.0) > 0.99
 

@@ -52,7 +52,7 @@ def test_the_group_that_scatters_and_its_size_are_found() -> None:
     assert_between(float(np.mean(pulls)), -3.0 / np.sqrt(40), 3.0 / np.sqrt(40), what="mean pull of the factor")
 
 
-def test_what_is_known_as_badly_as_it_scatters_is_told_by_the_factor_alone() -> None:
+def test_the_likeliest_scatter_allows_for_the_uncertainty_of_each_input() -> None:
     rng, candidates = np.random.default_rng(3), _candidates()
     residuals = _fit(rng, np.ones((EPOCHS, INPUTS)))
     true = candidates[12]

@@ -88,7 +88,7 @@ def test_two_causes_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
         causes.catalogue()
 
 
-def test_one_function_is_all_that_its_effect_takes() -> None:
+def test_a_cause_with_one_function_is_simulated() -> None:
     legs, rho = telescope(), readings(np.random.default_rng(1), 4)
     longer = simulate(legs, rho, [Effect(LegsTooLong(), np.array([2e-5]))])
     expected = simulate(legs.replace(l=legs.l + 2e-5), rho)

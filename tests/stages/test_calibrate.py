@@ -192,7 +192,7 @@ def test_kappa_and_u_x_are_not_both_identifiable(sample):
         assert f"rho0{leg}" not in chosen or f"a_z{leg}" not in chosen
 
 
-def test_what_the_other_models_cost_over_the_campaigns_own_readings(sample):
+def test_departures_of_simpler_models_from_rigid_legs_are_those_of_the_reference(sample):
     nominal = sample["model_choice"].query("estimator == 'nominal'").set_index(["model", "figure"])["value"]
     rms = {model: nominal[model, "reading_rms_from_rigid_legs"] for model in ("jacobian", "beam", "stiffness")}
     most = {model: nominal[model, "reading_max_from_rigid_legs"] for model in ("jacobian", "beam", "stiffness")}
@@ -316,7 +316,7 @@ def test_without_targets_on_attachments_the_matrix_cannot_be_known(line):
 
 
 @pytest.mark.parametrize("missing", ["configurations", "mechanism"])
-def test_what_is_not_there_is_not_evaluated(line, missing):
+def test_calibration_without_its_inputs_is_not_evaluated(line, missing):
     tables = {name: table for name, table in line.items() if name != missing}
     entry = without(document(SAMPLE), "mechanism") if missing == "mechanism" else document(SAMPLE)
     found, said = calibrated(tables, read_campaign(entry))
@@ -334,7 +334,7 @@ def test_a_geometry_that_cannot_close_is_not_evaluated(line):
     assert all(found[name].empty for name in OF_MECHANISM)
 
 
-def test_what_does_not_belong_together_is_not_calibrated_unless_a_person_accepts_it(line):
+def test_a_failed_relation_withholds_the_calibration_until_accepted(line):
     failed = {"check": "readings-against-poses", "verdict": "fail"}
     campaign = read_campaign(document(SAMPLE))
     found, said = calibrated({**line, "qa": pa.Table.from_pylist([{**failed, "accepted": None}])}, campaign)

@@ -135,7 +135,7 @@ def test_the_sample_campaign_is_named_a_matrix_deformation_of_the_published_size
     _assert_chi_square(_pulls(sample.rows[0], sample.truth["effects"][0]["parameters"]))
 
 
-def test_what_remains_with_the_found_cause_is_noise_also_on_poses_held_out(sample: Diagnosed) -> None:
+def test_residuals_with_the_found_cause_are_noise_in_calibration_and_held_out_poses(sample: Diagnosed) -> None:
     row = sample.rows[0]
     assert row["unit"] == "um"
     assert row["rms_before"] > 2 * row["rms_after"]
@@ -207,7 +207,7 @@ def test_nothing_hidden_nothing_found(tmp_path: Path) -> None:
     assert {row["reason_code"] for row in clean.rows} <= {"chance", "unseen", "no-payload", "no-tilt"}
 
 
-def test_what_no_cause_explains_is_called_so_and_not_by_another_s_name(tmp_path: Path) -> None:
+def test_a_coupling_outside_the_catalogue_is_found_as_unexplained(tmp_path: Path) -> None:
     """An actuator that drags its neighbour along: no cause of the catalogue has a leg follow another leg's drive."""
     coupled = _drawn(tmp_path, [CrossCoupling(np.array([0.0, 0.0, 0.012, 0.0, 0.0, 0.0]))], 43)
     assert coupled.found() == ["unexplained"]

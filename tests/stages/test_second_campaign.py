@@ -96,7 +96,7 @@ def test_a_calibration_read_back_from_its_tables_misses_as_it_did(series, monkey
         assert np.isclose(found["largest_error"], own[column].max(), rtol=1e-6)
 
 
-def test_what_ends_with_a_campaign_does_not_move_the_next(series) -> None:
+def test_only_persistent_causes_enter_the_next_campaign(series) -> None:
     first, *_ = series
     stand = fitted(gathered(first), ActuatorGain((3,)), LegDrift((5,)))
     whole = read_model(model_text(stand, "first"))
@@ -216,7 +216,7 @@ def test_a_run_tells_the_errors_of_a_second_series_and_predict_tells_the_same(tm
         ("../empty", "a campaign.toml in this folder"),
     ],
 )
-def test_what_is_no_second_campaign_is_a_fault_before_anything_runs(tmp_path: Path, named: str, said: str) -> None:
+def test_an_invalid_second_campaign_is_a_fault_before_the_run(tmp_path: Path, named: str, said: str) -> None:
     for name in ("bodies", "empty"):
         (tmp_path / name).mkdir()
     (tmp_path / "bodies" / "campaign.toml").write_text('[campaign]\nname = "b"\nkind = "photogrammetry"\n')

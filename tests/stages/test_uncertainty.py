@@ -155,14 +155,14 @@ def test_a_root_mean_square_of_few_errors_scatters_as_is_stated() -> None:
     assert draws[0][1].dof == pytest.approx([39.0])
 
 
-def test_what_cannot_be_stated_says_why(tmp_path: Path) -> None:
+def test_a_result_without_uncertainty_gives_the_reason(tmp_path: Path) -> None:
     frames = _frames(cut_telescope(tmp_path / "t"), "ingest", "pose")
     left = frames["uncertainty"][~frames["uncertainty"]["stated"]]
     assert set(left["result"]) == {"calibration", "cause", "accuracy"}
     assert left["reason"].str.len().min() > 10
 
 
-def test_what_is_stated_of_poses_and_geometry_holds_the_truth_nearly_always(telescope: Frames) -> None:
+def test_stated_intervals_of_poses_and_geometry_cover_the_truth(telescope: Frames) -> None:
     """Of 54 components and 42 numbers as the sample was simulated, one in twenty may lie outside, more by chance."""
     truth = json.loads((SAMPLE.parent / "telescope.truth.json").read_text())
     geometry, poses = truth["geometry"], {f"{pose['pose']}": pose for pose in truth["poses"]}

@@ -132,7 +132,7 @@ def test_known_points_carry_the_network():
     np.testing.assert_allclose(one.state.points[0], fewer.xyz_m[0], rtol=0, atol=1e-10)
 
 
-def test_what_is_not_determined_is_said():
+def test_points_with_one_ray_and_images_with_few_rays_are_named():
     rng = np.random.default_rng(7)
     network, truth = draw(rng, images=5, points=12)
     rays = network.rays
@@ -150,7 +150,7 @@ def test_what_is_not_determined_is_said():
     assert np.isnan(found.covariance.point_blocks()[3]).all()
 
 
-def test_what_cannot_be_adjusted_is_named_all_at_once():
+def test_all_faults_of_a_network_are_named_at_once():
     rng = np.random.default_rng(11)
     network, truth = draw(rng, poses=2, images=4, points=8)
     cov, point = network.rays.cov_px2.copy(), network.rays.point.copy()
@@ -177,7 +177,7 @@ def test_points_behind_cameras_are_named():
         adjust(network, replace(truth, R=turned))
 
 
-def test_what_the_images_do_not_determine_is_named():
+def test_parameters_that_the_images_do_not_determine_are_named():
     """One plane from straight above, never rolled: principal distance and height are one, as far as images tell."""
     rng = np.random.default_rng(9)
     network, truth = draw(rng, images=4, points=10, bars=False, free=PARAMETERS[:1])

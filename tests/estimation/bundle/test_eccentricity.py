@@ -87,7 +87,7 @@ def test_the_sign_of_the_normal_does_not_matter_and_a_circle_facing_the_camera_h
     np.testing.assert_allclose(straight, 0, atol=1e-8)  # parallel to the image plane: any circle's image is a circle
 
 
-def test_what_shows_no_ellipse_has_none():
+def test_a_circle_seen_edge_on_or_from_behind_has_no_ellipse():
     edge_on = (np.array([0.0, 0.0, 1.0]), np.array([1.0, 0, 0]), 0.01)
     behind = (np.array([0.0, 0.0, -1.0]), np.array([0, 0, 1.0]), 0.01)
     assert np.isnan(all_at_once(IDEAL, [edge_on, behind])).all()

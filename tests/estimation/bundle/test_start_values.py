@@ -103,7 +103,7 @@ def test_a_marker_of_known_size_begins_where_images_share_too_little_else():
     assert reach == pytest.approx(np.linalg.norm(body[4] - body[0]), rel=5e-3)
 
 
-def test_what_cannot_be_oriented_is_left_out():
+def test_images_that_cannot_be_oriented_are_left_out():
     made = simulate(seed=6, images=7, points=25, bars=False, missed=0.0)
     rays = made.network.rays
     few = (rays.image == 6) & (rays.point > 2)

@@ -72,7 +72,7 @@ def test_a_scratch_over_the_edge_is_left_out_or_the_dot_with_it():
         ("bar", lambda x, y: (np.abs(x - 80) < 30) & (np.abs(y - 80) < 3)),
     ],
 )  # fmt: skip
-def test_what_is_no_circle_is_no_target(name, inside):
+def test_a_shape_other_than_a_circle_is_no_target(name, inside):
     for polarity in (seen(shape(inside)), 240 - seen(shape(inside))):
         assert measure_circles(polarity, CirclePlan()).count == 0, name
 
@@ -113,7 +113,7 @@ def test_pictures_of_nothing_hold_nothing():
 
 
 @pytest.mark.parametrize("grey", [np.zeros((4, 4, 3), np.uint8), np.zeros((9, 9)), np.zeros(9, np.uint8)])
-def test_what_is_no_grey_image_is_refused(grey):
+def test_an_image_other_than_grey_is_refused(grey):
     with pytest.raises(ValueError, match="grey image"):
         measure_circles(grey, CirclePlan())
 

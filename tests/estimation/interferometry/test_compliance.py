@@ -88,7 +88,7 @@ def test_drift_beside_the_load_is_taken_out_of_the_compliance() -> None:
         fitted(log, form="linear", beside=drift_columns(log.run, time))
 
 
-def test_what_stands_beside_the_load_all_along_leaves_it_unknown() -> None:
+def test_a_regressor_proportional_to_a_load_leaves_its_compliance_unknown() -> None:
     log = made_log(np.random.default_rng(9), OWN_PAIRS)
     found = fitted(log, beside=log.wrench[:, 2:3] * 1e-4)
     assert not found.known[:, 2].any()

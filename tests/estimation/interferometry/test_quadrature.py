@@ -88,7 +88,7 @@ def test_signals_exchanged_turn_the_other_way() -> None:
 
 
 @given(st.integers(0, 2**31))
-def test_what_an_unsure_ellipse_does_to_a_phase(seed: int) -> None:
+def test_the_phase_sigma_follows_the_covariance_of_the_ellipse(seed: int) -> None:
     """A covariance of one direction alone: the phase's sigma is how far it moves along it, and noise adds its own."""
     rng = np.random.default_rng(seed)
     along = rng.standard_normal(5) * [5.0, 5.0, 5.0, 5.0, 0.01]
@@ -275,7 +275,7 @@ def test_slips_are_seen_in_noise_no_more_often_than_stated() -> None:
     assert (found.p_value <= 0.05).sum() <= 200 * 0.05 + 4 * np.sqrt(200 * 0.05)
 
 
-def test_what_noise_hides_is_said_in_fringes() -> None:
+def test_a_slip_of_the_stated_detectable_size_is_mostly_found() -> None:
     """With the noise of the format's example one fringe is lost in it, and the log says which count would show."""
     sigma = 0.5e-6
     detectable = int(find_slips(logs(5, sigma), sigma, DESIGN, QUANTUM).detectable[0])

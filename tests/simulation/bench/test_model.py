@@ -210,7 +210,7 @@ def test_air_stretches_a_dead_path() -> None:
     assert slopes[:2] == pytest.approx([0.27e-6, -0.95e-6], rel=0.03)
 
 
-def test_what_a_campaign_cannot_show_is_not_tried() -> None:
+def test_the_catalogue_omits_causes_that_the_campaign_cannot_show() -> None:
     scene = bench(lone=True).model(signals=False).scene
     tried = {name: kind.candidates(scene) for name, kind in catalogue_of_readings().items()}
     assert not tried["crosstalk"]
@@ -242,7 +242,7 @@ def test_an_angle_is_told_by_what_is_lost_where_nothing_else_tells_it() -> None:
     assert CosineError("dz", along=True) not in CosineError().candidates(replace(scene, seen=own.seen))
 
 
-def test_what_comes_with_a_break_fades_and_is_not_tried_without_one() -> None:
+def test_fading_times_exist_only_after_a_break() -> None:
     steps = bench().model().steps
     late = (steps.run == 2) & (steps.rank >= 7)
     broken = replace(steps, time_s=steps.time_s + 3000.0 * (late | (steps.run > 2)))

@@ -94,7 +94,7 @@ def test_a_pattern_holds_no_motion_of_the_body_as_a_whole(model: BodyModel) -> N
     assert np.abs(moved).max() > 1e-6
 
 
-def test_what_is_told_of_a_pattern_does_not_depend_on_how_its_motion_was_left_open(model: BodyModel) -> None:
+def test_the_reported_pattern_is_independent_of_its_rigid_motion(model: BodyModel) -> None:
     cause = _candidate(model, BodyDeformation(), "base elevation_deg")
     values, wide = np.arange(9.0) * 1e-5, np.eye(9)
     rigid = cause._rigid @ np.linalg.pinv(cause._rigid)

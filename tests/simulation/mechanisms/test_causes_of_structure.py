@@ -146,7 +146,7 @@ def test_poses_move_as_the_points_do_where_the_flexures_shift() -> None:
     assert_close(by_shared[:, :3, j], nudged.p.imag / STEP, atol=OF_COSINES * 1e-6, what="position per sigma, m")
 
 
-def test_what_grows_by_the_same_share_everywhere_grows_in_scale() -> None:
+def test_uniform_thermal_expansion_is_a_scale_of_the_measurement() -> None:
     """With actuators at zero, a machine that is alpha dT larger is the same machine, seen larger."""
     model = _model([ThermalExpansion()], "ups")
     model = model.at(replace(model.conditions, readings=np.zeros((3, 6))))

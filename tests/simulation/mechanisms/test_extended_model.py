@@ -86,7 +86,7 @@ def test_a_change_of_the_bases_shape_moves_its_frame_as_the_targets_have_it() ->
     assert_close(predict_poses(made, conditions).p, predict_poses(plain, conditions).p, atol=1e-15, what="p, m")
 
 
-def test_what_the_instrument_does_is_predicted_where_it_is_asked_for() -> None:
+def test_predicted_poses_contain_the_error_of_the_instrument_on_request() -> None:
     rng = np.random.default_rng(9)
     cause = next(iter(catalogue()["measurement-scale"].candidates(named_model(rng, ()).scene)))
     made = made_model(rng, (cause,))

@@ -230,7 +230,7 @@ def test_linearity_costs_what_the_reference_says_over_the_report_s_configuration
     assert_between(np.abs(error_um).max(), 83.5, 84.5, what="maximum, um")
 
 
-def test_what_linearity_costs_grows_with_the_square_of_the_reach() -> None:
+def test_the_error_of_linearity_grows_with_the_square_of_the_travel() -> None:
     moves = readings(np.random.default_rng(0), 20) - telescope().rho0
     near, far = (departure(JacobianModel(), _rigid(), telescope().rho0 + reach * moves) for reach in (1e-3, 2e-3))
     assert_between(np.sqrt(np.sum(far**2) / np.sum(near**2)), 3.999, 4.001, what="ratio")

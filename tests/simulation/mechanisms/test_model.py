@@ -91,9 +91,7 @@ def test_targets_on_the_base_stand_still_and_attachments_move_by_their_shift(mod
     assert_close(seat - telescope().b, shift[..., None] * [0.0, 0.0, 1.0], atol=1e-15, what="shift, m")
 
 
-def test_what_a_cause_does_through_channels_is_its_derivative_per_plausible_scale(
-    model: MechanismModel, place: tuple
-) -> None:
+def test_the_signature_of_a_cause_is_its_derivative_per_plausible_scale(model: MechanismModel, place: tuple) -> None:
     """Of K, which follows what the drive's effects make of the readings and which nothing follows."""
     shared, local = place
     scale = np.array([parameter.scale for parameter in MATRIX.parameters(6)])
@@ -164,7 +162,7 @@ def test_the_shape_of_a_survey_that_is_noisier_along_one_axis_is_what_its_frame_
     assert_close(modes @ modes.T, expected, atol=1e-20, what="covariance of the shape, m2")
 
 
-def test_what_is_surveyed_beside_the_frame_carries_the_frame_s_noise() -> None:
+def test_targets_outside_the_frame_carry_the_noise_of_the_frame() -> None:
     """Monte Carlo: survey all targets, put the frame on those without leg, and look at the others."""
     rng, targets = np.random.default_rng(4), sample_targets(per_body=6)
     survey, sigma, draws = rng.normal(0.0, 0.1, (len(targets.body), 3)), 5e-6, 4000

@@ -103,7 +103,7 @@ def test_a_matrix_of_many_legs_is_told_apart_by_its_names() -> None:
     assert_close(deformation_set(machine, "matrix").values(machine), machine.deformation.ravel(), atol=0.0, what="K")
 
 
-def test_what_a_machine_does_not_hold_is_said() -> None:
+def test_an_unknown_deformation_or_parameter_is_refused() -> None:
     machine = _machine()
     with pytest.raises(ValueError, match="deformation: found 'cubic', expected none, linear or matrix"):
         report_set(machine, "cubic")

@@ -29,7 +29,7 @@ def test_a_leg_that_small_effects_leave_open_is_kept() -> None:
     assert narrowed((2, 5), [0.006, 0.001], 1e-3) == (2, 5)
 
 
-def test_of_several_parameters_for_each_leg_all_count() -> None:
+def test_a_leg_takes_part_if_any_of_its_parameters_is_significant() -> None:
     """A leg whose kappa is nothing takes part by its square; a sine that is nothing, by its cosine."""
     nonlinear = NonlinearPlatformDeformation((1, 2))
     names = [parameter.name for parameter in nonlinear.parameters(6)]

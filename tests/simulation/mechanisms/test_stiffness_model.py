@@ -82,7 +82,7 @@ def test_linear_legs_cost_what_the_reference_says_over_table_3() -> None:
     assert_between(np.abs(found).max(), 86.5, 87.5, what="maximum, um")
 
 
-def test_it_is_the_linear_model_but_for_what_the_flexures_resist() -> None:
+def test_the_stiffness_model_departs_from_the_linear_model_by_the_resistance_of_flexures() -> None:
     machine = flexure_telescope()
     linear = departure(JacobianModel(), machine, machine.legs.rho0 + TABLE_3) * 1e6
     assert_between(np.sqrt(np.mean((_error_um(machine) - linear) ** 2)), 4.5, 5.5, what="rms, um")

@@ -85,7 +85,7 @@ def test_a_camera_that_differs_from_pose_to_pose_is_told_by_its_scatter() -> Non
     assert abs(told_of["c_scatter"].value - np.std(loose, ddof=1)) < 0.2
 
 
-def test_of_two_bars_the_one_that_grows_is_not_told_from_one_that_shrinks() -> None:
+def test_a_growing_bar_is_confounded_with_a_shrinking_second_bar() -> None:
     diagnosis = search(off_by("bar S strain", 30.0 * RAYS.heat / 10.0))
     (verdict,) = (v for v in diagnosis.verdicts if v.verdict == "found")
     assert verdict.cause.id == "scale-bar-temperature"
@@ -105,7 +105,7 @@ def test_a_bar_counts_from_its_certificate_whatever_the_adjustment_made_of_it() 
     assert abs(abs(found_there.values[0]) - 3e-5) < 4 * np.sqrt(found_there.covariance[0, 0]) < 2e-5
 
 
-def test_what_follows_a_column_that_no_cause_knows_is_unexplained() -> None:
+def test_an_effect_of_an_unassigned_column_is_reported_as_unexplained() -> None:
     column = RAYS.covariates["rho1_mm"]
     diagnosis = search(off_by("camera left x0", 0.4 * column))
     verdict = diagnosis.verdicts[0]

@@ -23,7 +23,7 @@ def _fitted(share: float, seed: int) -> FittedModel:
 
 
 @pytest.mark.parametrize(("share", "low", "high", "own"), [(1.0, 0.99, 1.0, False), (0.1, 0.0, 0.5, True)])
-def test_what_legs_have_in_common_is_learned(share: float, low: float, high: float, own: bool) -> None:
+def test_the_common_share_of_leg_stiffness_is_estimated(share: float, low: float, high: float, own: bool) -> None:
     """Legs of one make say nothing of their own, and count for no degree of freedom; others do."""
     stand = _fitted(share, 4)
     sensor = stand.model.known.sensor

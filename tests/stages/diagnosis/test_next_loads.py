@@ -210,7 +210,7 @@ def test_loads_are_round_and_those_applied_before_are_said_to_be_repeated(
         assert bool(run.repeats) == bool(measured), run.loads_in_words
 
 
-def test_what_is_only_suspected_is_not_to_be_known_better(case: Case) -> None:
+def test_a_suspected_cause_gets_no_proposed_loads(case: Case) -> None:
     doubted = replace(case.alone.verdicts[0], verdict="suspected")
     told = next_loads_of(replace(case.alone, verdicts=(doubted,)), case.settings)
     assert len(told.table) == 0

@@ -197,7 +197,7 @@ def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(to
         assert f"Odds of {odds:.2g}:1 are then expected" in told.advice[key].words
 
 
-def test_what_is_proposed_separates_as_promised_and_more_of_the_same_does_not(
+def test_proposed_poses_separate_rivals_as_predicted_and_repeated_poses_do_not(
     told: NextMeasurement, case: Case, possibilities: PossibleMeasurements
 ) -> None:
     rng, chosen = np.random.default_rng(9), _chosen(told, case)
@@ -309,7 +309,7 @@ def test_a_movement_to_a_pose_is_as_large_as_movements_were_and_never_nothing(ca
             assert same_way.all() or not size
 
 
-def test_what_was_measured_already_is_said_to_be_repeated(case: Case, settings: Campaign) -> None:
+def test_a_proposed_pose_that_was_measured_is_named_as_a_repeat(case: Case, settings: Campaign) -> None:
     """Within a workspace that actuators cannot resolve nothing is left but what was measured; else all is new."""
     none = settings.model_copy(update={"workspace": settings.workspace.model_copy(update={"rho_mm": 1e-6})})
     again = possible(none, case.fitted, case.measured.instrument())

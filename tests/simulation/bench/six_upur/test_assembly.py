@@ -198,7 +198,7 @@ def test_the_first_order_is_a_complex_step_of_the_closure(seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_what_the_first_order_leaves_out_grows_with_the_square(name: str) -> None:
+def test_the_error_of_first_order_assembly_grows_with_the_square(name: str) -> None:
     rng = np.random.default_rng(3)
     joints, errors = joints_of(name), rng.normal(size=(20, 6, 5))
     off = []
