@@ -138,7 +138,7 @@ class CampaignRun:
         """Run a stage, write what it leaves, enter it into the ledger; returns its closing line."""
         started = time.perf_counter()
         outcome = self.outcome(stage, progress)
-        _check_leaves(stage, outcome)
+        _check_artifacts(stage, outcome)
         self._store(stage, now, outcome)
         words = f"read {outcome.read}; left out {outcome.left_out}; {outcome.figure}"
         return f"{words}; {time.perf_counter() - started:.2f} s"
@@ -236,7 +236,7 @@ def _lost(piece: object) -> NoReturn:
     raise EnvironmentProblem(f"the process at work on {piece} vanished several times (killed, or out of memory)")
 
 
-def _check_leaves(stage: Stage, outcome: Outcome) -> None:
+def _check_artifacts(stage: Stage, outcome: Outcome) -> None:
     left, declared = set(outcome.artifacts), set(map(bare, stage.leaves))
     required = {name for name in stage.leaves if not is_optional(name)}
     if not required <= left <= declared:

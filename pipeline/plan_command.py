@@ -21,7 +21,7 @@ from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_file, leave_tables, read_given
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import usable_campaign
-from truing.pipeline.run_owner import folder_beside_run, note_owner
+from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.plan_page import plan_head, plan_sections
 from truing.report.rendering.render import render_page
 from truing.schemas.artifacts import ARTIFACTS
@@ -51,7 +51,7 @@ def plan_campaign(place: Path, options: PlanOptions, files: PlanFiles) -> ExitCo
     settings = campaign.validated()
     _check(settings.campaign.kind, options)
     check_file(files.out, reads=(files.normals,), campaign=campaign)
-    folder = folder_beside_run(campaign)
+    folder = folder_next_to_run(campaign)
     normals = None if files.normals is None else read_given(files.normals, "a table of normals")
     known = _tables(campaign)
     cameras = known_cameras(campaign, known.pop("cameras_given", None), files.run)

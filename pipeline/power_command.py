@@ -23,7 +23,7 @@ from truing.pipeline.given_files import check_file, leave_tables
 from truing.pipeline.in_memory import bench_tables, call_stage
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from truing.pipeline.run_campaign import usable_campaign
-from truing.pipeline.run_owner import folder_beside_run, note_owner
+from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.diagnosis.detectable_sizes import size_words
 from truing.report.diagnosis.findings import subject_words
 from truing.report.power_page import (
@@ -99,12 +99,12 @@ def power_campaign(place: Path, options: PowerOptions, workforce: Workforce, out
     """Tell what a campaign's layout would show, and leave tables and a page. Raises CampaignFaults."""
     console, campaign = RunConsole(quiet=False), usable_campaign(place)
     settings = campaign.validated()
-    of_rays = wants_rays(options.causes, campaign)
+    of_rays = asks_for_ray_causes(options.causes, campaign)
     check_file(out, campaign=campaign)
     if not of_rays:
         check_causes(options.causes, settings)
     reads_run = out is None or campaign.has_photographs
-    run = folder_beside_run(campaign) if reads_run else run_folder_of(campaign, None, several=False)
+    run = folder_next_to_run(campaign) if reads_run else run_folder_of(campaign, None, several=False)
     beside = ray_power_sentence(run) if of_rays else of_photographs(campaign, run)
     file = run / _DEFAULT_FILE if out is None else out
     with console.during("power") as progress:
@@ -317,7 +317,7 @@ def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
     )
 
 
-def wants_rays(causes: Sequence[str], campaign: CampaignFolder) -> bool:
+def asks_for_ray_causes(causes: Sequence[str], campaign: CampaignFolder) -> bool:
     """Whether causes are asked for that rays show; raises CampaignFaults where others are asked for beside them."""
     if not campaign.has_photographs:
         return False

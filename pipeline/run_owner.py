@@ -113,7 +113,7 @@ def refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
         raise CampaignFaults([Fault("--out", "a folder of its own for a run, not a campaign's", value=str(folder))])
 
 
-def folder_beside_run(campaign: CampaignFolder) -> Path:
+def folder_next_to_run(campaign: CampaignFolder) -> Path:
     """The default folder of what other commands leave beside a run; raises CampaignFaults where it is another's."""
     folder = run_folder_of(campaign, None, several=False)
     check_owner(open_run(campaign, folder))

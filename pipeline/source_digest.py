@@ -38,7 +38,7 @@ class SourceTree:
     def __init__(self, root: Path, digest_cache: DigestCache) -> None:
         self._root = root
         self._remembered = digest_cache
-        self._told = _earlier_digests(root) if digest_cache.trusts_times else {}
+        self._told = _cached_digests(root) if digest_cache.trusts_times else {}
         self._files: dict[str, Path | None] = {}
         self._targets: dict[Path, tuple[Path, ...]] = {}
         self._data: dict[Path, tuple[Path, ...]] = {}
@@ -115,7 +115,7 @@ class SourceTree:
         return self._data[folder]
 
 
-def _earlier_digests(root: Path) -> _Told:
+def _cached_digests(root: Path) -> _Told:
     """What this process has told of the files as they stand, to be added to; nothing where their times may deceive."""
     state = tuple(sorted(entry for room in ROOMS for entry in _file_stamps(os.path.join(root, room))))
     if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:

@@ -210,7 +210,7 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     for column, raw in mapping.get("columns", {}).items():
         if unit := _taken_unit(column, raw, mapping):
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)
-    whole = _whole_unit(mapping, guess)
+    whole = _common_unit(mapping, guess)
     if whole:
         yield f'no unit is named, coordinates are taken for {whole} (else: unit = "in")'
     elif by_unit:
@@ -229,7 +229,7 @@ def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None
     return known.unit if isinstance(raw, int) or bare_and_unit(raw)[1] is None else None
 
 
-def _whole_unit(mapping: Mapping[str, Any], guess: Guess) -> str | None:
+def _common_unit(mapping: Mapping[str, Any], guess: Guess) -> str | None:
     """The unit that all coordinates of files without one are taken to be in; None where columns have one each."""
     if "unit" in mapping:
         return None

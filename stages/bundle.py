@@ -38,12 +38,17 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     from truing.estimation.bundle.named_adjustment import Choices, KnownPointMismatchError, adjust_network
     from truing.stages.bundle_adjustment import statistics
     from truing.stages.bundle_adjustment.rays_as_network import given_cameras, image_points, named_network, radii
-    from truing.stages.bundle_adjustment.survey_distances import PRINTED_TO, never_seen, surveyed_points, with_scale
+    from truing.stages.bundle_adjustment.survey_distances import (
+        PRINTED_TO,
+        surveyed_points,
+        unobserved_bars,
+        with_scale,
+    )
     from truing.stages.bundle_adjustment.tables import NetworkTables, faults_of, known_points_table, undetermined
     from truing.stages.common.ray_statistics import ray_tables
 
     given = settings.photographs
-    unseen = never_seen(tables.get("scale_bars"), tables["image_points"])
+    unseen = unobserved_bars(tables.get("scale_bars"), tables["image_points"])
     tables = with_scale(tables, settings, source)
     photographs, bars = tables["photographs"], tables.get("scale_bars")
     rays = image_points(tables["image_points"], photographs)

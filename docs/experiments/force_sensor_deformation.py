@@ -20,7 +20,7 @@ from docs.experiments.force_sensor_sets import (
 )
 from docs.experiments.force_sensor_statics import row
 from docs.experiments.marked_tables import table
-from truing.simulation.bench.six_upur.assembly import follow, influence_coefficients, sensor_chains
+from truing.simulation.bench.six_upur.assembly import influence_coefficients, joined_links, sensor_chains
 from truing.simulation.bench.six_upur.influence import roll_pitch_yaw
 from truing.simulation.bench.six_upur.loading import LoadingUnits, two_units
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor
@@ -123,7 +123,7 @@ def as_printed() -> str:
     J_F, own = sensor.leg_transport, np.linalg.inv(sensor.parts.compliance.sum(-3))
     K = (J_F @ own @ np.linalg.inv(np.swapaxes(J_F, -1, -2))).sum(0)
     right = sensor.leg_stiffness.sum(0)
-    slopes = influence_coefficients(follow(sensor_chains(joints))).a[:, :3, 0]
+    slopes = influence_coefficients(joined_links(sensor_chains(joints))).a[:, :3, 0]
     rows = [
         ["4", "moment part r_b × r_B", "all six moments with the wrong sign", "r_b × S: eq. 25 agrees"],
         ["8, 9", "sums from S_1", "the base's radius moves nothing",

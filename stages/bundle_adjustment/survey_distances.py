@@ -29,7 +29,7 @@ def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFi
     distances between surveyed targets, else diagonals of markers and boards of known size; as they are without
     either."""
     bars, rays = tables.get("scale_bars"), tables["image_points"]
-    seen = _seen_in_poses(rays)
+    seen = _visible_in_poses(rays)
     lacking = [pose for pose in seen if pose not in _with_bar(bars, seen)]
     has_datum = settings.photographs.datum == "known" and "known_points" in tables
     if has_datum or not lacking:
@@ -49,11 +49,11 @@ def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFi
     return {**tables, "scale_bars": own if bars is None else pa.concat_tables([bars, own], promote_options="default")}
 
 
-def never_seen(bars: pa.Table | None, rays: pa.Table) -> list[str]:
+def unobserved_bars(bars: pa.Table | None, rays: pa.Table) -> list[str]:
     """What to say of each scale bar of the table of which no pose shows both ends."""
     if bars is None:
         return []
-    seen = _seen_in_poses(rays)
+    seen = _visible_in_poses(rays)
     every = frozenset().union(*seen.values())
     text = {}
     for row in bars.to_pylist():
@@ -65,7 +65,7 @@ def never_seen(bars: pa.Table | None, rays: pa.Table) -> list[str]:
     return list(text.values())
 
 
-def _seen_in_poses(rays: pa.Table) -> dict[Any, frozenset[str]]:
+def _visible_in_poses(rays: pa.Table) -> dict[Any, frozenset[str]]:
     seen: dict[Any, set[str]] = {}
     for pose, point in zip(rays.column("pose").to_pylist(), rays.column("point").to_pylist(), strict=True):
         seen.setdefault(pose, set()).add(point)

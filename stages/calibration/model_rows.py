@@ -13,7 +13,6 @@ from truing.calibration.accuracy import (
     AssessedCalibration,
     Decision,
     Figure,
-    Interval,
     PoseErrors,
     deciding,
     error_figures,
@@ -26,6 +25,7 @@ from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.calibration.knowledge import absorbed, observe_legs, observe_model
 from truing.estimation.design.observability import Observability, choose_identifiable, indices, inseparable
 from truing.estimation.held_out import ContenderChoice
+from truing.estimation.interval import Interval
 from truing.simulation.mechanisms.structures.catalogue import departure, structures
 from truing.simulation.mechanisms.structures.structure import Machine
 from truing.stages.common.rows import Rows
@@ -171,8 +171,8 @@ def requirement_rows(
             component=component,
             requirement=limit,
             error=found and found.value,
-            lower=found and found.low,
-            upper=found and found.high,
+            lower=found and found.lower,
+            upper=found and found.upper,
             unit=unit,
             verdict=verdict,
             message=f"{component}: {words}",
@@ -185,7 +185,7 @@ def _open(decision: Decision | None) -> dict[str, float | int | None]:
     """What would decide a requirement that is undecided; nothing of others."""
     if decision is None:
         return dict.fromkeys(("poses_judged", "measurements", "lower_expected", "upper_expected"))
-    then = (None, None) if decision.then is None else (decision.then.low, decision.then.high)
+    then = (None, None) if decision.then is None else (decision.then.lower, decision.then.upper)
     return {
         "poses_judged": decision.poses,
         "measurements": decision.more_poses,
@@ -197,17 +197,17 @@ def _open(decision: Decision | None) -> dict[str, float | int | None]:
 def _verdict(found: Interval | None, limit: float) -> str:
     if found is None:
         return "not evaluated"
-    if found.high <= limit:
+    if found.upper <= limit:
         return "meets"
-    return "fails" if found.low > limit else "undecided"
+    return "fails" if found.lower > limit else "undecided"
 
 
 def _requirement_words(found: Interval | None, verdict: str, limit: float, unit: str) -> str:
     if found is None:
         return "no pose to judge by"
-    text = f"95 of 100 poses stay below {found.value:.2g} {unit} (between {found.low:.2g} and {found.high:.2g})"
+    text = f"95 of 100 poses stay below {found.value:.2g} {unit} (between {found.lower:.2g} and {found.upper:.2g})"
     if found.value == 0:
-        text = f"no error beyond the measurement's own noise (at most {found.high:.2g} {unit})"
+        text = f"no error beyond the measurement's own noise (at most {found.upper:.2g} {unit})"
     return f"{text}, asked for {limit:g} {unit}: {verdict}"
 
 

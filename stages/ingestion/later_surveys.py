@@ -82,7 +82,7 @@ def read_later_surveys(
     surveys, bodies = texts(found, "survey"), texts(found, "body")
     pairs = [(name, body) for name in _in_time(resurveys) for body in dict.fromkeys(bodies[surveys == name].tolist())]
     for name, body in pairs:
-        seen = _seen(found, cov, (surveys == name) & (bodies == body))
+        seen = _visible_targets(found, cov, (surveys == name) & (bodies == body))
         _compare(out, places.setdefault(body, {}), seen, (name, body), resurveys[name], FALSE_ALARM / len(pairs))
     _check_names(out, first.table, found.first_file, log)
     return out
@@ -149,7 +149,7 @@ def _covariances(found: CollectedRows, declared: float | None, log: FaultLog) ->
     return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)
 
 
-def _seen(found: CollectedRows, cov: Array, rows: Mask) -> dict[str, Place]:
+def _visible_targets(found: CollectedRows, cov: Array, rows: Mask) -> dict[str, Place]:
     """The targets of one body in one survey."""
     points = _MM * np.column_stack([numbers(found, name) for name in COORDINATES])[rows]
     has_legs = "leg" in found.table.column_names

@@ -231,7 +231,7 @@ def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loade
             raise Unfit("legs", "legs that leave the platform free to move", "six that hold it")
         elastic_parts(section)
         if compliance is not None:
-            _check_gives(passive(given_matrix(compliance), "compliance_file"), loaded)
+            _check_compliance(passive(given_matrix(compliance), "compliance_file"), loaded)
     except Unfit as error:
         key = error.what if error.what in ("compliance_file", "legs") else key
         log.add(Fault("campaign.toml", error.expected, column=f"mechanism.{key}", value=error.found))
@@ -239,7 +239,7 @@ def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loade
         log.add(Fault("campaign.toml", str(error), column=f"mechanism.{key}"))
 
 
-def _check_gives(compliance: Array, loaded: Sequence[pa.Table]) -> None:
+def _check_compliance(compliance: Array, loaded: Sequence[pa.Table]) -> None:
     """Raise ValueError where a load moves nothing, or where applied loads would move the platform by metres."""
     own = np.diag(compliance)
     if still := [WRENCH[k] for k in np.flatnonzero(own <= 0.0)]:
@@ -271,7 +271,7 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
         return None
     once(found, log, "run", "target_mm", "direction", "cycle")
     if not log:
-        _check_whole(found, log)
+        _check_complete(found, log)
     read = numbers(found, "position_mm")
     found, corrections = positions_at_reference(found, settings.interferometer, log)
     if log:
@@ -284,7 +284,7 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
     return PositionTable(as_artifact("positions", table.take(order)), dict(found.left_out), corrections)
 
 
-def _check_whole(found: CollectedRows, log: FaultLog) -> None:
+def _check_complete(found: CollectedRows, log: FaultLog) -> None:
     """Note runs whose targets were not all approached in the same cycles, from either side, twice at least."""
     runs = texts(found, "run")
     for run in dict.fromkeys(runs):

@@ -218,7 +218,7 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
     if raw and (own or six):
         log.add(Fault(raw[0].paths[0], "no raw signals beside the readings that they become"))
     if six:
-        _check_whole(settings.interferometer, log)
+        _check_complete(settings.interferometer, log)
     shape = QUADRATURE if raw else INTERFEROMETER if own else DISPLACEMENT
     found, channels = collect_rows(source, shape, log, "run"), None
     if found is None:
@@ -240,7 +240,7 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
     return replace(table, channels=channels)
 
 
-def _check_whole(optics: Interferometer, log: FaultLog) -> None:
+def _check_complete(optics: Interferometer, log: FaultLog) -> None:
     """Six components come as whole displacements: nothing of beams and frame is left to correct."""
     growing = any(getattr(optics.material, name) for name in CHANNELS[:3])
     for name, is_stated in (("beams", not optics.beams.are_plain), ("material", growing)):

@@ -40,7 +40,7 @@ from truing.stages.quality.steps_and_surroundings import (
     load_range,
     pauses,
     readings_there,
-    runs_whole,
+    runs_complete,
     steps_there,
     surroundings_checks,
 )
@@ -97,7 +97,7 @@ def _checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> It
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield from overruled(view, settings)
     yield steps_there(view, limits)
-    yield runs_whole(view)
+    yield runs_complete(view)
     yield pauses(view, limits)
     table = "interferometer" if view.channels else "signals"
     yield time_unit(view.steps.time_s, view.steps.run, table, "step", is_counted=view.is_counted)

@@ -226,13 +226,13 @@ def _reported_settings(apart: list[Row], rows: list[Row]) -> Iterator[str]:
         own = [row for row in apart if row["setting"] == setting]
         off = np.array([row["principal_distance_off_px"] for row in own])
         sigma = np.array([row["principal_distance_sigma_px"] for row in own])
-        poses = _whole_poses(own, rows)
+        poses = _complete_poses(own, rows)
         named = [f"{row['image']} of pose {row['pose']}" for row in own if row["pose"] not in poses]
         which = [f"all of pose {pose}" for pose in poses] + named
         yield f"{listed(which, _TOLD_IMAGES)} by {np.median(off):+.2f} ± {np.median(sigma):.2f} px each"
 
 
-def _whole_poses(own: list[Row], rows: list[Row]) -> list[object]:
+def _complete_poses(own: list[Row], rows: list[Row]) -> list[object]:
     """Poses of which all images are among these."""
     count = Counter(row["pose"] for row in rows)
     return [pose for pose, number in Counter(row["pose"] for row in own).items() if number == count[pose]]
@@ -241,7 +241,7 @@ def _whole_poses(own: list[Row], rows: list[Row]) -> list[object]:
 def _chosen(apart: list[Row], rows: list[Row]) -> str:
     """The keys of campaign.toml that choose the first setting that differs."""
     own = [row for row in apart if row["setting"] == apart[0]["setting"]]
-    poses = _whole_poses(own, rows)
+    poses = _complete_poses(own, rows)
     if len({row["pose"] for row in own}) == len(poses):
         return f"poses = [{', '.join(map(_toml, poses))}]"
     chosen, poses = {row["image"] for row in own}, list(dict.fromkeys(row["pose"] for row in own))

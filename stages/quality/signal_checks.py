@@ -11,7 +11,7 @@ from truing.arrays import Array, Index
 from truing.estimation.design.observability import Observability, inseparable, observe
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
-from truing.estimation.sensor.exchanged_loads import RowExchange, least_seen, search_exchanges
+from truing.estimation.sensor.exchanged_loads import RowExchange, least_difference, search_exchanges
 from truing.estimation.sensor.load_table import LoadTable, least_signal, load_table
 from truing.quality.loading import LoadingView, predicted_by_loads, scatter_of_signal
 from truing.report.numbers import count as counted
@@ -161,7 +161,7 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
     """No exchange found; the value is the difference of two loads, over their range, from which one is named."""
     span = np.ptp(table.loads, axis=0)
     used = np.flatnonzero(span > 0.0)
-    shares = least_seen(table, share)[used] / span[used]
+    shares = least_difference(table, share)[used] / span[used]
     names = [LOADS[k] for k in used]
     least = float(shares.max(initial=0.0))
     text = f"No exchange of loads stands out from chance among {len(table.loads)} rows, by a calibration of all. "

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truing.estimation.interferometry.log_quality import (
+    air_effect_m,
     pressures_out_of_reach,
     runs_cut_short,
     steps_missing,
     surroundings,
     temperatures_out_of_reach,
-    worth_of_air,
 )
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.suspect_units import likely_pressure_unit
@@ -55,7 +55,7 @@ def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
     return limits.of("steps-missing").row("", share, "1", text)
 
 
-def runs_whole(view: LoadingView) -> Check:
+def runs_complete(view: LoadingView) -> Check:
     """Runs that end before the others do, of the same axis where each has three."""
     steps = view.steps
     few = np.bincount(view.axis + 1)[view.axis + 1].min(initial=_RUNS_ALIKE) < _RUNS_ALIKE
@@ -204,7 +204,7 @@ def _air(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> C
             continue
         reading = view.steps.reading[channel.rows, channel.place]
         dead = _MM * getattr(optics.dead_path_mm, channel.name)
-        worth = worth_of_air(np.nan_to_num(change)[view.steps.run[channel.rows]], dead, reading)
+        worth = air_effect_m(np.nan_to_num(change)[view.steps.run[channel.rows]], dead, reading)
         noise = min(noise, channel.sigma)
         if worth.max() >= worst:
             worst, at = float(worth.max()), channel.name

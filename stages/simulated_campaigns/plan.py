@@ -109,7 +109,7 @@ def bare_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> CampaignPla
     conditions = _with_readings(tables["configurations"], legs.count, settings)
     noise = (settings.noise.point_mm or 0.0) * 1e-3
     measured = "observations" in tables and tables["observations"].num_rows > 0
-    seen = tables["observations"] if measured else _all_seen(tables["survey"], tables["configurations"], noise)
+    seen = tables["observations"] if measured else _all_visible(tables["survey"], tables["configurations"], noise)
     bodies = _bodies(tables["survey"], seen, conditions.poses, legs.count, noise)
     if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
         raise ValueError("needs surveyed targets on base and platform")
@@ -168,7 +168,7 @@ def _named(targets: Targets) -> list[tuple[str, str]]:
     return list(zip(targets.bodies, targets.names, strict=True))
 
 
-def _all_seen(survey: pa.Table, configurations: pa.Table, noise: float) -> pa.Table:
+def _all_visible(survey: pa.Table, configurations: pa.Table, noise: float) -> pa.Table:
     """A row per pose and target, its place still to be filled."""
     poses, count = configurations.column("pose"), survey.num_rows
     pose = np.repeat(np.arange(len(poses)), count)

@@ -72,9 +72,9 @@ def _state(
         return
     try:
         of_network = parts_of_network(tables, body, poses, found.covariance)
-        parts = of_network or _parts(tables, body, parent, poses, found) or _whole(tables, found)
+        parts = of_network or _parts(tables, body, parent, poses, found) or _total(tables, found)
     except np.linalg.LinAlgError:  # a point that is exact along an axis
-        parts = _whole(tables, found)
+        parts = _total(tables, found)
     vector = log_so3(found.R[seen])
     turn = np.linalg.inv(left_jacobian_so3(vector))  # of the rotation vector, by a small rotation before the pose
     estimate = np.concatenate([found.p[seen] * 1e3, vector], 1)
@@ -96,7 +96,7 @@ def _state(
     )
 
 
-def _whole(tables: Mapping[str, pa.Table], found: PosesWithCovariance) -> Parts:
+def _total(tables: Mapping[str, pa.Table], found: PosesWithCovariance) -> Parts:
     """The covariance as it is, where its parts are not told."""
     known = "observations" in tables and tables["observations"].column("sigma_x_mm").null_count == 0
     return {Source("points and shape as the fit has them", "B" if known else "A"): found.covariance}

@@ -22,7 +22,7 @@ from tests.sensor_campaign import LARGEST, UP_AND_DOWN, campaign_toml, measured,
 from tests.stages.line import run_line
 from truing.belonging.chance_equality import noise_of_neighbours, resolution
 from truing.belonging.copied_rows import Values, copied_runs
-from truing.belonging.frozen_values import frozen, stood_still
+from truing.belonging.frozen_values import constant_columns, frozen
 from truing.belonging.load_tests import against_range, against_simulation
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, RelationState, SlipKind
@@ -262,7 +262,7 @@ def test_a_coarse_column_that_stands_still_under_another_load_is_not_frozen() ->
     value = np.concatenate([400.0 * way, 60.0 * way, 0.0 * way])[:, None]
     noise = rng.standard_normal((63, 1))
     coarse = 3.0 * np.round((value + 0.3 * noise) / 3.0) * (1.0 + 1e-6 * noise)  # a correction for air
-    assert not list(stood_still(load, run, coarse))
+    assert not list(constant_columns(load, run, coarse))
     still = (value + 0.3 * noise).round(2)
     still[42:] = 0.05
-    assert [one.run for one in stood_still(load, run, still)] == [2]
+    assert [one.run for one in constant_columns(load, run, still)] == [2]

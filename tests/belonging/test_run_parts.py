@@ -14,7 +14,7 @@ from tests.belonging.test_load_slips import CHANNELS, SAMPLE, _asymmetric, _load
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from truing.belonging.copied_rows import equal_columns
-from truing.belonging.frozen_values import stood_still
+from truing.belonging.frozen_values import constant_columns
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.run_parts import parts
 
@@ -111,7 +111,7 @@ def _crept(moved: np.ndarray, load: np.ndarray) -> np.ndarray:
 def test_a_physical_cause_is_no_part(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
     steps = _loaded(change)
     assert not parts(steps.load, steps.run, steps.value, CHANNELS, np.full((6, 6), np.nan))
-    assert not list(stood_still(steps.load, steps.run, steps.value))
+    assert not list(constant_columns(steps.load, steps.run, steps.value))
 
 
 def test_an_answer_to_both_signs_alike_is_a_turned_part_only_of_a_channel_that_should_not() -> None:
@@ -140,7 +140,7 @@ def test_a_coarse_converter_may_stand_still_and_agree() -> None:
     steps = _loaded(lambda moved, load: moved)
     coarse = np.round(steps.value / np.ptp(steps.value, axis=0) * 100.0)
     assert any(np.ptp(coarse[steps.run == one], axis=0).min() == 0.0 for one in np.unique(steps.run))
-    assert not list(stood_still(steps.load, steps.run, coarse))
+    assert not list(constant_columns(steps.load, steps.run, coarse))
     few = [RecordedColumn("v1", "signal", ()), RecordedColumn("v2", "signal", ())]
     assert not equal_columns(np.tile([[0.0], [1.0], [2.0]], (9, 2)), few, SIGNALS, "signals")
 

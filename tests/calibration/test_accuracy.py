@@ -15,7 +15,7 @@ def test_the_error_of_95_percent_is_the_machines_own_and_its_interval_holds_it()
     rng = np.random.default_rng(5)
     errors = rng.normal(scale=np.hypot(MACHINE, NOISE), size=(TRIALS, POSES))
     found = [error_of_95_percent(one, np.full(POSES, NOISE**2)) for one in errors]
-    told = np.array([(one.low, one.value, one.high) for one in found if one is not None])
+    told = np.array([(one.lower, one.value, one.upper) for one in found if one is not None])
     assert len(told) == TRIALS
     covered = np.mean((told[:, 0] <= TRUE) & (told[:, 2] >= TRUE))
     assert abs(covered - 0.95) < 4.0 * np.sqrt(0.95 * 0.05 / TRIALS)
@@ -29,8 +29,8 @@ def test_a_measurement_noisier_than_what_was_seen_leaves_no_error() -> None:
     found = error_of_95_percent(np.array([1.0, -1.0, 1.0]), np.full(3, 100.0))
     assert found is not None
     assert found.value == 0.0
-    assert found.low == 0.0
-    assert found.high > 0.0
+    assert found.lower == 0.0
+    assert found.upper > 0.0
 
 
 def test_poses_without_an_error_do_not_count() -> None:
@@ -45,8 +45,8 @@ def test_the_unit_does_not_matter(factor: float) -> None:
     one, other = error_of_95_percent(errors, variances), error_of_95_percent(factor * errors, factor**2 * variances)
     assert one is not None
     assert other is not None
-    expected = [factor * value for value in (one.value, one.low, one.high)]
-    assert [other.value, other.low, other.high] == pytest.approx(expected)
+    expected = [factor * value for value in (one.value, one.lower, one.upper)]
+    assert [other.value, other.lower, other.upper] == pytest.approx(expected)
 
 
 def _undecided(spare: int = 0) -> tuple[np.ndarray, float, Decision]:
@@ -54,8 +54,8 @@ def _undecided(spare: int = 0) -> tuple[np.ndarray, float, Decision]:
     errors = np.random.default_rng(11).normal(scale=np.hypot(MACHINE, NOISE), size=8)
     found = error_of_95_percent(errors, np.full(8, NOISE**2))
     assert found is not None
-    limit = 0.8 * found.high
-    assert found.low < found.value < limit
+    limit = 0.8 * found.upper
+    assert found.lower < found.value < limit
     decision = deciding(errors, np.full(8, NOISE**2), limit, spare)
     assert decision is not None
     return errors, limit, decision
@@ -71,9 +71,9 @@ def test_further_poses_that_miss_by_as_much_decide_and_one_less_does_not() -> No
         more = np.concatenate([errors, np.full(decision.more_poses - fewer, mean)])
         found = error_of_95_percent(more, np.full(len(more), NOISE**2))
         assert found is not None
-        assert (found.high <= limit) == is_decided
+        assert (found.upper <= limit) == is_decided
         if is_decided:
-            assert [found.low, found.high] == pytest.approx([decision.then.low, decision.then.high])
+            assert [found.lower, found.upper] == pytest.approx([decision.then.lower, decision.then.upper])
 
 
 def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
@@ -83,7 +83,7 @@ def test_simulated_poses_of_that_size_decide_about_every_second_time() -> None:
     size = np.sqrt(np.mean(errors**2))
     drawn = rng.normal(scale=size, size=(TRIALS, decision.more_poses))
     found = [error_of_95_percent(np.append(errors, one), np.full(8 + len(one), NOISE**2)) for one in drawn]
-    share = np.mean([one is not None and one.high <= limit for one in found])
+    share = np.mean([one is not None and one.upper <= limit for one in found])
     assert 0.4 < share < 0.65
 
 
@@ -97,7 +97,7 @@ def test_a_requirement_decided_or_at_its_limit_asks_for_no_further_poses() -> No
     errors, variances = np.array([1.0, -2.0, 0.5]), np.zeros(3)
     found = error_of_95_percent(errors, variances)
     assert found is not None
-    assert deciding(errors, variances, 2.0 * found.high) is None
-    assert deciding(errors, variances, 0.5 * found.low) is None
+    assert deciding(errors, variances, 2.0 * found.upper) is None
+    assert deciding(errors, variances, 0.5 * found.lower) is None
     assert deciding(np.full(3, np.nan), variances, 1.0) is None
     assert deciding(errors, variances, found.value) == Decision(3)

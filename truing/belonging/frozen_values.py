@@ -50,7 +50,7 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
                 yield Frozen(column, int(one), still.stop - still.start == len(rows), moves / most)
 
 
-def stood_still(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
+def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
     """Yield columns (N, K) with one value in a whole run (N,) of changing loads (N, 6), whatever they answer to them.
 
     Their noise in the runs in which they move tells how likely that is; a coarse converter may well stand still.

@@ -10,7 +10,7 @@ import numpy as np
 from truing.arrays import Array, Mask
 from truing.belonging import signal_tests
 from truing.belonging.copied_rows import Values, copied_runs, equal_columns
-from truing.belonging.frozen_values import Frozen, frozen, stood_still
+from truing.belonging.frozen_values import Frozen, constant_columns, frozen
 from truing.belonging.plausible_slips import RecordedColumn, slips_of_all_loads, slips_of_columns, slips_of_run_loads
 from truing.belonging.relation import (
     FORCE_UNITS,
@@ -142,7 +142,7 @@ class _ValueTable:
         places = range(self.first, self.first + len(self.columns))
         apart = np.isin(steps.run, [one.run for one in wrong if concerns(one, places)])
         value = np.where((used & ~apart)[:, None], self.value, np.nan)
-        still = list(stood_still(steps.load, steps.run, value))
+        still = list(constant_columns(steps.load, steps.run, value))
         for one in still:
             value[steps.run == one.run, one.column] = np.nan
         return _Used(SignalSteps(steps.load, steps.run, value, runs), still)

@@ -116,7 +116,7 @@ def against_geometry(
             tested = _tested(explained, RELATION, unseen)
             if not tested.slips:
                 return tested
-            if not _turns_most(tested, steps) and (best is None or _named(tested) < _named(best)):
+            if not _reverses_most(tested, steps) and (best is None or _named(tested) < _named(best)):
                 best = tested
     return best if best is None or gain is not None else replace(best, rivals=(*best.rivals, *_the_other_way(best)))
 
@@ -126,7 +126,7 @@ def _named(tested: RelationTest) -> int:
     return sum(len(slip.subjects) for slip in tested.slips)
 
 
-def _turns_most(tested: RelationTest, steps: SignalSteps) -> bool:
+def _reverses_most(tested: RelationTest, steps: SignalSteps) -> bool:
     """Whether most runs would have the opposite sign: then the others have, of signals that count the other way."""
     most = 0.5 * len(np.unique(steps.run))
     return any(slip.kind == SlipKind.SIGN and len(set(slip.subjects) & set(steps.runs)) > most for slip in tested.slips)

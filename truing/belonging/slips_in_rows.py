@@ -103,7 +103,7 @@ def places(slipped: Mask, kept: Mask, poses: Sequence[str], groups: Sequence[tup
 
     groups: name of a column and its value in each row.
     """
-    named = [one for name, values in groups for one in _whole_groups(name, np.asarray(values), slipped, kept)]
+    named = [one for name, values in groups for one in _complete_groups(name, np.asarray(values), slipped, kept)]
     stretches = _stretches(slipped, kept)
     if len(stretches) <= _MOST_STRETCHES:
         return [*named, *(_stretch(first, last, poses) for first, last in stretches)]
@@ -114,7 +114,7 @@ def places(slipped: Mask, kept: Mask, poses: Sequence[str], groups: Sequence[tup
     return named or [_stretch(first, last, poses) for first, last in stretches]
 
 
-def _whole_groups(name: str, values: NDArray[np.str_], slipped: Mask, kept: Mask) -> list[str]:
+def _complete_groups(name: str, values: NDArray[np.str_], slipped: Mask, kept: Mask) -> list[str]:
     """The values of a column whose rows are those that slipped, and no others."""
     own = list(dict.fromkeys(values[slipped].tolist()))
     inside = np.isin(values, own)

@@ -14,6 +14,7 @@ from truing.calibration.calibration_input import MeasuredPlatform
 from truing.calibration.calibration_question import common_effects, is_deformation, own_covariance, with_common
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.estimation.held_out import Contender, ContenderChoice, choose_model, held_out_misfit
+from truing.estimation.interval import Interval
 from truing.estimation.rotation import log_so3
 from truing.inference.pulls import TOLD
 from truing.schemas.verdict import BY_A_FACTOR, does_not_fit
@@ -252,21 +253,12 @@ def doubts(one: AssessedCalibration) -> str:
     return "; ".join(texts)
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A figure with the ends of its interval of 95 %, in its own unit."""
+def _interval_of_mean(mean: float, noise: float, count: int) -> Interval:
+    """Return the error that 95 of 100 stay below, from the mean square of normal errors less that of noise."""
+    from scipy.special import chdtri
 
-    value: float
-    low: float
-    high: float
-
-    @classmethod
-    def of_mean(cls, mean: float, noise: float, count: int) -> Interval:
-        """Return what 95 of 100 stay below, from the mean square of so many normal errors, less that of noise."""
-        from scipy.special import chdtri
-
-        scales = (1.0, chdtri(count, 0.025) / count, chdtri(count, 0.975) / count)
-        return cls(*(_WITHIN * float(np.sqrt(max(mean / scale - noise, 0.0))) for scale in scales))
+    scales = (1.0, chdtri(count, 0.025) / count, chdtri(count, 0.975) / count)
+    return Interval(*(_WITHIN * float(np.sqrt(max(mean / scale - noise, 0.0))) for scale in scales))
 
 
 @dataclass(frozen=True)
@@ -293,7 +285,7 @@ def error_of_95_percent(errors: NDArray, variances: NDArray) -> Interval | None:
         return None
     mean = float(np.mean(errors[reported] ** 2))
     # A measurement that is said to be noisier than what was seen of it tells less, not more.
-    return Interval.of_mean(mean, min(float(np.mean(variances[reported])), mean), count)
+    return _interval_of_mean(mean, min(float(np.mean(variances[reported])), mean), count)
 
 
 def deciding(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) -> Decision | None:
@@ -303,14 +295,14 @@ def deciding(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) 
     no more once there are further ones. None where that is decided, and where no pose was measured.
     """
     found = error_of_95_percent(errors, variances)
-    if found is None or not found.low <= limit < found.high:
+    if found is None or not found.lower <= limit < found.upper:
         return None
     reported = np.isfinite(errors)
     mean = float(np.mean(errors[reported] ** 2))
     noise, there = min(float(np.mean(variances[reported])), mean), int(reported.sum()) - spare
     totals = (count for count in range(there + 1, there + MOST_DECIDING + 1))
-    each = ((count, Interval.of_mean(mean, noise, count)) for count in totals)
-    fits = next(((count, then) for count, then in each if not then.low <= limit < then.high), None)
+    each = ((count, _interval_of_mean(mean, noise, count)) for count in totals)
+    fits = next(((count, then) for count, then in each if not then.lower <= limit < then.upper), None)
     return Decision(int(reported.sum())) if fits is None else Decision(int(reported.sum()), fits[0] - there, fits[1])
 
 

@@ -84,7 +84,7 @@ def linear(
 def observe_model(dataset: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Observability:
     """Return the observability of the chosen model's numbers, by all that was measured: targets on legs and
     attachments too."""
-    calibration_question = _whole_question(dataset, fitted, chosen.case)
+    calibration_question = _full_question(dataset, fitted, chosen.case)
     values = np.concatenate([chosen.values, calibration_question.problem.start[calibration_question.count :]])
     seen = linear(dataset, calibration_question, values, fitted).jacobian
     bent = np.array([is_deformation(entry) for entry in chosen.parameters.entries])
@@ -93,7 +93,7 @@ def observe_model(dataset: CalibrationData, fitted: MeasuredPlatform, chosen: Ma
     return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
 
 
-def _whole_question(dataset: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
+def _full_question(dataset: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
     calibration_question = question(dataset, measured, case)
     return with_targets(calibration_question, dataset, measured, case) or calibration_question
 
@@ -154,7 +154,7 @@ def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration:
         both = [one.constrain(one.start, still).by_values for one in (problem, bent)]
         rows = [by_values.reshape(-1, by_values.shape[-1]) for by_values in both]
         return absorb(rows[0], -rows[1], calibration.parameters.labels)
-    calibration_question = _whole_question(dataset, fitted, calibration.case)
+    calibration_question = _full_question(dataset, fitted, calibration.case)
     scales = np.where(
         np.isfinite(calibration_question.tolerance), calibration_question.tolerance, widest(calibration.parameters)
     )
@@ -233,7 +233,7 @@ def answered_again(
     if case is None:
         return None
     clean = screened_poses(dataset, dataset.measured.roles != "verification", every)
-    calibration_question = _whole_question(dataset, clean.measured.chosen(clean.kept), case)
+    calibration_question = _full_question(dataset, clean.measured.chosen(clean.kept), case)
     own = calibration_question.problem.parameters
     start = np.array([stood[entry.name, entry.leg_number] for entry in own.entries], float) * own.units
     fit = answer(calibration_question, start, robust=False)

@@ -14,10 +14,10 @@ from truing.estimation.rigid_poses.body_frames import residual_covariance
 from truing.estimation.rigid_poses.joint_frames import (
     FramedPoints,
     by_shapes,
-    follows_frame,
     joint_frame,
     relative_gain,
     residual_gain,
+    sums_by_motion,
     survey_gain,
 )
 from truing.estimation.rigid_poses.points import FittedPoints, SurveyPoints
@@ -83,7 +83,7 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] 
         with_poses[p][:, at] = (by_points[:, : by_frame.shape[1]] @ by_frame.T).reshape(legs, -1, 6)
         moved = survey_gain(p, bodies, frame).reshape(len(frame.gain), -1)
         of_frames[p, at] = relative_gain(p, bodies, frame, moved)[1].reshape(len(at), 6, -1)
-        of_shifts[p] = -follows_frame(p, bodies[platform], along) @ moved[6 * frame.bodies.index(platform) :][:6]
+        of_shifts[p] = -sums_by_motion(p, bodies[platform], along) @ moved[6 * frame.bodies.index(platform) :][:6]
         turned = np.einsum("lni,nij->lnj", found.gain.reshape(legs, -1, 3), turns[found.body])
         by_survey[p][:, first[found.body] + found.target] = turned
         there[p] = True

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from truing.estimation.interval import Interval
 
 # The size found every second time may lie this far from where theory expects it, in natural logarithms.
 _FAR, _STEPS = np.log(6.0), 121
 # Slopes of the curve over the natural logarithm of the size: from a rise over a decade to one over a tenth.
 _SLOPES = np.geomspace(0.8, 16.0, 33)
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A value with the bounds that it lies between with a probability of 95 %."""
-
-    value: float
-    lower: float
-    upper: float
 
 
 def rate_bounds(found: int, count: int, level: float = 0.95) -> tuple[float, float]:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.formats.compression import open_plain
-from truing.formats.file_search import companions, plain_ending
+from truing.formats.file_search import companions, format_suffix
 from truing.formats.interior_orientation import Row, camera_row, from_millimetres
-from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, one_batch, whole_numbers
+from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, integer_columns, one_batch
 from truing.formats.source import RawFile
 
 _LARGEST = 1 << 28
@@ -43,7 +43,7 @@ class AiconCamera:
 def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """The image points of a .phc, in px; raises Unusable where no .ior lies beside it or where one of them is
     damaged."""
-    beside = {plain_ending(one): one for one in companions(raw.path)}
+    beside = {format_suffix(one): one for one in companions(raw.path)}
     if ".ior" not in beside:
         raise Unusable("a .ior beside it, of the same name: it says how large the pixels are that mm are turned into")
     cameras = {str(camera.row["camera"]): camera for camera in _cameras(_lines(beside[".ior"], beside[".ior"].name))}
@@ -52,7 +52,7 @@ def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     numbers = [row for row, _ in lines]
     if not numbers:
         raise Unusable(f"lines of {_RAY}")
-    image, point = (whole_numbers(rows[:, i], what, numbers) for i, what in enumerate(("images", "points")))
+    image, point = (integer_columns(rows[:, i], what, numbers) for i, what in enumerate(("images", "points")))
     names = _camera_of_image(beside.get(".eor"), cameras, image)
     chosen, which = np.unique(names, return_inverse=True)
     unknown = [name for name in chosen if name not in cameras]
@@ -131,9 +131,9 @@ def _camera(lines: list[tuple[int, str]]) -> AiconCamera:
     if min(last) <= 0 or ck >= 0:
         raise Unusable("Ck below 0, a width and a height above 0", row=lines[0][0], value=f"Ck = {ck}")
     pitch = width_mm / width
-    (named,) = whole_numbers(np.array([number]), "cameras", [lines[0][0]]).tolist()
+    (named,) = integer_columns(np.array([number]), "cameras", [lines[0][0]]).tolist()
     ten = from_millimetres([-ck, xh, yh, a1, a2, second[0], *third, *fourth], pitch)
-    size = tuple(whole_numbers(np.array([width, height]), "pixels", [lines[4][0]] * 2).tolist())
+    size = tuple(integer_columns(np.array([width, height]), "pixels", [lines[4][0]] * 2).tolist())
     row = camera_row(str(named), size, ten, radius_px=radius / pitch, pixel_um=1e3 * pitch)
     return AiconCamera(row, np.array([(width - 1) / 2, (height - 1) / 2]), pitch)
 
@@ -153,4 +153,4 @@ def _camera_of_image(eor: Path | None, cameras: dict[str, AiconCamera], image: I
     known = table[order[place], 0] == image
     if not known.all():
         raise Unusable(f"images of {eor.name}", column="image", value=str(image[~known][0]))
-    return whole_numbers(table[order[place], 1], f"cameras in {eor.name}").astype(str)
+    return integer_columns(table[order[place], 1], f"cameras in {eor.name}").astype(str)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Index
 from truing.formats.file_search import companions
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_pinhole
-from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, one_batch, whole_numbers
+from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, integer_columns, one_batch
 
 # number -> (name, number of parameters)
 MODELS = {
@@ -215,7 +215,7 @@ def _camera_of_line(row: int, words: list[str]) -> ColmapCamera:
     if len(words) != 4 + _PARAMETERS[words[1]]:
         raise Unusable(f"{_PARAMETERS[words[1]]} parameters of {words[1]}", row=row, value=f"{len(words) - 4} of them")
     given = finite_numbers(" ".join([words[0], *words[2:4]]), expected, row)
-    number, width, height = whole_numbers(given, "cameras and pixels", [row] * 3).tolist()
+    number, width, height = integer_columns(given, "cameras and pixels", [row] * 3).tolist()
     return ColmapCamera(
         number, words[1], (width, height), tuple(finite_numbers(" ".join(words[4:]), expected, row).tolist()), row
     )
@@ -230,12 +230,16 @@ def _images_of_lines(path: Path) -> Iterator[ColmapImage]:
         if len(words) < 10:
             raise Unusable(expected, row=row, value=" ".join(words)[:80])
         numbers = finite_numbers(" ".join(words[:9]), expected, row)
-        number, camera = whole_numbers(numbers[[0, 8]], "images and cameras", [row] * 2).tolist()
+        number, camera = integer_columns(numbers[[0, 8]], "images and cameras", [row] * 2).tolist()
         second, rays = next(lines, (row + 1, None))
         if rays is None or len(rays) % 3:
             raise Unusable("the image's rays in threes, x y point", row=second, value=f"{len(rays or ())} numbers")
         found = finite_numbers(" ".join(rays), "rays: x y point", second).reshape(-1, 3)
-        name, xy, point = " ".join(words[9:]), found[:, :2], whole_numbers(found[:, 2], "points", [second] * len(found))
+        name, xy, point = (
+            " ".join(words[9:]),
+            found[:, :2],
+            integer_columns(found[:, 2], "points", [second] * len(found)),
+        )
         yield ColmapImage(number, numbers[1:5], numbers[5:8], camera, name, xy, point, second)
 
 
@@ -244,7 +248,7 @@ def _point_of_line(row: int, words: list[str]) -> ColmapPoint:
     if len(words) < 8 or len(words) % 2:
         raise Unusable(expected, row=row, value=" ".join(words)[:80])
     number, x, y, z, *_, error = finite_numbers(" ".join(words[:8]), expected, row)
-    (named,) = whole_numbers(np.array([number]), "points", [row]).tolist()
+    (named,) = integer_columns(np.array([number]), "points", [row]).tolist()
     return ColmapPoint(named, (float(x), float(y), float(z)), float(error), (len(words) - 8) // 2, row)
 
 

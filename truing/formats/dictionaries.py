@@ -54,7 +54,7 @@ def renamed(text: str, patterns: Sequence[tuple[BoundedPattern[str], str]]) -> s
     return text
 
 
-def whole_numbers(texts: pa.Array) -> pa.Array:
+def integers(texts: pa.Array) -> pa.Array:
     """The integers that texts write, null where one does not."""
     whole = pc.match_substring_regex(texts, r"^[+-]?\d{1,18}$")
     digits = pc.replace_substring_regex(pc.if_else(whole, texts, pa.scalar(None, pa.string())), r"^\+", "")

@@ -19,9 +19,9 @@ from truing.formats.dictionaries import (
     codes,
     compacted,
     constant,
+    integers,
     renamed,
     strings,
-    whole_numbers,
     with_values,
 )
 from truing.formats.faultlog import CellFaults, Records
@@ -275,7 +275,7 @@ class _Work:
     def _text_identifiers(self, name: str, shift: int) -> pa.Array:
         texts = self.texts(name)
         self._unless(np.asarray(pc.not_equal(texts.dictionary, "")), texts, name, f"a {name} in every row")
-        numbers = pc.add(whole_numbers(texts.dictionary), shift)
+        numbers = pc.add(integers(texts.dictionary), shift)
         if shift:
             whole = np.asarray(numbers.is_valid())
             self._unless(whole, texts, name, "a whole number, as an offset is to be added")

@@ -138,18 +138,18 @@ def companions(path: Path) -> tuple[Path, ...]:
     stem, ending = _parts(path)
     if stem.lower() == "points3d":
         return tuple(one for name in _OF_MODEL if is_raw_file(one := path.with_name(f"{name}{ending}")))
-    found = (_beside(path.parent, stem, other) for other in _BESIDE.get(ending, ()))
+    found = (_siblings(path.parent, stem, other) for other in _BESIDE.get(ending, ()))
     return tuple(one for one in found if one is not None)
 
 
-def plain_ending(path: Path) -> str:
+def format_suffix(path: Path) -> str:
     """The ending that tells the format, in small letters and without that of a compression."""
     return _parts(path)[1]
 
 
-def _beside(folder: Path, stem: str, ending: str) -> Path | None:
+def _siblings(folder: Path, stem: str, ending: str) -> Path | None:
     try:
-        others = sorted(path for path in folder.iterdir() if plain_ending(path) == ending and is_raw_file(path))
+        others = sorted(path for path in folder.iterdir() if format_suffix(path) == ending and is_raw_file(path))
     except OSError:
         return None
     same = [path for path in others if _parts(path)[0] == stem]

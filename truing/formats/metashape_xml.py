@@ -12,7 +12,7 @@ from xml.parsers import expat
 import numpy as np
 
 from truing.formats.interior_orientation import CORNER, Row, camera_row
-from truing.formats.raw import RawBatch, Unusable, Wanted, one_batch, whole_numbers
+from truing.formats.raw import RawBatch, Unusable, Wanted, integer_columns, one_batch
 
 Lines = dict[ElementTree.Element, int]
 
@@ -145,7 +145,7 @@ def _camera(sensor: ElementTree.Element, lines: Lines) -> Row | None:
         found_f = f"{name}: f = {f}, k4 = {value['k4']}"
         raise Unusable("f above 0 and no k4", row=lines[calibration], column="calibration", value=found_f)
     sides = np.array([_number(resolution, side, lines) for side in ("width", "height")])
-    width, height = whole_numbers(sides, "pixels").tolist()
+    width, height = integer_columns(sides, "pixels").tolist()
     radial = [value[f"k{i}"] / f ** (2 * i) for i in (1, 2, 3)]
     ten = [f, value["cx"], value["cy"], *radial, value["p1"] / f, value["p2"] / f, value["b1"] / f, value["b2"] / f]
     pixel = next((one for one in sensor.findall("property") if one.get("name") == "pixel_width"), None)

@@ -70,7 +70,7 @@ def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
     if kind == "number" and _is_number(values.type):
         return values.cast(pa.float64())
     if _is_number(values.type) and not values.null_count:
-        whole = _whole(values)
+        whole = _as_integers(values)
         if whole is not None:
             return whole if kind == "identifier" else as_dictionary(whole)
     if pa.types.is_timestamp(values.type):
@@ -96,7 +96,7 @@ def _is_number(kind: pa.DataType) -> bool:
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind))
 
 
-def _whole(values: pa.Array) -> pa.Array | None:
+def _as_integers(values: pa.Array) -> pa.Array | None:
     """The values as int64 where all are whole numbers, as pandas turns integers into floats; else None."""
     plain = np.asarray(values.cast(pa.float64()))
     if not np.all(np.isfinite(plain)) or np.any(plain != np.round(plain)) or np.any(np.abs(plain) > 2**53):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_corrections
-from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, one_batch, whole_numbers
+from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, integer_columns, one_batch
 
 _LARGEST = 1 << 28
 _HEAD = 5
@@ -87,7 +87,7 @@ def _read(path: Path) -> _Export:
     _, at = _block(lines, at, 7, "a control point: number, x y z, their sigmas")
     points, at = _block(lines, at, 7, "an object point: number, x y z, their sigmas")
     marks, at = _block(lines, at, 6, "a mark: photo, point, x y in pixels, their sigmas in pixels")
-    width, height = whole_numbers(tolerance[2:4], "pixels", [2, 2]).tolist()
+    width, height = integer_columns(tolerance[2:4], "pixels", [2, 2]).tolist()
     return _Export((width, height), photos, points, marks)
 
 
@@ -119,7 +119,7 @@ def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[_Numbe
 
 def _rays(export: _Export) -> dict[str, Any]:
     marks, lines = export.marks.rows, export.marks.lines
-    photo, point = whole_numbers(marks[:, 0], "photos", lines), whole_numbers(marks[:, 1], "points", lines)
+    photo, point = integer_columns(marks[:, 0], "photos", lines), integer_columns(marks[:, 1], "points", lines)
     photos = {one.number: one for one in export.photos}
     unknown = np.flatnonzero(~np.isin(photo, list(photos)))
     if len(unknown):
@@ -200,7 +200,7 @@ def _points(export: _Export) -> dict[str, Any]:
     A number that stands twice is that of a matched point the second time.
     """
     points = export.points.rows
-    number = whole_numbers(points[:, 0], "points", export.points.lines)
+    number = integer_columns(points[:, 0], "points", export.points.lines)
     again = np.ones(len(number), dtype=bool)
     again[np.unique(number, return_index=True)[1]] = False
     stated = _stated(points)

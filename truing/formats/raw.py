@@ -86,7 +86,7 @@ def one_batch(
     yield RawBatch({position: pa.array(values[position]) for position in kinds}, records)
 
 
-def whole_numbers(values: Array, what: str, rows: Sequence[int] | None = None) -> Index:
+def integer_columns(values: Array, what: str, rows: Sequence[int] | None = None) -> Index:
     """Numbers of points, images and cameras, and of pixels, as they are; ``rows`` where each stands in a text, from 1.
 
     Raises Unusable at the first that is none.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from truing.formats.file_search import TooManyEntries, companions, find_files, plain_ending
+from truing.formats.file_search import TooManyEntries, companions, find_files, format_suffix
 from truing.schemas.settings_text import NOTHING_SPECIAL
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class RawFile:
     @property
     def suffix(self) -> str:
         """The ending that tells the format, without that of a compression: ``.csv`` of ``points.csv.gz``."""
-        return plain_ending(self.path)
+        return format_suffix(self.path)
 
 
 class CampaignFiles:

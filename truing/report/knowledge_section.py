@@ -44,7 +44,7 @@ def knowledge(tables: Tables) -> ReportSection | None:
 
 
 def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
-    legs, whole = _by_leg(observed), _whole(observed, key)
+    legs, whole = _by_leg(observed), _of_whole_machine(observed, key)
     return [
         _indices(legs, whole, key),
         _combinations(legs, "What poses and readings cannot tell apart, leg by leg with all of its numbers"),
@@ -57,7 +57,7 @@ def _by_leg(observed: pd.DataFrame) -> pd.DataFrame:
     return observed[observed["leg"].notna()] if "leg" in observed else observed.iloc[:0]
 
 
-def _whole(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
+def _of_whole_machine(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
     own = rows_of(observed, key)
     return own[own["leg"].isna()] if "leg" in own else own
 
@@ -68,11 +68,12 @@ def _facts(own: pd.DataFrame) -> dict[str, float]:
 
 def _rank(observed: pd.DataFrame, key: Key) -> str:
     """What poses and readings alone say of a leg, and of the chosen model."""
-    legs, whole, texts = _by_leg(observed), _whole(observed, key), []
+    legs, whole, texts = _by_leg(observed), _of_whole_machine(observed, key), []
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
         texts.append(
-            f"Of the {asked} numbers of a leg, poses and readings alone determine {rank} at most.{_beside(legs)}"
+            f"Of the {asked} numbers of a leg, poses and readings alone determine {rank} at most."
+            f"{_largest_set_text(legs)}"
         )
     facts = _facts(whole)
     if "rank" in facts and "parameters" in facts:
@@ -83,7 +84,7 @@ def _rank(observed: pd.DataFrame, key: Key) -> str:
     return " ".join(texts) or f"Observability of {called(key)}."
 
 
-def _beside(legs: pd.DataFrame) -> str:
+def _largest_set_text(legs: pd.DataFrame) -> str:
     """Which numbers make a largest identifiable set in most legs, and which have no place beside them."""
     if "combination" not in legs:
         return ""

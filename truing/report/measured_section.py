@@ -60,7 +60,7 @@ def measured(tables: Tables) -> ReportSection | None:
     if filled(tables, "configurations") is not None:
         listings.append(_ranges(tables["configurations"]))
     listings.append(_targets(points, survey, filled(tables, "residuals")))
-    picture = (pose_figures.targets_seen(points, known), "Where whole columns are dark, a pose was hardly measured.")
+    picture = (pose_figures.visible_share(points, known), "Where whole columns are dark, a pose was hardly measured.")
     if filled(tables, "scans") is not None:
         listings.append(_scans(tables["scans"]))
     shown = tuple(listing for listing in listings if listing.rows)

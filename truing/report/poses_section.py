@@ -149,7 +149,7 @@ def _three(r: Any, names: str, first: int, factor: float) -> str:
     return ", ".join(cells)
 
 
-def targets_seen(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
+def visible_share(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
     """Share of each body's targets that each pose saw; ``known``: number of targets by body."""
     poses = observations["pose"].drop_duplicates()
     poses = poses.sort_values() if poses.dtype.kind in "iu" else poses

@@ -12,7 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.dose_response import Interval, rate_bounds, size_found
+from truing.estimation.dose_response import rate_bounds, size_found
+from truing.estimation.interval import Interval
 from truing.inference.detectable import POWER, EffectSensitivity
 from truing.simulation.cause import Cause, CauseT, Effect, Scene
 

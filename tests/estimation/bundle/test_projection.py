@@ -9,7 +9,7 @@ import pytest
 
 from tests.estimation.bundle.drawn_networks import RADIUS, draw
 from truing.estimation.bundle.camera import image_coordinates
-from truing.estimation.bundle.network import format_centres, linearise, project, seen
+from truing.estimation.bundle.network import format_centres, in_camera_axes, linearise, project
 from truing.estimation.rotation import exp_so3
 
 STEP = 1e-30
@@ -37,7 +37,7 @@ def stepped(network, state, **changes):
     moved = replace(state, **changes)
     rays = network.rays
     camera = network.image_camera[rays.image]
-    X = seen(moved, rays.image, rays.point)
+    X = in_camera_axes(moved, rays.image, rays.point)
     centre, _ = format_centres(network)
     xy = image_coordinates(moved.interior[camera], centre[camera], np.full(rays.count, RADIUS), X)
     return xy.imag / STEP

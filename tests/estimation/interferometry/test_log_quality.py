@@ -180,7 +180,7 @@ def test_surroundings_of_each_run() -> None:
     assert_close(found.change[:2], [0.5, 0.8], atol=1e-12)
     assert_close(found.missing, [1 / 3, 0.0, 1.0], atol=1e-12)
     assert np.isnan(found.span[2])
-    assert_close(quality.worth_of_air(-1e-6, 0.5, -1e-3), 0.501e-6, atol=1e-15)
+    assert_close(quality.air_effect_m(-1e-6, 0.5, -1e-3), 0.501e-6, atol=1e-15)
 
 
 def test_units_of_the_surroundings() -> None:

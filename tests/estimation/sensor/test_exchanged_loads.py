@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.estimation.sensor.toy_sensor import RANGE, loads, sensor
-from truing.estimation.sensor.exchanged_loads import exchanged_loads, least_seen, search_exchanges
+from truing.estimation.sensor.exchanged_loads import exchanged_loads, least_difference, search_exchanges
 from truing.estimation.sensor.load_table import LoadTable, load_table
 
 
@@ -150,7 +150,7 @@ def test_the_smallest_exchange_that_is_named_is_the_one_that_is_promised():
     """Two loads that differ by half of that are not named, by half as much again they are; noise moves the limit."""
     for seed in range(4):
         table = _table(seed)
-        least = least_seen(table)[1]
+        least = least_difference(table)[1]
         apart = np.abs(table.loads[:, None, 1] - table.loads[None, :, 1])
         for share, is_named in ((0.5, False), (2.0, True)):
             first, second = sorted(np.unravel_index(int(np.argmin(np.abs(apart - share * least))), apart.shape))
@@ -167,7 +167,7 @@ def test_an_exchange_that_a_poor_calibration_hides_is_below_what_is_promised():
     table = load_table(signals + 0.3 * noise, applied, np.zeros(3000, int))
     first, second = 100, int(np.argmin(np.abs(applied[:, 1] - applied[100, 1] - 60.0)))
     assert exchanged_loads(_exchanged(table, first, second, [1])) == []
-    assert least_seen(table)[1] > abs(table.loads[first, 1] - table.loads[second, 1])
+    assert least_difference(table)[1] > abs(table.loads[first, 1] - table.loads[second, 1])
 
 
 def _bent(seed: int, products: float, cubes: float, rows: int = 240, signals: int = 8) -> LoadTable:

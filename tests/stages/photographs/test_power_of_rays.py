@@ -13,7 +13,7 @@ from tests.stages.line import settings_of
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.executor import Workforce
-from truing.pipeline.power_command import PowerOptions, plan_of_rays, power_campaign, wants_rays
+from truing.pipeline.power_command import PowerOptions, asks_for_ray_causes, plan_of_rays, power_campaign
 from truing.pipeline.problems import ExitCode
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults
@@ -98,11 +98,11 @@ def test_without_a_run_there_is_no_network(adjusted: Any, tmp_path: Path) -> Non
 
 def test_rays_and_points_are_asked_for_apart(adjusted: Any) -> None:
     campaign = open_campaign(adjusted[1])
-    assert wants_rays(("camera-instability",), campaign)
-    assert not wants_rays(("actuator-gain",), campaign)
-    assert not wants_rays((), campaign)
+    assert asks_for_ray_causes(("camera-instability",), campaign)
+    assert not asks_for_ray_causes(("actuator-gain",), campaign)
+    assert not asks_for_ray_causes((), campaign)
     with pytest.raises(CampaignFaults, match="in a call of their own"):
-        wants_rays(("camera-instability", "actuator-gain"), campaign)
+        asks_for_ray_causes(("camera-instability", "actuator-gain"), campaign)
 
 
 def test_wrong_rays_are_not_drawn(plan: RayPlan) -> None:

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from truing.schemas.photographs import Board
-from truing.stages.bundle_adjustment.survey_distances import never_seen, with_scale
+from truing.stages.bundle_adjustment.survey_distances import unobserved_bars, with_scale
 
 NO_FILES: Any = SimpleNamespace(entries=lambda table: ())
 CORNERS = [f"plate/M.{corner}" for corner in range(4)]
@@ -75,6 +75,6 @@ def test_in_poses_without_it_alone() -> None:
 
 
 def test_bars_that_no_image_shows_are_told() -> None:
-    assert never_seen(bars(), rays(p=["a"])) == ["scale bar S: no image shows b"]
-    assert never_seen(bars(), rays(p=["a"], q=["b"])) == ["scale bar S: no pose shows both ends"]
-    assert never_seen(bars(), rays(p=["a", "b"])) == never_seen(None, rays(p=["a"])) == []
+    assert unobserved_bars(bars(), rays(p=["a"])) == ["scale bar S: no image shows b"]
+    assert unobserved_bars(bars(), rays(p=["a"], q=["b"])) == ["scale bar S: no pose shows both ends"]
+    assert unobserved_bars(bars(), rays(p=["a", "b"])) == unobserved_bars(None, rays(p=["a"])) == []

@@ -18,7 +18,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import image_coordinates
-from truing.estimation.bundle.network import Network, NetworkState, format_centres, linearise, seen
+from truing.estimation.bundle.network import Network, NetworkState, format_centres, in_camera_axes, linearise
 
 _ROUND = 12  # points of an ellipse that are distorted: the fit then is exact to terms of the fifth order
 
@@ -60,15 +60,15 @@ def _ideal_ellipses(P: Array, n: Array, radius_m: Array) -> tuple[Array, Array, 
     rest = (np.einsum("ni,ni->n", P, P) - radius_m**2)[:, None, None]
     C = d**2 * np.eye(3) - d * (nP + nP.swapaxes(1, 2)) + rest * n[:, :, None] * n[:, None, :]
     front = np.abs(P[:, 2]) - radius_m * np.sqrt(np.maximum(1 - n[:, 2] ** 2, 0)) > 0
-    seen = (np.abs(d[:, 0, 0]) > 1e-9 * np.linalg.norm(P, axis=1)) & front & (P[:, 2] > 0)
-    C = np.where(seen[:, None, None], C, np.nan)
+    imaged = (np.abs(d[:, 0, 0]) > 1e-9 * np.linalg.norm(P, axis=1)) & front & (P[:, 2] > 0)
+    C = np.where(imaged[:, None, None], C, np.nan)
     A, b = C[:, :2, :2], C[:, :2, 2]
     middle = np.full((len(P), 2), np.nan)
     radii = np.full((len(P), 2, 2), np.nan)
-    middle[seen] = -np.linalg.solve(A[seen], b[seen][..., None])[..., 0]
-    size = -(C[seen, 2, 2] + np.einsum("ni,ni->n", b[seen], middle[seen]))
-    values, vectors = np.linalg.eigh(A[seen])
-    radii[seen] = vectors * np.sqrt(size[:, None] / values)[:, None, :]
+    middle[imaged] = -np.linalg.solve(A[imaged], b[imaged][..., None])[..., 0]
+    size = -(C[imaged, 2, 2] + np.einsum("ni,ni->n", b[imaged], middle[imaged]))
+    values, vectors = np.linalg.eigh(A[imaged])
+    radii[imaged] = vectors * np.sqrt(size[:, None] / values)[:, None, :]
     return middle, radii[..., 0], radii[..., 1]
 
 
@@ -81,7 +81,7 @@ def network_eccentricity(
     centre, balancing = format_centres(network)
     camera = network.image_camera[image]
     n = np.einsum("nji,nj->ni", state.R[image], normal[point])
-    P, radius = seen(state, image, point), radius_m[point]
+    P, radius = in_camera_axes(state, image, point), radius_m[point]
     known = np.isfinite(n).all(1) & np.isfinite(radius) & np.isfinite(P).all(1)
     found = np.full((len(image), 2), np.nan)
     of = camera[known]

@@ -103,22 +103,24 @@ def adjust_network(
     if choices.datum == "known":
         known, agrees, state = _against_known(named.network, start, choices)
         named = replace(named, network=known.consistent(named.network))
-    snooped = _robustly(named.network, state, choices, agrees)
+    screened_network = _robustly(named.network, state, choices, agrees)
     progress(2, 4, "matching circles without code")
-    whole, state, unmatched, reason = _with_circles(named, table, snooped)
+    whole, state, unmatched, reason = _with_circles(named, table, screened_network)
     if len(whole.points) > len(named.points):
-        agrees = np.concatenate([snooped.used, np.ones(whole.network.rays.count - len(snooped.used), bool)])
-        snooped = _robustly(whole.network, state, choices, agrees)
+        agrees = np.concatenate(
+            [screened_network.used, np.ones(whole.network.rays.count - len(screened_network.used), bool)]
+        )
+        screened_network = _robustly(whole.network, state, choices, agrees)
     off, radii = np.zeros((whole.network.rays.count, 2)), choices.radii(whole.points)
     seen_radii = np.full(len(radii), np.nan)
     if choices.eccentricity:
-        off, seen_radii = eccentricities(whole, table, snooped.adjustment.state, snooped.used, radii)
+        off, seen_radii = eccentricities(whole, table, screened_network.adjustment.state, screened_network.used, radii)
     if off.any():
         progress(3, 4, "centres of circles")
         centres = replace(whole.network.rays, xy_px=whole.network.rays.xy_px - off)
         whole = replace(whole, network=replace(whole.network, rays=centres))
-        snooped = _robustly(whole.network, snooped.adjustment.state, choices, snooped.used)
-    return AdjustedNetwork(whole, snooped, off, unmatched, reason, start, seen_radii / radii, known)
+        screened_network = _robustly(whole.network, screened_network.adjustment.state, choices, screened_network.used)
+    return AdjustedNetwork(whole, screened_network, off, unmatched, reason, start, seen_radii / radii, known)
 
 
 def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPointMismatch]:
@@ -168,10 +170,10 @@ def _robustly(network: Network, state: NetworkState, choices: Choices, agrees: M
 
 
 def _with_circles(
-    named: NamedNetwork, table: ImagePoints, snooped: ScreenedNetwork
+    named: NamedNetwork, table: ImagePoints, screened_network: ScreenedNetwork
 ) -> tuple[NamedNetwork, NetworkState, Index, Names]:
     """The network with the points that circles without code make, its state, and the rows that make none, with why."""
-    adjusted, whole = snooped.adjustment, named
+    adjusted, whole = screened_network.adjustment, named
     state = adjusted.state
     nameless = np.flatnonzero(table.point == "")
     reason = np.full(len(nameless), "", dtype=object)
@@ -180,7 +182,7 @@ def _with_circles(
         here = np.flatnonzero(table.pose[nameless] == pose)
         if not len(here):
             continue
-        rows, (images, local) = nameless[here], _oriented(snooped, pose)
+        rows, (images, local) = nameless[here], _oriented(screened_network, pose)
         matched = match_uncoded(Circles(local[table.image[rows]], table.xy_px[rows], table.cov_px2[rows]), images)
         reason[here] = matched.reason
         good = matched.point >= 0
@@ -194,9 +196,9 @@ def _with_circles(
     return whole, state, nameless[missed], reason[missed]
 
 
-def _oriented(snooped: ScreenedNetwork, pose: int) -> tuple[OrientedImages, Index]:
+def _oriented(screened_network: ScreenedNetwork, pose: int) -> tuple[OrientedImages, Index]:
     """The images of a pose with their covariance, and the number of each image of the network among them."""
-    adjusted = snooped.adjustment
+    adjusted = screened_network.adjustment
     network, state, covariance = adjusted.network, adjusted.state, adjusted.covariance
     own = np.flatnonzero(network.image_pose == pose)
     local = np.full(len(network.image_pose), -1, np.int64)

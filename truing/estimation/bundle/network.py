@@ -241,7 +241,7 @@ def format_centres(network: Network) -> tuple[Array, Array]:
     return centres, np.array([camera.balancing_radius_px for camera in cameras])
 
 
-def seen(state: NetworkState, image: Index, point: Index) -> Array:
+def in_camera_axes(state: NetworkState, image: Index, point: Index) -> Array:
     """Return the points (N, 3) in the axes of the cameras that see them, m."""
     return np.einsum("nji,nj->ni", state.R[image], state.points[point] - state.centre[image])
 
@@ -250,7 +250,7 @@ def project(network: Network, state: NetworkState, image: Index, point: Index) -
     """Return image coordinates (N, 2) in px of points as seen in images; NaN where a point is not before its camera."""
     centre, radius = format_centres(network)
     camera = network.image_camera[image]
-    X = seen(state, image, point)
+    X = in_camera_axes(state, image, point)
     X[X[:, 2] <= 0] = np.nan
     return image_coordinates(state.interior[camera], centre[camera], radius[camera], X)
 

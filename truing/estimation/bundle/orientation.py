@@ -198,10 +198,10 @@ def _of_all(X: Array, direction: Array) -> list[tuple[Array, Array]]:
     import cv2
 
     try:
-        found, turns, shifts, _ = cv2.solvePnPGeneric(X, direction, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+        found, rotations, shifts, _ = cv2.solvePnPGeneric(X, direction, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
     except cv2.error:
         return []
-    return list(zip(turns, shifts, strict=True)) if found else []
+    return list(zip(rotations, shifts, strict=True)) if found else []
 
 
 def _bounded_misses(found: tuple[Array, Array, Array, Array]) -> float:
@@ -302,10 +302,10 @@ def _motions_of_a_plane(a: Array, b: Array, limit: float) -> list[tuple[Array, A
 
     try:
         H, _ = cv2.findHomography(a, b, cv2.RANSAC, limit, maxIters=100)
-        turns, shifts = ((), ()) if H is None else cv2.decomposeHomographyMat(H, np.eye(3))[1:3]
+        rotations, shifts = ((), ()) if H is None else cv2.decomposeHomographyMat(H, np.eye(3))[1:3]
     except cv2.error:  # points that determine none
         return []
-    return [(R, s * t.ravel()) for R, t in zip(turns, shifts, strict=True) for s in (1.0, -1.0)]
+    return [(R, s * t.ravel()) for R, t in zip(rotations, shifts, strict=True) for s in (1.0, -1.0)]
 
 
 def _supporting_points(R: Array, t: Array, first: Array, second: Array, limit: float) -> ImagePair | None:

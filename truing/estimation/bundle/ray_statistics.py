@@ -21,7 +21,7 @@ from scipy.linalg import cho_factor, cho_solve
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.datum import Freedom, freedoms
-from truing.estimation.bundle.network import LinearisedRays, NetworkState, linearise, seen
+from truing.estimation.bundle.network import LinearisedRays, NetworkState, in_camera_axes, linearise
 from truing.estimation.bundle.normal_equations import Distances, Observed, distances_at
 from truing.estimation.rotation import rigid_motions
 
@@ -129,7 +129,7 @@ def _by_numbers(
     origin = points.mean(0) if len(points) else np.zeros(3)
     air = at.by_point @ by_curvature(points, state.centre[image], origin)
     axis = state.R[image][:, :, 2]
-    pane = np.einsum("nki,ni->nk", at.by_point, axis) * by_thickness(seen(state, image, point))[:, None]
+    pane = np.einsum("nki,ni->nk", at.by_point, axis) * by_thickness(in_camera_axes(state, image, point))[:, None]
     found = np.zeros((len(image), 2, len(numbers)))
     for place, number in enumerate(numbers):
         own = camera == number.owner

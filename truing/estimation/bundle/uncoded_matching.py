@@ -194,11 +194,11 @@ def _hypotheses(pairs: Index, sight: _Sight, images: OrientedImages) -> tuple[In
     with np.errstate(invalid="ignore"):
         inside = np.all((X - images.box_m[0]) * (images.box_m[1] - X) >= 0, axis=1)
     paired[pairs[inside].ravel()] = True
-    claims = _seen_in_all(X[inside], cov[inside], sight, images)
+    claims = _found_in_all(X[inside], cov[inside], sight, images)
     for _ in range(2):
         claims = np.unique(claims[(claims >= 0).sum(axis=1) >= _FEWEST], axis=0)
         X, cov = _located(sight, images, _members(claims), len(claims))
-        claims = _seen_in_all(X, cov, sight, images)
+        claims = _found_in_all(X, cov, sight, images)
     claims = np.unique(claims[(claims >= 0).sum(axis=1) >= _FEWEST], axis=0)
     return claims, paired
 
@@ -208,7 +208,7 @@ def _members(claims: Index) -> _Members:
     return _Members(claims[point, image], point.astype(np.int64))
 
 
-def _seen_in_all(X: Array, cov: Array, sight: _Sight, images: OrientedImages) -> Index:
+def _found_in_all(X: Array, cov: Array, sight: _Sight, images: OrientedImages) -> Index:
     """Return the circle (H, I) that each image shows where it should show the points (H, 3), -1 where none."""
     from scipy.spatial import cKDTree
     from scipy.special import chdtri

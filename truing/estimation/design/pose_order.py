@@ -81,7 +81,7 @@ def order_poses(
     usual = _travel(distance, shuffled)
     task = _Task(distance, groups, max(float(usual.mean()), np.finfo(float).tiny), trade_off)
     order = _search(task, rng)
-    drift = np.sqrt(task.shares(_seen(task, np.concatenate([order[None], shuffled]))).max(-1))
+    drift = np.sqrt(task.shares(_time_projections(task, np.concatenate([order[None], shuffled]))).max(-1))
     return PoseOrder(order, float(_travel(distance, order)), task.travel, float(drift[0]), float(drift[1:].mean()))
 
 
@@ -100,7 +100,7 @@ def _travel(distance: NDArray, order: NDArray) -> NDArray:
     return np.asarray(distance[before, order].sum(-1))
 
 
-def _seen(task: _Task, order: NDArray) -> NDArray:
+def _time_projections(task: _Task, order: NDArray) -> NDArray:
     """Return the projections (..., G, k) of time on the groups for orders (..., N)."""
     time = np.arange(task.count) - (task.count - 1) / 2.0
     return np.einsum("n,g...nk->...gk", time, task.groups[:, order])
@@ -119,7 +119,7 @@ def _search(task: _Task, rng: np.random.Generator) -> NDArray:
 
 
 def _cost(task: _Task, order: NDArray) -> float:
-    return float(task.cost(_travel(task.distance, order), _seen(task, order)))
+    return float(task.cost(_travel(task.distance, order), _time_projections(task, order)))
 
 
 def _nearest_first(distance: NDArray) -> NDArray:
@@ -151,8 +151,8 @@ def _descended(task: _Task, order: NDArray) -> NDArray:
 
 def _costs_of_reversals(task: _Task, order: NDArray, first: NDArray, last: NDArray) -> NDArray:
     """Return the cost (M,) after reversing each part first .. last: travel changes at its two ends, time within."""
-    distance, home = task.distance, len(task.distance) - 1
-    before, after = np.append(home, order[:-1]), np.append(order[1:], home)
+    distance, start = task.distance, len(task.distance) - 1
+    before, after = np.append(start, order[:-1]), np.append(order[1:], start)
     here, there = order[first], order[last]
     open_end = last < task.count - 1
     gain = distance[before[first], there] - distance[before[first], here]
@@ -163,4 +163,4 @@ def _costs_of_reversals(task: _Task, order: NDArray, first: NDArray, last: NDArr
     moments = np.concatenate([zero, np.cumsum(np.arange(task.count)[:, None, None] * columns, 0)])
     turned = (first + last)[:, None, None] * (sums[last + 1] - sums[first])
     turned = turned - 2.0 * (moments[last + 1] - moments[first])
-    return task.cost(_travel(distance, order) + gain, _seen(task, order) + turned)
+    return task.cost(_travel(distance, order) + gain, _time_projections(task, order) + turned)

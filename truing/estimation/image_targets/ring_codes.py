@@ -62,10 +62,10 @@ def smallest_turn(word: int, bits: int) -> int:
     """Return the smallest of the turns of a word of so many bits; ValueError where the word has more."""
     if not 0 <= word < 1 << bits:
         raise ValueError(f"{word} is no word of {bits} bits")
-    return min(_turns(word, bits))
+    return min(_rotations_of_word(word, bits))
 
 
-def _turns(word: int, bits: int) -> list[int]:
+def _rotations_of_word(word: int, bits: int) -> list[int]:
     """Return a word of so many bits turned by each number of segments."""
     mask = (1 << bits) - 1
     return [(word << k | word >> (bits - k)) & mask for k in range(bits)]
@@ -225,12 +225,12 @@ def _fit(levels: Array, bits: int) -> _Fit:
 
 def _look_up(code: RingCode, words: Index) -> Index:
     """Return the numbers (N,) of words (N,) at any turn, -1 where a word is no code."""
-    table = _numbers_of_turns(code)
+    table = _numbers_of_rotations(code)
     return np.array([table.get(word, -1) for word in words.tolist()], np.int64)
 
 
 @cache
-def _numbers_of_turns(code: RingCode) -> dict[int, int]:
+def _numbers_of_rotations(code: RingCode) -> dict[int, int]:
     """Return the numbers of a code's words, by all their turns."""
     named = zip(code.words, code.numbers, strict=True)
-    return {turn: number for word, number in named for turn in _turns(word, code.bits)}
+    return {turn: number for word, number in named for turn in _rotations_of_word(word, code.bits)}

@@ -86,7 +86,7 @@ def zeros_of_runs(steps: RecordedSteps, reading: Array, sigma: Array) -> RunZero
         there = np.flatnonzero(np.isfinite(start[:, k]))
         z = start[there, k] / (np.sqrt(2.0) * sigma[k])
         scatter[k] = _by_chance(np.minimum(z**2, _MOST**2), len(z)) < _BY_CHANCE
-        if (scatter[k] or far[:, k].any()) and _follows(z, steps, rows[there, k]):
+        if (scatter[k] or far[:, k].any()) and _is_linear_in(z, steps, rows[there, k]):
             scatter[k] = far[:, k] = False
     return RunZeros(start, scatter, far)
 
@@ -98,7 +98,7 @@ def _by_chance(squares: Array, freedom: int) -> float:
     return float(chdtrc(freedom, squares.sum())) if freedom > 0 else 1.0
 
 
-def _follows(z: Array, steps: RecordedSteps, rows: Index) -> bool:
+def _is_linear_in(z: Array, steps: RecordedSteps, rows: Index) -> bool:
     """Whether a straight line in a column of the steps' rows (N,) leaves no more than chance of so many sigmas (N,)."""
     if len(z) < _FEWEST:
         return False

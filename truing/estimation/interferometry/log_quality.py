@@ -238,7 +238,7 @@ def surroundings(value: ArrayLike, run: Index) -> RunSurroundings:
     return RunSurroundings(first, span, np.where(known, change, np.nan), missing)
 
 
-def worth_of_air(index_change: ArrayLike, dead_path: ArrayLike, displacement: ArrayLike) -> Array:
+def air_effect_m(index_change: ArrayLike, dead_path: ArrayLike, displacement: ArrayLike) -> Array:
     """Return how far (m) an uncompensated reading is off by a change of the index, over dead path and displacement."""
     return np.abs(np.asarray(index_change, float)) * (
         np.abs(np.asarray(dead_path, float)) + np.abs(np.asarray(displacement, float))

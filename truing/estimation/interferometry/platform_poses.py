@@ -219,7 +219,7 @@ def _of_channel(
     time, case = steps.time_s[rows], cases.of_step[rows]
     zeros, drifts = zero_columns(run), drift_columns(run, time)
     largest = np.abs(drifts).max(axis=0)
-    drifting = np.array([_comes_back(case[run == r], time[run == r]) for r in range(len(met))])
+    drifting = np.array([_revisits_a_case(case[run == r], time[run == r]) for r in range(len(met))])
     scale = largest[drifting]
     first = np.array([sigma[run == r][0] for r in range(len(met))])
     shared = np.concatenate([zeros, drifts[:, drifting] / scale], axis=1)
@@ -235,7 +235,7 @@ def _rescaled(found: PlatformDisplacement, factor: Array) -> PlatformDisplacemen
     return replace(found, shared=found.shared * factor, shared_covariance=covariance, gain=found.gain / factor)
 
 
-def _comes_back(case: Index, time: Array) -> bool:
+def _revisits_a_case(case: Index, time: Array) -> bool:
     """Whether a run visits a load case at two times at least."""
     visits = np.unique(case, return_inverse=True)[1]
     low, high = np.full(visits.max() + 1, np.inf), np.full(visits.max() + 1, -np.inf)

@@ -100,7 +100,7 @@ def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body:
     """
     own = bodies[body]
     assessed = np.flatnonzero(weight.any(axis=(0, 2)) & ~own.used[p])
-    by_frame = follows_frame(p, own, weight) @ _rows(frame.gain, frame, body)
+    by_frame = sums_by_motion(p, own, weight) @ _rows(frame.gain, frame, body)
     weighed = len(frame.body)
     gain = np.zeros((len(weight), weighed + len(assessed), 3))
     gain[:, :weighed] = -by_frame.reshape(len(weight), -1, 3)
@@ -111,7 +111,7 @@ def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body:
     return PointGain(at_body, target, gain.reshape(len(weight), -1))
 
 
-def follows_frame(p: int, body: FramedBody, weight: Array) -> Array:
+def sums_by_motion(p: int, body: FramedBody, weight: Array) -> Array:
     """How sums of what lies at a body's targets, weight (Q, T, 3), follow its motion (t, theta), (Q, 6)."""
     return np.einsum("qti,tij->qj", weight, rigid_motions(apply_rotation(body.R[p], body.source)))
 
@@ -120,7 +120,7 @@ def by_shapes(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int
     """How such sums follow, through the frame, one standard deviation of each coordinate of the shapes of all bodies:
     (Q, T, 3)."""
     first = np.cumsum([0, *(len(one.targets) for one in bodies)])
-    by_frame = (follows_frame(p, bodies[body], weight) @ _rows(frame.gain, frame, body)).reshape(len(weight), -1, 3)
+    by_frame = (sums_by_motion(p, bodies[body], weight) @ _rows(frame.gain, frame, body)).reshape(len(weight), -1, 3)
     turned = by_frame[:, :, None] @ np.array([one.R[p] for one in bodies])[frame.body]
     moved = np.zeros((len(weight), first[-1], 3))
     moved[:, first[frame.body] + frame.target] = turned[:, :, 0]

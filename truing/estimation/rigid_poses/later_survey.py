@@ -64,7 +64,7 @@ def compare_surveys(
     if status != FitStatus.OK:
         return _untold(len(x), str(status))
     for _ in range(_ROUNDS):
-        found = _held_against(x, Vx, y, Vy, kept, alarm, text)
+        found = _compared_with_others(x, Vx, y, Vy, kept, alarm, text)
         if found.status != FitStatus.OK or (~found.moved == kept).all():
             break
         kept = ~found.moved
@@ -88,7 +88,7 @@ def _untold(count: int, status: str) -> SurveyComparison:
 _SHAPES = ((3, 3), 3, (6, 6))
 
 
-def _held_against(
+def _compared_with_others(
     x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: float, is_stated: Mask
 ) -> SurveyComparison:
     """Every target against the motion of the kept ones, itself left out."""

@@ -63,7 +63,7 @@ def consensus(
     if not np.all((spread > 0) & np.isfinite(spread)):
         raise ValueError("sigma: found a value that is not positive, expected a standard deviation in m")
     clouds = Clouds(x, y, seen, spread, _chi_square_limit(seen))
-    kept, status = _whole(clouds, _tools(seen.size >= _MANY_POINTS))
+    kept, status = _trimmed_sets(clouds, _tools(seen.size >= _MANY_POINTS))
     rows = np.flatnonzero(status == FitStatus.NO_CONSENSUS)
     tools = _tools(len(rows) * seen.shape[1] ** 2 >= _MANY_PAIRS)
     step = max(1, _PAIRS_AT_ONCE // seen.shape[1] ** 2)
@@ -89,7 +89,7 @@ def _chi_square_limit(seen: NDArray) -> NDArray:
     return chdtri(3, FALSE_ALARM / np.maximum(seen.sum(-1), 1))
 
 
-def _whole(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
+def _trimmed_sets(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     """Return the sets (B, N) and statuses (B,) where trimming all points leaves a majority; else NO_CONSENSUS."""
     points = clouds.seen.sum(-1)
     # two sets of more than (n + 4) / 2 of n points share four, and with them the motion

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.sensor.load_table import LoadTable
-from truing.estimation.sensor.nonlinear_terms import clear_form, left_by, nonlinear_terms
+from truing.estimation.sensor.nonlinear_terms import detected_form, left_by, nonlinear_terms
 
 _NORMAL_MEDIAN = 0.6745
 _L1_ROUNDS, _CLOSE = 30, 0.1  # residuals nearer than that, in sigmas, do not gain more weight
@@ -97,7 +97,7 @@ def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArra
     own = _Zeros.of(np.unique(zeros.of_row[near], return_inverse=True)[1])
     inputs = signals if signals.shape[1] <= loads.shape[1] else loads - rest
     forms = list(nonlinear_terms(inputs))
-    clear = clear_form(signals[near], inputs[near], loads[near] / sigma, own.taken_out, own.count)
+    clear = detected_form(signals[near], inputs[near], loads[near] / sigma, own.taken_out, own.count)
     if clear is None:
         return signals, forms[-1], rest, sigma
     columns = np.hstack([signals, forms[clear]])
@@ -114,7 +114,7 @@ def _is_smooth(columns: tuple[NDArray, NDArray], loads: tuple[NDArray, NDArray],
     return smooth.spare > len(written) // 2 and smooth.mean_square < put_right.mean_square
 
 
-def least_seen(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDArray:
+def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDArray:
     """Return the differences (W,) of two loads, in the units of loads, from which their exchange is named.
 
     Of one component each, by the scatter of the table's own residuals and by how many rows are as far off; 0 where

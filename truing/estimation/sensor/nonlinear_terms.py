@@ -29,7 +29,9 @@ def nonlinear_terms(inputs: NDArray) -> Iterator[NDArray]:
         yield columns - columns.mean(0)
 
 
-def clear_form(linear: NDArray, inputs: NDArray, loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> int | None:
+def detected_form(
+    linear: NDArray, inputs: NDArray, loads: NDArray, without_zeros: WithoutZeros, zeros: int
+) -> int | None:
     """Return the place of the nonlinear form of inputs (N, M) that loads (N, W), in sigmas, clearly follow next to
     linear columns (N, C) and a number of zeros; None where they follow none.
 

@@ -132,7 +132,7 @@ def _number(value: Any) -> float | None:
     return float(value) if known else None
 
 
-def whole_gain(found: list[AssessedCause], held_out: bool) -> tuple[float, float] | None:
+def total_gain(found: list[AssessedCause], held_out: bool) -> tuple[float, float] | None:
     """Rms before anything is accepted and after everything is; None where it was not evaluated, or in mixed units."""
     effects = [row for row in found if not row.is_noise]
     if not effects or len({row.unit for row in effects}) > 1:

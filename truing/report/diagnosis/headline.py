@@ -113,8 +113,8 @@ def _drives(tables: Tables) -> NDArray | None:
     if readings is None or not columns:
         return None
     rho = readings[columns].dropna().to_numpy(dtype=float)
-    home = readings.loc[readings["role"] == "reference", columns].dropna().to_numpy(dtype=float)
-    return rho - (home[0] if len(home) else (rho.max(axis=0) + rho.min(axis=0)) / 2) if len(rho) else None
+    reference = readings.loc[readings["role"] == "reference", columns].dropna().to_numpy(dtype=float)
+    return rho - (reference[0] if len(reference) else (rho.max(axis=0) + rho.min(axis=0)) / 2) if len(rho) else None
 
 
 def _reading_columns(columns: list[str]) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from truing.report.diagnosis.assessed_causes import AssessedCause, whole_gain
+from truing.report.diagnosis.assessed_causes import AssessedCause, total_gain
 from truing.report.numbers import plain
 from truing.report.tables import STEP, Tables, filled, in_channel_order, is_bench, load_steps
 
@@ -197,7 +197,7 @@ def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Ov
         units = dict.fromkeys(row.unit for row in effects)
         reported = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
         return max(reported, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
-    pair = whole_gain(found, held_out)
+    pair = total_gain(found, held_out)
     if pair is None:
         return None
     unit = effects[-1].unit

@@ -73,11 +73,11 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     """The whole page as text; plotly's library stands in it once, so that it opens without a network."""
     any_figure = any(section.figures for section in all_of(sections))
     plotly = _plotly_script() if any_figure else ""
-    scripts = [_beside(f"{name}.js") for name in ("scene", "narrow", "figures", "csv")]
+    scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv")]
     return _template().render(
         head=head,
         sections=[_drawn(section, head.campaign) for section in sections],
-        style=_beside("page.css"),
+        style=_package_text("page.css"),
         scripts=scripts,
         plotly=plotly,
         figure_template=embedded(_figure_template()) if any_figure else "",
@@ -131,7 +131,7 @@ def _plotly_script() -> str:
 
 
 @cache
-def _beside(name: str) -> str:
+def _package_text(name: str) -> str:
     """A file of this package, as text."""
     return files("truing.report.rendering").joinpath(name).read_text(encoding="utf-8")
 

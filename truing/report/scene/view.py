@@ -95,7 +95,7 @@ def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
     style(figure, title, subtitle, 640)
     low, high = _box(scene)
     figure.update_layout(
-        meta={"scene": held(scene)},
+        meta={"scene": scene_data(scene)},
         sliders=[_slider(scene)],
         scene=_axes(low, high),
         legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
@@ -143,7 +143,7 @@ def _joints(scene: DrawnScene, step: int) -> NDArray[np.float64]:
     return np.stack([scene.lower[step], scene.upper[step]], axis=1)
 
 
-def held(scene: DrawnScene) -> dict[str, Any]:
+def scene_data(scene: DrawnScene) -> dict[str, Any]:
     """The scene as the page's script reads it: numbers in mm, points by step."""
     return {
         "gain": scene.gain,

@@ -215,7 +215,7 @@ def _warm(claim: Claim) -> str:
     return f"{_where(claim, 'every linear channel')} follows {' and '.join(each or plain) or 'the temperature'}"
 
 
-def _warm_room(claim: Claim) -> str:
+def _zero_against_temperature(claim: Claim) -> str:
     return f"Read {_channel(claim)} without load while the room is warmed by a kelvin and cools down again."
 
 
@@ -389,7 +389,7 @@ BENCH = {
         "Hold the largest load for ten times tau and read every tenth of it, then unload and go on reading.",
     ),
     "zero-drift": Wording("zero drift", _walk, _unloaded),
-    "thermal-drift": Wording("thermal drift", _warm, _warm_room),
+    "thermal-drift": Wording("thermal drift", _warm, _zero_against_temperature),
     "cosine-error": Wording("cosine error", _tilted, _align),
     "abbe-offset": Wording("abbe offset", _arm, _shift_beam),
     "dead-path": Wording(

@@ -123,7 +123,7 @@ def _warm_legs(claim: Claim) -> str:
     return f"{_legs(claim)} {grow} with temperature and the bodies do not{by_most(claim, 'alpha')}"
 
 
-def _gives_way(claim: Claim) -> str:
+def _leg_deflection(claim: Claim) -> str:
     if not claim.subject:
         return f"the legs give way under what they carry, all alike{by_most(claim, 'compliance')}"
     give = _verb(claim, "gives", "give")
@@ -211,7 +211,7 @@ MECHANISM = {
     ),
     "leg-compliance": Wording(
         "compliance of legs",
-        _gives_way,
+        _leg_deflection,
         "Measure a few poses with the platform as it is and with a known mass on it.",
     ),
     "flexure-shift": Wording(

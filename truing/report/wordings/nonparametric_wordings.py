@@ -104,7 +104,7 @@ def product_words(names: Iterable[str]) -> str:
     return f"the square of {first}" if first == more[0] else f"the product of {first} and {more[0]}"
 
 
-def _followed_words(claim: Claim) -> str:
+def _inputs_in_words(claim: Claim) -> str:
     """What it follows, in which form; by the table's columns alone where that has no settings."""
     columns = claim.fact("columns")
     if not columns:
@@ -133,7 +133,7 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 def _clause(claim: Claim) -> str:
     follows = "follows" if _is_one(claim) else "follow"
-    return f"{_whose(claim)} {follows} {_followed_words(claim)}{moves(claim)}"
+    return f"{_whose(claim)} {follows} {_inputs_in_words(claim)}{moves(claim)}"
 
 
 def _is_one(claim: Claim) -> bool:
@@ -164,7 +164,7 @@ def _advice(claim: Claim) -> str:
         what, other = "commands", "command"
     if set(claim.fact("columns") or ()) <= OF_TIME:
         return f"Repeat some {what} in another order: does it go with the time, or with the {other}?"
-    return f"Repeat some {what} with another value of {_followed_words(claim)}, everything else unchanged."
+    return f"Repeat some {what} with another value of {_inputs_in_words(claim)}, everything else unchanged."
 
 
 FOLLOWED = {"unexplained": Wording("unexplained", _clause, _advice)}

@@ -25,8 +25,8 @@ from truing.simulation.bench.six_upur.assembly import (
     comprehensive,
     dh_chain,
     errors_of_sources,
-    follow,
     influence_coefficients,
+    joined_links,
     open_chain_error,
     open_chain_map,
     sensor_chains,
@@ -48,7 +48,7 @@ def crooked_chain(rng: np.random.Generator) -> DhChain:
 def test_chain_and_coefficients_are_those_of_the_reference() -> None:
     inputs, outputs = vector("eq9")
     numbers = [np.array(inputs[name]) for name in ("a_01_to_67", "S_1_to_7", "theta_1_to_7", "alpha_01_to_67")]
-    links = follow(dh_chain(np.array(inputs["T0"]), *numbers))
+    links = joined_links(dh_chain(np.array(inputs["T0"]), *numbers))
     assert_close(links.P, outputs["P"], atol=1e-14, what="P")
     assert_close(links.T, outputs["T7"], atol=1e-14, what="T7")
     found = influence_coefficients(links)
@@ -61,11 +61,11 @@ def test_chain_and_coefficients_are_those_of_the_reference() -> None:
 @given(seed=SEEDS)
 def test_coefficients_are_a_complex_step_of_the_chain(seed: int) -> None:
     chain = crooked_chain(np.random.default_rng(seed))
-    links = follow(chain)
+    links = joined_links(chain)
     found = influence_coefficients(links)
     for kind in KINDS:
         for j in range(7):
-            nudged = follow(replace(chain, **{kind: getattr(chain, kind) + 1j * STEP * np.eye(7)[j]}))
+            nudged = joined_links(replace(chain, **{kind: getattr(chain, kind) + 1j * STEP * np.eye(7)[j]}))
             turn = nudged.T.imag @ links.T.T / STEP
             expected = np.r_[nudged.P.imag / STEP, turn[2, 1], turn[0, 2], turn[1, 0]]
             assert_close(getattr(found, kind)[:, j], expected, atol=1e-13, what=f"{kind} {j}")
@@ -74,7 +74,7 @@ def test_coefficients_are_a_complex_step_of_the_chain(seed: int) -> None:
 
 @given(seed=SEEDS)
 def test_frames_of_a_chain_stay_rotations(seed: int) -> None:
-    links = follow(crooked_chain(np.random.default_rng(seed)))
+    links = joined_links(crooked_chain(np.random.default_rng(seed)))
     assert_close(links.T @ links.T.T, np.eye(3), atol=1e-14, what="T")
     assert_close(np.linalg.det(links.T), 1.0, atol=1e-14, what="handedness")
 
@@ -82,14 +82,14 @@ def test_frames_of_a_chain_stay_rotations(seed: int) -> None:
 @pytest.mark.parametrize("name", SETS)
 def test_all_legs_of_a_sensor_lead_to_the_platforms_origin(name: str) -> None:
     joints = joints_of(name)
-    P = follow(sensor_chains(joints)).P
+    P = joined_links(sensor_chains(joints)).P
     assert_close(P, np.broadcast_to(joints.origin, (6, 3)), atol=1e-15, what="P")
 
 
 @given(seed=SEEDS)
 def test_legs_of_a_crooked_sensor_lead_there_too_by_way_of_both_joints(seed: int) -> None:
     joints = crooked_joints(np.random.default_rng(seed))
-    links = follow(sensor_chains(joints))
+    links = joined_links(sensor_chains(joints))
     assert_close(links.P, np.broadcast_to(joints.origin, (6, 3)), atol=1e-14, what="P")
     lower, upper = links.corner[:, 0], links.corner[:, 5]
     assert_close(lower, joints.lower, atol=1e-14, what="B")
@@ -98,7 +98,7 @@ def test_legs_of_a_crooked_sensor_lead_there_too_by_way_of_both_joints(seed: int
 
 def test_axes_and_normals_of_leg_1_are_those_of_the_reference() -> None:
     _, outputs = vector("eq11")
-    links = follow(sensor_chains(joints_of("S")))
+    links = joined_links(sensor_chains(joints_of("S")))
     for j in range(6):
         assert_close(links.axis[0, j], outputs[f"S{j + 1}"], atol=1e-15, what=f"S{j + 1}")
     for j, name in enumerate(("a12", "a23", "a34", "a45", "a56"), 1):
@@ -113,9 +113,9 @@ def test_axes_and_normals_of_leg_1_are_those_of_the_reference() -> None:
 def test_batches_of_chains_are_chains_one_by_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     some = [crooked_chain(rng) for _ in range(3)]
-    together = influence_coefficients(follow(_stacked(some)))
+    together = influence_coefficients(joined_links(_stacked(some)))
     for i, chain in enumerate(some):
-        alone = influence_coefficients(follow(chain))
+        alone = influence_coefficients(joined_links(chain))
         for kind in KINDS:
             assert_close(getattr(together, kind)[i], getattr(alone, kind), atol=1e-14, what=kind)
 

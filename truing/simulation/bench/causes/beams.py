@@ -14,7 +14,7 @@ from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
     MM,
     BenchScene,
-    seen_channels,
+    read_channels,
 )
 from truing.simulation.bench.load_steps import CHANNELS, LINEAR, ReadingState
 from truing.simulation.cause import Parameter, ReportedParameter
@@ -45,7 +45,7 @@ class CosineError(ChannelCause):
         nothing does other than in proportion to the motion along it.
         """
         found = []
-        for channel in (c for c in seen_channels(scene) if c in CHANNELS):
+        for channel in (c for c in read_channels(scene) if c in CHANNELS):
             across, beside = self._shows(scene, channel)
             found += [CosineError(channel)] if across else []
             found += [] if beside else [CosineError(channel, along=True)]

@@ -17,7 +17,7 @@ from truing.simulation.bench.causes.reading_causes import (
     at_channels,
     is_linear,
     is_signal,
-    seen_channels,
+    read_channels,
     unit_of,
     whose,
 )
@@ -62,7 +62,7 @@ class ChannelCause(ReadingCause):
 
     def prior(self, scene: BenchScene) -> float:
         """Return the weight of a channel, and of all linear ones alike."""
-        return 1.0 if self.channel else _ALL_SHARE * len(seen_channels(scene))
+        return 1.0 if self.channel else _ALL_SHARE * len(read_channels(scene))
 
     def at_own(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return values (B, P) as changes of the readings (B, K, P) of its channels."""
@@ -125,7 +125,7 @@ class ZeroDrift(RunChannelCause):
         if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
             return ()
         found: list[ZeroDrift] = [
-            ZeroDrift(channel, scale_per_s=_rate(channel, steps)) for channel in seen_channels(scene)
+            ZeroDrift(channel, scale_per_s=_rate(channel, steps)) for channel in read_channels(scene)
         ]
         runs = np.flatnonzero(steps.rank == 0)
         for code, first in enumerate(runs if len(runs) > 1 else ()):
@@ -175,7 +175,7 @@ class ThermalDrift(ChannelCause):
         steps = scene.steps
         known = [column for column in _BOTH if steps.varies(column)]
         forms = [(column,) for column in known] + ([_BOTH] if len(known) == len(_BOTH) else [])
-        channels = seen_channels(scene)
+        channels = read_channels(scene)
         several = sum(is_linear(channel) for channel in channels) > 1
         return [ThermalDrift(c, form) for c in ([""] if several else []) + channels for form in forms]
 
@@ -228,7 +228,7 @@ class DeadPath(ChannelCause):
 
 def linear_or_all(scene: BenchScene) -> list[str]:
     """Return every linear channel that was read; before them the empty name of all, where there are several."""
-    linear = [channel for channel in seen_channels(scene) if is_linear(channel)]
+    linear = [channel for channel in read_channels(scene) if is_linear(channel)]
     return ([""] if len(linear) > 1 else []) + linear
 
 

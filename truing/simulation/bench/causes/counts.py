@@ -16,7 +16,7 @@ from truing.simulation.bench.causes.reading_causes import (
     ReadingCause,
     is_linear,
     is_signal,
-    seen_channels,
+    read_channels,
 )
 from truing.simulation.bench.load_steps import ReadingState
 from truing.simulation.cause import Parameter, ReportedParameter, Step
@@ -115,7 +115,7 @@ class Crosstalk(ReadingCause):
 
     def candidates(self, scene: BenchScene) -> Sequence[Crosstalk]:
         """Return every pair of signals."""
-        signals = [channel for channel in seen_channels(scene) if is_signal(channel)]
+        signals = [channel for channel in read_channels(scene) if is_signal(channel)]
         return [Crosstalk(own, other) for own in signals for other in signals if own != other]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:

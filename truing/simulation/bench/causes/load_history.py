@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.load_path import LoadCause
-from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
+from truing.simulation.bench.causes.reading_causes import BenchScene, loaded_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, ReportedParameter, Step
@@ -53,13 +53,13 @@ class Creep(LoadCause):
         if not shortest < longest:
             return ()
         count = min(_MOST_CONSTANTS, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_RATIO))))
-        axes = seen_axes(scene)
+        axes = loaded_axes(scene)
         chosen = ["", *axes] if len(axes) > 1 else axes
         return [Creep(axis, float(tau)) for tau in np.geomspace(shortest, longest, count) for axis in chosen]
 
     def prior(self, scene: BenchScene) -> float:
         """Return the weight of an axis, and of all together."""
-        return 1.0 if self.axis else _ALL_SHARE * len(seen_axes(scene))
+        return 1.0 if self.axis else _ALL_SHARE * len(loaded_axes(scene))
 
     def refined(self) -> Self:
         """Return the form whose time constant is fitted too."""

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.reading_causes import MM, BenchScene, ReadingCause, is_force, seen_axes
+from truing.simulation.bench.causes.reading_causes import MM, BenchScene, ReadingCause, is_force, loaded_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, Step
@@ -62,13 +62,13 @@ class LoadEccentricity(LoadCause):
 
     def candidates(self, scene: BenchScene) -> Sequence[LoadEccentricity]:
         """Return every axis that was loaded, and all forces together where there are two of them."""
-        axes = seen_axes(scene)
+        axes = loaded_axes(scene)
         common = [LoadEccentricity("")] if sum(is_force(axis) for axis in axes) > 1 else []
         return [*common, *(LoadEccentricity(axis) for axis in axes)]
 
     def prior(self, scene: BenchScene) -> float:
         """Return the weight of an axis, and of all forces together."""
-        return 1.0 if self.axis else _COMMON_SHARE * len(seen_axes(scene))
+        return 1.0 if self.axis else _COMMON_SHARE * len(loaded_axes(scene))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the offset across a force's axis, or what a torque brings along."""
@@ -112,7 +112,7 @@ class LoadImbalance(LoadCause):
         """Return, for every axis that was loaded both ways, components with what differs; for any what grows."""
         load = scene.steps.load
         found: list[LoadImbalance] = []
-        for axis in seen_axes(scene):
+        for axis in loaded_axes(scene):
             own = load[:, AXES.index(axis)]
             sets = [tuple(chosen) for size in (1, 2, 3) for chosen in combinations(_XYZ, size)]
             if own.min() < 0.0 < own.max():

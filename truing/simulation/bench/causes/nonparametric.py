@@ -22,7 +22,7 @@ from truing.simulation.bench.causes.reading_causes import (
     BenchScene,
     ReadingCause,
     is_signal,
-    seen_channels,
+    read_channels,
     unit_of,
     whose,
 )
@@ -110,7 +110,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         """Return everything that each channel may depend on, as far as its readings allow."""
         steps, seen = scene.steps, scene.recorded
         found: list[NonparametricReadingEffect] = []
-        for channel in seen_channels(scene):
+        for channel in read_channels(scene):
             own = seen[:, place := steps.channels.index(channel)]
             bare = NonparametricReadingEffect(channel=channel, scale=_PLAUSIBLE_SIGMAS * float(steps.sigma[place]))
             for columns, form, degree in _dependences(steps, own, channel):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.load_path import LoadCause
-from truing.simulation.bench.causes.reading_causes import BenchScene, seen_axes
+from truing.simulation.bench.causes.reading_causes import BenchScene, loaded_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, ReportedParameter, Step
@@ -48,7 +48,7 @@ class PlayHysteresis(LoadCause):
         """Return thresholds from half a step of the loads on, from rest and exercised, for each axis whose load turns
         back, and for all axes."""
         steps = scene.steps
-        axes = [axis for axis in seen_axes(scene) if _reversals(steps, AXES.index(axis)) >= _TURNS]
+        axes = [axis for axis in loaded_axes(scene) if _reversals(steps, AXES.index(axis)) >= _TURNS]
         if not axes:
             return ()
         least = min(max(_LEAST, _OF_A_STEP * _usual_step(steps)), _LARGEST / _THRESHOLDS)
@@ -61,7 +61,7 @@ class PlayHysteresis(LoadCause):
 
     def prior(self, scene: BenchScene) -> float:
         """Return the weight of an axis, and of all together."""
-        return 1.0 if self.axis else _ALL_SHARE * len(seen_axes(scene))
+        return 1.0 if self.axis else _ALL_SHARE * len(loaded_axes(scene))
 
     def refined(self) -> Self:
         """Return the form whose threshold is fitted too."""

@@ -95,12 +95,12 @@ def is_force(axis: str) -> bool:
     return axis in AXES[:LINEAR]
 
 
-def seen_axes(scene: BenchScene) -> list[str]:
+def loaded_axes(scene: BenchScene) -> list[str]:
     """Return the axes that were loaded."""
     return [axis for axis, loaded in zip(AXES, scene.steps.loaded, strict=True) if loaded]
 
 
-def seen_channels(scene: BenchScene) -> list[str]:
+def read_channels(scene: BenchScene) -> list[str]:
     """Return the channels that were read."""
     names = scene.steps.channels
     return [names[place] for place in np.flatnonzero(scene.recorded.sum(0))]

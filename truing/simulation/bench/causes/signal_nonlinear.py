@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.reading_causes import MV, BenchScene, ReadingCause, is_signal, seen_channels, whose
+from truing.simulation.bench.causes.reading_causes import MV, BenchScene, ReadingCause, is_signal, read_channels, whose
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, Step
@@ -69,7 +69,7 @@ class SignalNonlinear(ReadingCause):
         steps = scene.steps
         own = [name for name in steps.channels if is_signal(name)]
         size = dict(zip(own, np.abs(steps.signals).max(0, initial=0.0).tolist(), strict=True))
-        names = [name for name in seen_channels(scene) if size.get(name, 0.0) > 0.0]
+        names = [name for name in read_channels(scene) if size.get(name, 0.0) > 0.0]
         if not names or not _has_levels(steps):
             return ()
         squares = _products(steps)
@@ -93,7 +93,7 @@ class SignalNonlinear(ReadingCause):
 
     def prior(self, scene: BenchScene) -> float:
         """Return the weight of a signal, and of all together."""
-        return 1.0 if self.signal else _ALL_SHARE * sum(map(is_signal, seen_channels(scene)))
+        return 1.0 if self.signal else _ALL_SHARE * sum(map(is_signal, read_channels(scene)))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the powers, then the products of loads over their largest, for each signal."""

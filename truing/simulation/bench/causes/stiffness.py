@@ -13,7 +13,7 @@ from truing.simulation.bench.causes.load_path import LoadCause
 from truing.simulation.bench.causes.reading_causes import (
     BenchScene,
     is_linear,
-    seen_axes,
+    loaded_axes,
     unit_of,
 )
 from truing.simulation.bench.load_steps import CHANNELS, LoadSteps, ReadingState
@@ -44,11 +44,11 @@ class Deflection(LoadCause):
 
     def candidates(self, scene: BenchScene) -> Sequence[Deflection]:
         """Return all axes together, each that shows it, and its own component alone where others were seen."""
-        axes = [axis for axis in seen_axes(scene) if self.shows(scene.steps, AXES.index(axis))]
+        axes = [axis for axis in loaded_axes(scene) if self.shows(scene.steps, AXES.index(axis))]
         found: list[Deflection] = [replace(self, axis="")] if len(axes) > 1 else []
         for axis in axes:
             found.append(replace(self, axis=axis))
-            if _is_seen(scene, AXES.index(axis), own=False) and _is_seen(scene, AXES.index(axis), own=True):
+            if _is_observable(scene, AXES.index(axis), own=False) and _is_observable(scene, AXES.index(axis), own=True):
                 found.append(replace(self, axis=axis, own=True))
         return found
 
@@ -59,7 +59,7 @@ class Deflection(LoadCause):
     def prior(self, scene: BenchScene) -> float:
         """Return the weight of an axis, its own component alone, or all axes together."""
         if not self.axis:
-            return _ALL_SHARE * len(seen_axes(scene))
+            return _ALL_SHARE * len(loaded_axes(scene))
         return _OWN_SHARE if self.own else 1.0 - _OWN_SHARE
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -183,7 +183,7 @@ class JointClearance(LoadCause):
     def candidates(self, scene: BenchScene) -> Sequence[JointClearance]:
         """Return every axis that was loaded, with its own component seen, both ways or by several amounts."""
         steps = scene.steps
-        return [JointClearance(axis) for axis in seen_axes(scene) if _is_seen(scene, AXES.index(axis), own=True)
+        return [JointClearance(axis) for axis in loaded_axes(scene) if _is_observable(scene, AXES.index(axis), own=True)
                 and len(np.unique(steps.load[:, AXES.index(axis)])) > _LEVELS]  # fmt: skip
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
@@ -203,7 +203,7 @@ class JointClearance(LoadCause):
         return found
 
 
-def _is_seen(scene: BenchScene, axis: int, *, own: bool) -> bool:
+def _is_observable(scene: BenchScene, axis: int, *, own: bool) -> bool:
     """Return whether under loads of an axis its own component was read, or any other of the platform's."""
     under_load = scene.recorded[scene.steps.load[:, axis] != 0.0][:, : len(CHANNELS)].any(0)
     return bool(under_load[axis] if own else np.delete(under_load, axis).any())

@@ -101,7 +101,7 @@ def sensor_chains(joints: JointCentres) -> DhChain:
     )
 
 
-def follow(chain: DhChain) -> DhLinks:
+def joined_links(chain: DhChain) -> DhLinks:
     """Return the links of chains, one after the other (eq. 5-9)."""
     T, O = chain.frame, chain.origin  # noqa: E741
     found: list[tuple[NDArray, NDArray, NDArray, NDArray]] = []
@@ -190,7 +190,7 @@ def errors_of_sources(errors: NDArray) -> DhErrors:
 
 def coefficients_of(joints: JointCentres) -> InfluenceCoefficients:
     """Return the influence coefficients (..., 6, 6, 7) of an unloaded sensor's chains."""
-    return influence_coefficients(follow(sensor_chains(joints)))
+    return influence_coefficients(joined_links(sensor_chains(joints)))
 
 
 def chain_errors(coefficients: InfluenceCoefficients, errors: DhErrors) -> NDArray:
