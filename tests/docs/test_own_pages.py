@@ -40,9 +40,11 @@ def _points_of(page: str, file: str, language: str, folder: Path) -> tuple[Any, 
     return read(folder, "points", entry), entry
 
 
-@pytest.mark.parametrize("name", PAGES[2:])
+@pytest.mark.parametrize("name", PAGES)
 def test_pages_are_short(name: str) -> None:
-    assert len(_page(name).split()) < 600
+    """Words of text and tables; the code of the example comes on top."""
+    text = re.sub(r"```.*?```", "", _page(name), flags=re.S)
+    assert len(re.findall(r"\w[\w'-]*", text)) < 600
 
 
 @pytest.mark.parametrize(
