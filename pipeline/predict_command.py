@@ -1,4 +1,4 @@
-"""`truing predict`: the extended model's prediction where nothing was measured, or its errors in a second campaign."""
+"""`truing predict`: poses, readings or wrenches where nothing was measured, or the errors in a second campaign."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from truing import __version__
 from truing.pipeline.artifacts import Stamp, Unreadable, read_artifact, write_table
 from truing.pipeline.campaign_folder import FILE, identity_faults, open_campaign
 from truing.pipeline.console import RunConsole
-from truing.pipeline.given_files import check_file, read_given, table_bytes
+from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
 from truing.pipeline.manifest import digest_of
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import campaign_of
@@ -23,18 +23,23 @@ from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml, read_settings_text
 from truing.stages.predict import predict
 from truing.stages.second_campaign.errors import second_campaign_errors
+from truing.stages.sensor.wrenches_of_signals import is_of_signals
 
 # What is predicted, by a column that tells it from poses.
 _ARTIFACTS = {"reading": "readings", "encoder": "axis_prediction", "prediction_by": "second_campaign_errors"}
+_ARTIFACTS |= {"cov_fx_fy": "wrenches"}
+_INPUTS = "a table of configurations, load steps, commands or signals"
 _CALIBRATION = ("calibration", "model_choice")  # of the run that left the model, where they lie beside it
 
 
 def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
-    """Predict poses, or readings of a loaded sensor; CSV on stdout, or the file ``out``. Raises CampaignFaults.
+    """Predict poses, readings of a loaded sensor, or wrenches of its signals; CSV on stdout, or the file ``out``.
 
-    Where ``inputs`` is a campaign's folder, the errors of the models in that campaign.
+    model: a model file, or a run's folder, of which signals take sensor.toml and everything else model.toml. Where
+    ``inputs`` is a campaign's folder, the errors of the models in that campaign. Raises CampaignFaults.
     """
     check_file(out, reads=(model, inputs))
+    model = _model_in(model, inputs) if model.is_dir() else model
     text = _model_text(model)
     is_campaign = inputs.is_dir() or inputs.name == FILE
     predicted = _errors(model, text, inputs) if is_campaign else _predicted(model, text, inputs)
@@ -47,6 +52,13 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
         _print_errors(predicted, console)
     console.line(f"{predicted.num_rows} {_artifact(predicted)}: {out}")
     return ExitCode.DONE
+
+
+def _model_in(run: Path, inputs: Path) -> Path:
+    """The file of a run's folder that predicts for the inputs."""
+    is_table = inputs.suffix in ENDINGS and inputs.is_file()
+    of_signals = is_table and is_of_signals(read_given(inputs, _INPUTS))
+    return run / ARTIFACTS["sensor" if of_signals else "model"].file
 
 
 def _errors(model: Path, text: str, place: Path) -> pa.Table:
@@ -79,11 +91,11 @@ def _model_text(model: Path) -> str:
     try:
         return read_settings_text(model)
     except (FileNotFoundError, ValueError):
-        raise CampaignFaults([Fault(str(model), "a model.toml that a run has written")]) from None
+        raise CampaignFaults([Fault(str(model), f"a {model.name} that a run has written")]) from None
 
 
 def _predicted(model: Path, text: str, inputs: Path) -> pa.Table:
-    table = read_given(inputs, "a table of configurations, or of load steps")
+    table = read_given(inputs, _INPUTS)
     try:
         return predict(text, table, str(inputs))
     except ValueError as error:

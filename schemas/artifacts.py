@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 from truing.schemas.artifact import Artifact, parquet
 from truing.schemas.photograph_artifacts import CORRELATION, COVARIANCE, PHOTOGRAPHS, PLACE, POINT, SIGMA
 
 _WRENCH = "fx_n fy_n fz_n mx_nm my_nm mz_nm"
+_WRENCH_SIGMA = " ".join(f"sigma_{name}" for name in _WRENCH.split())
+_WRENCH_COVARIANCE = " ".join(f"cov_{a}_{b}" for a, b in combinations(("fx", "fy", "fz", "mx", "my", "mz"), 2))
 _SURROUNDINGS = "air_temperature_c air_pressure_hpa relative_humidity_pct material_temperature_c"
 
 # Of what to measure next: what it serves, how much it takes, and what it gives.
@@ -276,6 +280,13 @@ _CALIBRATION = (
         "figures of every calibration of a force sensor, by which one is chosen; and why others could not be made",
         "model figure value unit",
         optional="subject reason",
+    ),
+    Artifact("sensor", "sensor.toml", "the chosen calibration of a force sensor, from which signals give the wrench"),
+    parquet(
+        "wrenches",
+        "the wrench that each row of signals tells by the chosen calibration, with its covariance",
+        f"row_order* {_WRENCH} {_WRENCH_SIGMA} {_WRENCH_COVARIANCE} is_within",
+        optional="run step time_s",
     ),
     parquet(
         "calibrations_compared",

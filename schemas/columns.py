@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import combinations
 
 from truing.schemas.column import Column, flag, integer, real, share, size, text
 from truing.schemas.needs import Need
@@ -140,6 +141,13 @@ _MEASURED = (
     # Of loads, readings and positions.
     *(real(f"f{a}_n", "N", f"force along {a} on the platform at its origin", nullable=True) for a in "xyz"),
     *(real(f"m{a}_nm", "N m", f"torque about {a} on the platform", nullable=True) for a in "xyz"),
+    *(size(f"sigma_f{a}_n", "N", f"standard deviation of the force along {a}") for a in "xyz"),
+    *(size(f"sigma_m{a}_nm", "N m", f"standard deviation of the torque about {a}") for a in "xyz"),
+    *(
+        real(f"cov_{a}_{b}", "SI", f"covariance of {a} and {b} of a wrench, N and N m")
+        for a, b in combinations(("fx", "fy", "fz", "mx", "my", "mz"), 2)
+    ),
+    flag("is_within", "whether every component lies within 1.05 times the largest load of the calibration"),
     text("response", "component of the response", choices=("dx", "dy", "dz", "rx", "ry", "rz")),
     text("load", "component of the wrench", choices=("fx", "fy", "fz", "mx", "my", "mz")),
     text("channel", "what was read: a motion of the platform, or a signal of the sensor", choices=_CHANNELS),

@@ -27,7 +27,7 @@ DECLARATION = Stage(
     leaves=(
         *("calibration?", "implicit_calibration?", "correlations?", "accuracy?", "implicit_accuracy?"),
         *("model_choice?", "observability?", "absorption?", "requirements?"),
-        *("sensor_matrix?", "sensor_merit?", "sensor_choice?", "error_classes?"),
+        *("sensor_matrix?", "sensor_merit?", "sensor_choice?", "error_classes?", "sensor?"),
         *("repeats?", "lack_of_fit?", "pose_repeatability?", "calibration_left_out?"),
         "calibrations_compared?",
     ),

@@ -1,4 +1,4 @@
-"""Prediction: what the extended model says of poses, or of readings under load, where nothing was measured."""
+"""Prediction where nothing was measured: poses, readings under load, or the wrench that signals tell."""
 
 from __future__ import annotations
 
@@ -22,18 +22,24 @@ _OF_MECHANISMS = {"axis": "truing.stages.axis.prediction"}
 
 def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Table:
     """Return what a model.toml predicts: poses for a table of configurations, readings for one of load steps or of
-    commands of an axis.
+    commands of an axis; of a sensor.toml, the wrenches for a table of signals.
 
     Raises CampaignFaults where ``file`` lacks a column that is needed or holds no number in it, ValueError where the
     model is none.
     """
+    from truing.estimation.sensor.calibrated_sensor import is_calibrated_sensor, sensor_from
     from truing.simulation.bench.extended_model import is_sensor, read_sensor
 
-    about = parsed_toml(model).get("model", {})
+    document = parsed_toml(model)
+    if is_calibrated_sensor(document):
+        from truing.stages.sensor.wrenches_of_signals import wrenches_of_signals
+
+        return wrenches_of_signals(sensor_from(document), inputs, file)
+    about = document.get("model", {})
     if isinstance(about, dict) and (own := _OF_MECHANISMS.get(str(about.get("mechanism")))) is not None:
         predicted: pa.Table = import_module(own).predicted(model, inputs, file)
         return predicted
-    if is_sensor(parsed_toml(model)):
+    if is_sensor(document):
         from truing.stages.sensor.predicted_readings import predicted_readings
 
         return predicted_readings(read_sensor(model), inputs, file)

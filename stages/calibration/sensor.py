@@ -12,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, READING_UNITS
+from truing.estimation.sensor.calibrated_sensor import calibrated_sensor, sensor_text
 from truing.estimation.sensor.calibration import (
     Figures,
     LegMatrix,
@@ -262,11 +263,16 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     ranges = ranges_of(settings, found)
     artifacts["sensor_choice"] = choice_rows(found, fitted).table()
     artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
+    about = {"calibration": fitted.chosen.model.name, "data": WITH_FINDINGS if found.causes else AS_RECORDED}
+    sensor = calibrated_sensor(
+        fitted.choice.chosen, fitted.table, settings.mechanism.reference_temperature_c, found.tared
+    )
+    text = {"sensor": sensor_text(sensor, about)}
     words = [f"{counted(found.left_out, 'load step')} with a gross error in a signal"] if found.left_out else []
     words += [f"{found.excluded} with a signal excluded by a person"] if found.excluded else []
     left_out = "; ".join(words) or "nothing"
     read = f"{counted(len(found.steps.run), 'load step')} with {counted(found.signal.shape[1], 'signal')}"
-    return Outcome(artifacts, read=read, left_out=left_out, figure=_figure_of_sensor(found, fitted, ranges))
+    return Outcome(artifacts | text, read=read, left_out=left_out, figure=_figure_of_sensor(found, fitted, ranges))
 
 
 def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:

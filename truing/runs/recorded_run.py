@@ -22,6 +22,7 @@ from truing.schemas.settings_text import parsed_toml, read_settings_text, regula
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
+    from truing.estimation.sensor.calibrated_sensor import CalibratedSensor
     from truing.report.page import PageHead, ReportSection
     from truing.simulation.axis.extended_model import ExtendedAxis
     from truing.simulation.bench.extended_model import ExtendedSensor
@@ -108,6 +109,14 @@ class Run(Mapping[str, "pd.DataFrame"]):
         if is_axis(document):
             return read_axis(text)
         return read_sensor(text) if is_sensor(document) else read_model(text)
+
+    @cached_property
+    def sensor(self) -> CalibratedSensor | None:
+        """The calibrated force sensor, whose `wrench` takes signals; None where the run calibrated none."""
+        from truing.estimation.sensor.calibrated_sensor import sensor_from
+
+        path = self.folder / ARTIFACTS["sensor"].file
+        return sensor_from(parsed_toml(read_settings_text(path))) if path.is_file() else None
 
     @cached_property
     def _page(self) -> tuple[PageHead, list[ReportSection]]:

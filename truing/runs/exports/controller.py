@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
@@ -20,10 +20,12 @@ _OF_MECHANISM = ("reference_temperature_c", "kind", "loop")
 
 
 def controller(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield ``controller.toml`` and ``controller.csv``: legs or compliance, effects, and a sensor's matrix G_B.
+    """Yield ``controller.toml`` and ``controller.csv``: legs or compliance, effects, and a sensor's matrix G_B; of a
+    linear calibration ``wrench_matrix.csv`` too, as a data logger takes it.
 
-    Nothing where the run has left no extended model.
+    Nothing of the machine where the run has left no extended model.
     """
+    yield from _logger(run)
     path = run.folder / ARTIFACTS["model"].file
     document = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     if "model" not in document:
@@ -31,6 +33,18 @@ def controller(run: Run) -> Iterator[tuple[str, bytes]]:
     matrix = _matrix(run)
     yield "controller.toml", "\n".join([*_text(document), *_matrix_text(matrix), ""]).encode()
     yield "controller.csv", _csv([*_leg_numbers(document), *_compliance(document), *_effects(document), *matrix])
+
+
+def _logger(run: Run) -> Iterator[tuple[str, bytes]]:
+    """The matrix and offset of load = G_B . signals + offset, a row for each load; none of a calibration that needs
+    more than a matrix."""
+    sensor = run.sensor
+    if sensor is None or (offset := sensor.offset) is None:
+        return
+    rows = [["load", "unit", *(f"per_{name}_mv" for name in sensor.signal_names), "offset"]]
+    for name, entries, zero in zip(sensor.load_names, sensor.matrix.value, offset, strict=True):
+        rows.append([name, "N" if name[0] == "f" else "N m", *(repr(float(entry)) for entry in (*entries, zero))])
+    yield "wrench_matrix.csv", _csv_bytes(rows)
 
 
 def _text(document: dict[str, Any]) -> Iterator[str]:
@@ -111,10 +125,11 @@ def _matrix_text(matrix: list[_Number]) -> Iterator[str]:
 
 
 def _csv(numbers: list[_Number]) -> bytes:
+    rows = [[of, name, repr(float(v)), "" if s is None else repr(float(s)), unit] for of, name, v, s, unit in numbers]
+    return _csv_bytes([["of", "name", "value", "sigma", "unit"], *rows])
+
+
+def _csv_bytes(rows: Iterable[Sequence[str]]) -> bytes:
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("of", "name", "value", "sigma", "unit"))
-    writer.writerows(
-        (of, name, repr(float(v)), "" if s is None else repr(float(s)), unit) for of, name, v, s, unit in numbers
-    )
+    csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().encode()
