@@ -197,13 +197,15 @@ def init(
 
 @app.command()
 def predict(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.toml", help="The model.toml that a run has written.")],
+    model: Annotated[
+        Path, typer.Argument(metavar="MODEL", help="The folder of a run, or the model.toml or sensor.toml in it.")
+    ],
     inputs: Annotated[
         Path,
         typer.Argument(
             metavar="INPUTS",
-            help="A table of configurations, load steps or commands, .csv or .parquet; or the folder of a second "
-            "campaign of the same machine.",
+            help="A table of configurations, load steps, commands or signals, .csv or .parquet; or the folder of a "
+            "second campaign of the same machine.",
         ),
     ],
     out: _OutTable = None,
@@ -212,11 +214,11 @@ def predict(
 
     INPUTS is a table: configurations of a mechanism give poses of the platform seen from the base, with their 6 x 6
     covariance; load steps of a force sensor give interferometer readings; commands of an axis give the readings of
-    its encoders, each with its sigma. The table needs every column that an effect of the model depends on.
+    its encoders, each with its sigma; signals of a calibrated force sensor give wrenches with their covariance. The table needs every column that an effect of the model depends on.
 
     Where INPUTS is the folder of a second campaign of the same machine, its measurements are compared with predictions
     by the nominal, the calibrated and the extended model: rms and largest error of each. The calibration is that of the
-    run in the folder of MODEL.toml.
+    run in the folder of the model.
 
     The result is CSV on standard output, or the file --out, as .csv or .parquet.
 

@@ -77,7 +77,7 @@ def _checked(sensor: CalibratedSensor, table: pa.Table, file: str) -> dict[str, 
 
 def _numbers(column: pa.ChunkedArray) -> Array:
     """A column as float64, NaN where a value is no number."""
-    if pa.types.is_string(column.type):
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
         return np.array([_number(value) for value in column.to_pylist()])
     return np.asarray(column.to_numpy(zero_copy_only=False), dtype=float)
 
@@ -114,6 +114,7 @@ def _table(table: pa.Table, value: Array, covariance: Array, within: Mask) -> pa
         columns |= {name: value[:, k], f"sigma_{name}": sigma[:, k]}
     columns |= {f"cov_{LOADS[i]}_{LOADS[j]}": covariance[:, i, j] for i, j in combinations(range(len(LOADS)), 2)}
     columns["is_within"] = within
-    identifier = "string" if "run" in columns and pa.types.is_string(table.schema.field("run").type) else "int64"
+    is_named = "run" in columns and not pa.types.is_integer(table.schema.field("run").type)
+    identifier = "string" if is_named else "int64"
     schema = ARTIFACTS["wrenches"].arrow_schema(identifier, tuple(name for name in _KEPT if name in columns))
     return pa.table({name: columns[name] for name in schema.names}).cast(schema)

@@ -122,7 +122,9 @@ class CalibratedSensor:
         return zero if model.direction == "direct" else -self.matrix.value @ zero
 
 
-def calibrated_sensor(held: HeldOutPredictions, table: LoadTable, reference_c: float, is_tared: bool) -> CalibratedSensor:
+def calibrated_sensor(
+    held: HeldOutPredictions, table: LoadTable, reference_c: float, is_tared: bool
+) -> CalibratedSensor:
     """Return the sensor of a fit to a table of calibration loads; raises ValueError where every case has a zero."""
     fit = held.fit
     if fit.model.zero == "case":
