@@ -198,9 +198,11 @@ class CauseSelection(Generic[CauseT]):
         is_noisier |= any(own.driver.cause is None for own in noise_dependences)
         holds = searched.end.is_complete and adequacy.p_value > self._settings.doubted_level and not is_noisier
         # Beside an effect without a name, any name may be a part of it, and what it leaves scatters too. So does what
-        # follows nothing that is known: noise that grows at one time may be vibration, at several it is rather that.
+        # follows nothing that is known: noise that grows at one time may be vibration, at several it is rather that,
+        # and so it is where inputs scatter as well.
         bursts = sum(own.driver.cause is not None for own in noise_dependences)
-        is_named = all(own.catalogued for own in final.causes) and bursts < _SEVERAL_BURSTS
+        fewest = 1 if scatters else _SEVERAL_BURSTS
+        is_named = all(own.catalogued for own in final.causes) and bursts < fewest
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
         outdone = {step.cause.key for step in searched.kept if step.is_outdone}
         verdicts = [self._doubted(verdict, final, doubt, outdone) for verdict in verdicts]
