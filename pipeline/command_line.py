@@ -214,7 +214,8 @@ def predict(
 
     INPUTS is a table: configurations of a mechanism give poses of the platform seen from the base, with their 6 x 6
     covariance; load steps of a force sensor give interferometer readings; commands of an axis give the readings of
-    its encoders, each with its sigma; signals of a calibrated force sensor give wrenches with their covariance. The table needs every column that an effect of the model depends on.
+    its encoders, each with its sigma; signals of a calibrated force sensor give wrenches with their covariance. The
+    table needs every column that an effect of the model depends on.
 
     Where INPUTS is the folder of a second campaign of the same machine, its measurements are compared with predictions
     by the nominal, the calibrated and the extended model: rms and largest error of each. The calibration is that of the

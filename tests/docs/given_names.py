@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 
 from tests.simulation.mechanisms.telescope import readings, telescope
 from truing.estimation.rotation import exp_so3
+from truing.estimation.sensor.calibrated_sensor import calibrated_sensor, sensor_text
+from truing.estimation.sensor.contenders import hold_out
 from truing.simulation.mechanisms.legs.kinematics import inverse
 from truing.simulation.mechanisms.state import State
 
@@ -64,7 +67,19 @@ def _sensor_calibration(told: Names) -> Names:
         "load_cov": load_cov,
         "new_signals": signals[:4],
         "new_covariates": np.zeros((4, 0)),
+        "run_folder": _run_of_a_sensor(told),
+        "signals_mv": signals[0],
     }
+
+
+def _run_of_a_sensor(told: Names) -> Path:
+    """The run at hand, with the page's own calibration once it was made."""
+    folder = Path("runs/telescope")
+    if "bench" in told:
+        held = hold_out(told["bench"], told["fit"].model)
+        text = sensor_text(calibrated_sensor(held, told["bench"], 20.0, is_tared=False), {})
+        (folder / "sensor.toml").write_text(text, encoding="utf-8")
+    return folder
 
 
 def _unlabelled(told: Names) -> Names:
