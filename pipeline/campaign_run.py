@@ -102,7 +102,7 @@ class CampaignRun:
         return self._found[stage]
 
     def status(self, stage: Stage, now: MadeFrom) -> StageStatus:
-        """Where a stage stands; a fresh one is entered into the ledger (in memory) if it was not there."""
+        """Where a stage stands; a fresh one is entered into the manifest (in memory) if it was not there."""
         stage_status = self.evidence.status(stage, now)
         if stage_status.entry is not None:
             self.manifest.entries[stage.name] = stage_status.entry
@@ -135,7 +135,7 @@ class CampaignRun:
             self.manifest.valid_campaign = digest
 
     def execute(self, stage: Stage, now: MadeFrom, progress: Progress) -> str:
-        """Run a stage, write what it leaves, enter it into the ledger; returns its closing line."""
+        """Run a stage, write what it leaves, enter it into the manifest; returns its closing line."""
         started = time.perf_counter()
         outcome = self.outcome(stage, progress)
         _check_artifacts(stage, outcome)
@@ -212,7 +212,7 @@ class CampaignRun:
             return None
 
     def save(self) -> None:
-        """Write the ledger and the remembered digests where they changed."""
+        """Write the manifest and the digest cache where they changed."""
         self.manifest.save(self.folder / PRIVATE / "ledger.json")
         self.digest_cache.save()
 
@@ -256,11 +256,11 @@ def detached_run(campaign: CampaignFolder) -> CampaignRun:
 def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, workers: int = 1) -> CampaignRun:
     """What a run folder holds of a campaign; ``distrust`` reads every file anew. Nothing is written."""
     private = folder / PRIVATE
-    ledger = read_manifest(private / "ledger.json")
-    ledger.entries = {  # another version may have had other stages, and they may have left other artifacts
+    manifest = read_manifest(private / "ledger.json")
+    manifest.entries = {  # another version may have had other stages, and they may have left other artifacts
         name: entry
-        for name, entry in ledger.entries.items()
+        for name, entry in manifest.entries.items()
         if name in _names_of(campaign) and entry.artifacts.keys() <= ARTIFACTS.keys()
     }
     digests = DigestCache(private / "digests.json", distrust=distrust)
-    return CampaignRun(campaign, folder, digests, ledger, private, workers)
+    return CampaignRun(campaign, folder, digests, manifest, private, workers)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # The settings reach a stage through the one, its tables through the other: both shape what it leaves.
 _COMMON_SOURCE = ("truing.schemas.campaign", "truing.schemas.artifacts")
 _SHOWN_REASONS = 3
-# What an artifact has to carry to speak for its stage where the ledger is gone.
+# What an artifact has to carry to speak for its stage where the manifest is gone.
 _SPOKEN = {"digest", "left", "failed_checks"}
 
 
@@ -35,7 +35,7 @@ class Freshness(StrEnum):
 
 @dataclass(frozen=True)
 class StageStatus:
-    """A stage's state, the reasons where it is not fresh, and the ledger entry that speaks for it where it is."""
+    """A stage's state, the reasons where it is not fresh, and the manifest entry that speaks for it where it is."""
 
     state: Freshness
     reasons: tuple[str, ...] = ()
@@ -99,7 +99,7 @@ class Evidence:
                 yield f"{file} is missing"  # or a folder, or a pipe
 
     def _embedded(self, stage: Stage) -> Entry | None:
-        """The entry that a stage's artifacts speak for themselves, where the ledger is gone."""
+        """The entry that a stage's artifacts speak for themselves, where the manifest is gone."""
         from truing.pipeline.artifacts import read_provenance
 
         for name in map(bare, stage.leaves):

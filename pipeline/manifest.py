@@ -79,14 +79,14 @@ class Manifest:
     owner: Owner | None = None
 
     def save(self, store: Path) -> None:
-        """Write the ledger whole, unless it stands there already."""
+        """Write the manifest whole, unless it stands there already."""
         content = json.dumps(asdict(self), indent=1, default=str).encode()
         if not store.is_file() or store.read_bytes() != content:
             write_atomically(store, content)
 
 
 def read_manifest(store: Path) -> Manifest:
-    """The ledger of a run folder; an empty one where there is none, or none that can be read."""
+    """The manifest of a run folder; an empty one where there is none, or none that can be read."""
     try:
         regular_size(store)
         content = json.loads(store.read_bytes())

@@ -53,8 +53,8 @@ def opened_run(folder: Path) -> Run:
         raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")]) from None
     except ValueError as broken:
         raise CampaignFaults(_broken_run(folder, broken)) from None
-    ledger = read_manifest(folder / PRIVATE / "ledger.json")  # empty where somebody has copied the tables alone
-    if faults := [*_changed(folder, ledger), *_mixed(folder, ledger)]:
+    manifest = read_manifest(folder / PRIVATE / "ledger.json")  # empty where somebody has copied the tables alone
+    if faults := [*_changed(folder, manifest), *_mixed(folder, manifest)]:
         raise CampaignFaults(faults)
     try:
         run.model  # noqa: B018 (read once, here, so that its faults are the run's)
@@ -68,10 +68,10 @@ def _broken_run(folder: Path, broken: Exception) -> list[Fault]:
     return [Fault(str(folder), f"a run that is whole ({line})") for line in str(broken).split("\n")]
 
 
-def _changed(folder: Path, ledger: Manifest) -> Iterator[Fault]:
+def _changed(folder: Path, manifest: Manifest) -> Iterator[Fault]:
     """A fault per file that is no longer what its stage has written."""
     digests = DigestCache(None)
-    for entry in ledger.entries.values():
+    for entry in manifest.entries.values():
         for name, digest in entry.artifacts.items():
             file = ARTIFACTS[name].file if name in ARTIFACTS else _PAGE
             try:
@@ -81,10 +81,10 @@ def _changed(folder: Path, ledger: Manifest) -> Iterator[Fault]:
                 yield Fault(str(folder / file), f"this file, which its stage has written; {_AGAIN}")
 
 
-def _mixed(folder: Path, ledger: Manifest) -> Iterator[Fault]:
+def _mixed(folder: Path, manifest: Manifest) -> Iterator[Fault]:
     """A fault per stage that was made from other tables than lie there now: a run that did not come to its end."""
-    there = {name: digest for entry in ledger.entries.values() for name, digest in entry.artifacts.items()}
-    for stage, entry in ledger.entries.items():
+    there = {name: digest for entry in manifest.entries.values() for name, digest in entry.artifacts.items()}
+    for stage, entry in manifest.entries.items():
         inputs = {} if entry.made_from is None else entry.made_from.inputs
         if any(there.get(name) != digest for name, digest in inputs.items()):
             yield Fault(str(folder), f"a run of one piece; {stage} was made from other tables than these, {_AGAIN}")

@@ -19,7 +19,7 @@ from truing.pipeline.problems import EnvironmentProblem, environment
 from truing.pipeline.whole_file import PART, part_of
 from truing.schemas.artifacts import ARTIFACTS
 
-PRIVATE = ".truing"  # ledger, remembered digests and lock; deleting it loses no result
+PRIVATE = ".truing"  # manifest, digest cache and lock; deleting it loses no result
 
 # Windows locks are mandatory: the locked byte lies beyond the note that others shall be able to read.
 _LOCKED_BYTE = 1 << 20

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def claim(run: CampaignRun) -> None:
-    """Note that a run folder is this campaign's (in memory, until the ledger is saved); raises CampaignFaults."""
+    """Note that a run folder is this campaign's (in memory, until the manifest is saved); raises CampaignFaults."""
     check_owner(run)
     if not run.manifest.entries:
         _refuse_strange_files(run.folder)
