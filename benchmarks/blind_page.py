@@ -92,10 +92,10 @@ def goals(campaigns: Sequence[Judged], own: Instrument = POINTS) -> str:
     rows = [
         ["nothing hidden: something found", "at most 5 %", *_of(rates.alarms(clear))],
         ["one effect: something found", "95 %", *_of(rates.detected(clear))],
-        ["named, or told to look like what was found", "90 %", *_of(rates.named(clear))],
+        ["named, or indistinguishable from a found cause", "90 %", *_of(rates.named(clear))],
         [f"of these: the right {own.subjects}", "95 %", *_of(rates.placed(clear))],
         ["two effects: both named", "75 %", *_of(rates.both_named(clear))],
-        ["more found beside all that was hidden", "", *_of(rates.invented(clear))],
+        ["more found than was hidden", "", *_of(rates.invented(clear))],
         ["an effect of no catalogue: `unexplained`, with all that drives it", "80 %", *_of(rates.driven(clear))],
         ["the same: given a name", "at most 10 %", *_of(rates.misnamed(clear))],
         ["true parameters within stated 95 %", "90 to 98 %", *_mean(rates.coverage(clear))],
@@ -185,7 +185,7 @@ def unknown(campaigns: Sequence[Judged]) -> str:
         ordered = sorted(names.items(), key=lambda item: (-item[1], item[0]))
         told = ", ".join(f"`{name}` {count}" for name, count in ordered)
         rows.append([_words(kind), str(len(own)), str(driven.good), str(misnamed.good), told])
-    return table(["effect", "campaigns", "told with what drives it", "given a name", "which"], rows)
+    return table(["effect", "campaigns", "reported with its inputs", "given a name", "which"], rows)
 
 
 def foreign(campaigns: Sequence[Judged]) -> str:

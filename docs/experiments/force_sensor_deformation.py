@@ -178,7 +178,7 @@ def imbalances(name: str, sensor: ElasticSensor, odd: float, even: float) -> lis
             "absurd",
         ],
         [seen, "even", f"{2 * abs(moment):.3f} N m per N: {shares}", f"{turned:.0f} arcsec about y"],
-        ["beside it, for the slope: a plain offset", "odd", f"{1e3 * abs(offset):.0f} mm", "tilt that follows F"],
+        ["in addition, for the slope: a plain offset", "odd", f"{1e3 * abs(offset):.0f} mm", "tilt that follows F"],
     ]
 
 

@@ -108,7 +108,7 @@ def changes() -> str:
         right, wrong = sum(pair.names(case) for pair in found), sum(pair.errs(case) for pair in found)
         others = [len(one) - 1 for pair in found for one in pair.named if one & case.expected]
         rows.append([case.name, str(len(found)), str(right), str(wrong), f"{np.median(others):g}" if others else ""])
-    heads = ["between the campaigns", "machines", "told so", "something else named", "others that explain as much"]
+    heads = ["between the campaigns", "machines", "named", "something else named", "others that explain as much"]
     return table(heads, rows)
 
 

@@ -185,7 +185,7 @@ CAUSES: dict[str, tuple[str, Pattern]] = {
     "actuators lean, all along x": ("mrad", lambda: swallowed("u_x", np.full(6, 1e-3))),
     "actuators lean, all along y": ("mrad", lambda: swallowed("u_y", np.full(6, 1e-3))),
     "K larger, all of it": ("%", lambda: _more_of_K(0.01, whole=True)),
-    "K larger beside its diagonal": ("%", lambda: _more_of_K(0.01, whole=False)),
+    "K larger except its diagonal": ("%", lambda: _more_of_K(0.01, whole=False)),
     "attachments move outwards with their actuator": ("1e-3", lambda: _in_plane(1e-3)),
     "flexures' parasitic shift, as 10 mm long": ("times", lambda: _other_structure(BeamModel(), MODEL)),
     "elastic legs, as assumed": ("times", lambda: _other_structure(StiffnessModel(), JacobianModel())),

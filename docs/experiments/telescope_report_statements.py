@@ -239,7 +239,7 @@ def rows_from_poses() -> str:
     for leg, found in enumerate(rows_of_K(), 1):
         values = ", ".join(f"{value:.1e}" for value in found.singular_values[found.rank - 1 : found.rank + 2])
         rows.append([f"{leg}", f"{found.rank} of {len(found.labels)}", values])
-    return table(["leg", "combinations that poses tell", "last that counts, and the two after it"], rows)
+    return table(["leg", "combinations that poses determine", "last one that counts, and the next two"], rows)
 
 
 def many_starts() -> str:
