@@ -114,7 +114,11 @@ def table_of_models() -> str:
 def table_of_departures() -> str:
     """What the other models ask of the readings beyond rigid legs."""
     rows = artifact("model_choice").query("estimator == 'nominal'").set_index(["model", "figure"])["value"]
-    names = {"jacobian": "linear about the reference pose (eq. 9)", "beam": "bending flexures", "stiffness": "elastic legs"}
+    names = {
+        "jacobian": "linear about the reference pose (eq. 9)",
+        "beam": "bending flexures",
+        "stiffness": "elastic legs",
+    }
     return table(
         ["model", "rms µm", "max µm"],
         [

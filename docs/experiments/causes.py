@@ -116,7 +116,9 @@ def catalogue_table() -> str:
         cause = example(own.id)
         needs = ", ".join(f"`{name}`" for name in cause.needs(LEGS)) if cause.catalogued else "what it follows"
         rows.append([f"`{cause.id}`", WHERE[cause.step], concerns(cause), parameters(cause), needs])
-    return table(["id", "step", "may concern", "parameters as fitted, plausible size", "needs in addition to readings"], rows)
+    return table(
+        ["id", "step", "may concern", "parameters as fitted, plausible size", "needs in addition to readings"], rows
+    )
 
 
 @cache

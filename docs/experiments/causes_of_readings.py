@@ -88,7 +88,9 @@ def catalogue_table() -> str:
         if not cause.catalogued:
             told, needs = "`degree1` .. four sigmas of the channel", "what it follows"
         rows.append([f"`{cause.id}`", WHERE[cause.step], _CONCERNS.get(cause.id, "a load axis, or all"), told, needs])
-    return table(["id", "step", "may concern", "parameters as fitted, plausible size", "needs in addition to loads"], rows)
+    return table(
+        ["id", "step", "may concern", "parameters as fitted, plausible size", "needs in addition to loads"], rows
+    )
 
 
 @cache
