@@ -47,7 +47,7 @@ def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     if "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
     if (own := registered(_OF_TYPES, settings)) is not None:
-        data: DiagnosisData[Any] = own.gather(tables, settings)
+        data: DiagnosisData[Any] = own.assemble(tables, settings)
         return data
     if settings.mechanism.is_legged:
         from truing.stages.diagnosis.mechanism_points import assemble

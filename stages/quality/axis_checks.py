@@ -68,15 +68,15 @@ def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, readi
         return without("too few movements", "axis-units", encoder, f"the command moves {int(moved.sum())} times")
     ratio = float(np.median(found[moved] / moves[moved]))
     slip = next((words for at, words in _SLIPS[columns.unit].items() if abs(abs(ratio) / at - 1.0) < _OF_SLIP), "")
-    sign = " with its sign turned" if ratio < 0.0 else ""
+    sign = " with the opposite sign" if ratio < 0.0 else ""
     text = f"{column} moves {ratio:.6g} times as far as {columns.command}"
     if slip or (sign and abs(abs(ratio) - 1.0) < _ODD):
         meant = f"in {slip}{sign}" if slip else f"{columns.unit}{sign}"
         return Check(
-            "axis-units", encoder, ratio, 1.0, "1", FAIL, f"{text}: did you mean {meant}? Mend its unit or its sign."
+            "axis-units", encoder, ratio, 1.0, "1", FAIL, f"{text}: did you mean {meant}? Correct its unit or its sign."
         )
     if sign or not 1.0 / _WRONG <= ratio <= _WRONG:
-        cure = f"Mend its unit, counts_per_{columns.unit} or the column that [mechanism] names."
+        cure = f"Correct its unit, counts_per_{columns.unit} or the column that [mechanism] names."
         return Check("axis-units", encoder, ratio, 1.0, "1", FAIL, f"{text}, which no axis does. {cure}")
     if abs(ratio - 1.0) > _ODD:
         return Check(
@@ -100,8 +100,8 @@ def _repeated_readings(
     current = moved & (np.diff(raw) == 0.0)
     share = float(current.sum() / moved.sum())
     named = listed([str(pose) for pose in poses[1:][current]])
-    text = f"{int(current.sum())} of {int(moved.sum())} moves of the command leave the reading as it was"
-    text += f": rows {named}. Look whether the axis was disabled, or cells were filled down." if named else "."
+    text = f"{int(current.sum())} of {int(moved.sum())} moves of the command do not change the reading"
+    text += f": rows {named}. Check whether the axis was disabled, or cells were filled down." if named else "."
     return limits.of("axis-standing-rows").row(encoder, share, "1", text)
 
 
@@ -117,9 +117,11 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
     expected = share * len(again)
     beyond = max(len(again) - expected, 0.0) if share < _COARSE else 0.0
     named = listed([str(pose) for pose in poses[again]])
-    text = f"{len(again)} rows equal an earlier one in every encoder's last digit"
+    text = f"{len(again)} rows are equal to an earlier one in every digit of all encoders"
     if again.size:
-        text += f": rows {named}. Take out copies; where encoders resolve no more, state their step in [noise]."
+        text += (
+            f": rows {named}. Remove copies; if the encoders have no finer resolution, declare their step in [noise]."
+        )
     else:
         text += "."
     return limits.of("axis-repeated-rows").row("", float(np.floor(beyond)), "1", text)
@@ -127,6 +129,6 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
 
 def _approach(direction: Array, limits: CampaignLimits) -> Check:
     share = float(min(np.mean(direction > 0.0), np.mean(direction < 0.0)))
-    text = f"{100.0 * share:.0f} % of the rows were approached from the rarer side"
-    text += "" if share else ": lost motion cannot show. Measure the same commands coming from the other side"
+    text = f"{100.0 * share:.0f} % of the rows were approached from the less frequent side"
+    text += "" if share else ": lost motion cannot be detected. Measure the same commands from the other side too"
     return limits.of("axis-approach").row("", share, "1", f"{text}.")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 PASS, WARN, FAIL, NOT_EVALUATED = "pass", "warn", "fail", "not evaluated"
-COUNTED = "no time was recorded, or it merely counts"
+COUNTED = "no time was recorded, or it is only a counter"
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def reported_check(check: Check) -> Check:
     """A check as it is; not evaluated where too little was measured for its value to be a number."""
     if check.value is None or math.isfinite(check.value):
         return check
-    return without("too little was measured", check.check, check.subject, "its value would be no number")
+    return without("too little was measured", check.check, check.subject, "its value is not a number")
 
 
 @dataclass(frozen=True)

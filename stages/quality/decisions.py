@@ -61,7 +61,7 @@ def _acceptances(checks: Sequence[Check], accept: Sequence[Acceptance]) -> Itera
         if not rows:
             others = [check.subject for check in checks if check.check == entry.check and check.subject]
             known = f"; its subjects are {listed(others)}" if others else ""
-            text = f"{named}: no verdict has this name{known}; nothing was accepted by {entry.signed}"
+            text = f"{named}: no check has this name{known}; nothing was accepted by {entry.signed}"
         yield Check("overruled", f"accept {number}", float(len(rows)), 1.0, "", PASS if rows else WARN, f"{text}.")
 
 

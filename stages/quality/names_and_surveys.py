@@ -103,21 +103,19 @@ def names_known(
             since = "" if one.from_pose is None else f" from pose {one.from_pose}"
             until = "" if one.to_pose is None else f" to pose {one.to_pose}"
             text = (
-                f"{body.name}: {one.called} lies {one.off_mm:.3f} mm from the place of {one.target}, which is not seen"
+                f"{body.name}: {one.called} lies {one.off_mm:.3f} mm from the place of {one.target}, which was not seen"
             )
-            text += f"{since}{until}: is it called so there? Nothing was renamed; [[renamed]] would say so."
+            text += f"{since}{until}: is it the same target? Nothing was renamed; add [[renamed]] if so."
             yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, text)
         if here:
             continue
         if not body.is_surveyed:
-            yield without(
-                "names of targets", "names-known", body.name, f"{body.name}: no survey says how they are called"
-            )
+            yield without("names of targets", "names-known", body.name, f"{body.name}: no survey names its targets")
             continue
         other = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in declared]
-        text = f"{body.name}: all targets are known by their names."
+        text = f"{body.name}: all targets have names of the survey."
         if other:
-            text = f"{body.name}: {listed(other)} {'is' if len(other) == 1 else 'are'} in no survey, and at no "
+            text = f"{body.name}: {listed(other)} {'is' if len(other) == 1 else 'are'} in no survey, and not near a "
             text += f"missing target{meant_by(other, body.survey.targets) or '.'}"
         yield Check("names-known", body.name, 0.0, 0.0, "1", PASS, text)
 
@@ -191,12 +189,12 @@ def _of_body(
         taken = _taken_into_account(row, exclude)
         text = f"{body}: {row['target']} lies {size:.3f} mm elsewhere in survey {row['later_survey']} ("
         text += ", ".join(f"{row[f'shift_{a}_mm']:+.3f} ± {row[f'sigma_{a}_mm']:.3f}" for a in _AXES) + " mm); "
-        text += taken or "since when is not said, and its first place holds for all poses."
+        text += taken or "from which pose on is not declared, so its first position is used for all poses."
         yield limit.row(f"target {row['target']} survey {row['later_survey']}", ratio, "sigma", text, counts=not taken)
     if not moved:
         worst = max(compared, key=_over_sigma)
-        text = f"{subject}: all {len(compared)} targets lie where they did, their common motion taken out; most off is "
-        text += f"{worst['target']}, by {_size(worst):.3f} mm (p = {worst['p_value']:.2g})."
+        text = f"{subject}: none of {len(compared)} targets moved, apart from their common motion; the largest shift "
+        text += f"is {_size(worst):.3f} mm of {worst['target']} (p = {worst['p_value']:.2g})."
         yield limit.row(subject, 0.0, "sigma", text)
 
 
@@ -204,10 +202,10 @@ def _untold(subject: str, rows: list[dict[str, Any]]) -> Check:
     """Of a body whose targets could not be compared one by one: something moved, or too little is there to tell."""
     status = FitStatus(rows[0]["status"])
     if status not in (FitStatus.NO_CONSENSUS, FitStatus.AMBIGUOUS):
-        why = f"its targets of both surveys, but those known to have moved, fix no frame ({status})"
+        why = f"targets of both surveys that did not move define no frame ({status})"
         return without("a later survey", "resurvey", subject, why)
-    text = f"{subject}: targets lie otherwise than before, but which of them moved cannot be told ({status}); "
-    text += "the first survey holds for all poses."
+    text = f"{subject}: targets have moved, but it cannot be determined which ({status}); "
+    text += "the first survey is used for all poses."
     return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, text)
 
 

@@ -77,7 +77,7 @@ def _oriented(photographs: pa.Table, orientations: pa.Table, limits: CampaignLim
 def _rays_per_point(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
     rays = number_column(points, "rays")
     few = text_column(points, "point")[rays < _FEWEST_RAYS]
-    text = f"{subject}: {counted(len(rays), 'point')}, {np.median(rays):.0f} rays each in the middle"
+    text = f"{subject}: {counted(len(rays), 'point')}, {np.median(rays):.0f} rays each (median)"
     text += f"; fewer than three to {listed(few.tolist())}." if len(few) else ", three or more to all."
     return limits.of("rays-per-point").row(subject, len(few) / len(rays), "1", text)
 
@@ -86,7 +86,7 @@ def _angles(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
     angle = number_column(points, "largest_angle_deg")
     worst = float(np.quantile(angle, _WORST))
     name = text_column(points, "point")[int(np.argmin(angle))]
-    text = f"{subject}: rays meet at {np.median(angle):.0f} deg in the middle, those to the worst-placed tenth of the "
+    text = f"{subject}: rays meet at {np.median(angle):.0f} deg (median), those to the worst tenth of the "
     text += f"points at {worst:.0f} deg at most; least at {name}, {angle.min():.1f} deg."
     return limits.of("intersection-angles").row(subject, worst, "deg", text)
 
@@ -142,7 +142,7 @@ def camera_stability(
     for camera, rows in changed.items():
         yield _images_apart(camera, rows, figures)
     if statistics is None or information is None or not statistics.num_rows:
-        yield without("stability of cameras", "camera-stability", "", "the rays of single poses tell nothing of it")
+        yield without("stability of cameras", "camera-stability", "", "rays of a single pose do not show it")
         return
     poses = list(dict.fromkeys(statistics.column("pose").to_pylist()))
     cameras = [name for name in dict.fromkeys(statistics.column("shared_number").to_pylist()) if name.endswith(" c")]
@@ -152,7 +152,7 @@ def camera_stability(
             continue
         watched = [named.removesuffix("c") + name for name in _WATCHED]
         if len(poses) < 2:
-            yield without("stability", "camera-stability", f"camera {camera}", "there is but one pose")
+            yield without("stability", "camera-stability", f"camera {camera}", "there is only one pose")
             continue
         yield _stability(camera, poses, _scores(statistics, poses, watched), _blocks(information, poses, watched))
 
@@ -182,7 +182,7 @@ def _stability(camera: str, poses: list[object], score: Array, information: Arra
     """The poses' own values against their common one."""
     found = camera_deviations(score, information)
     if not found.freedom:
-        return without("stability", "camera-stability", f"camera {camera}", "fewer than two poses tell of it")
+        return without("stability", "camera-stability", f"camera {camera}", "fewer than two poses show it")
     sigma = np.sqrt(np.diagonal(found.covariance_px2, axis1=1, axis2=2))
     worst = int(np.nanargmax(found.chi2))
     deviation = found.deviation_px[worst]
@@ -211,12 +211,14 @@ def _images_apart(camera: str, rows: list[Row], figures: Figures) -> Check:
     p_value = figures[SHARED].get(camera, 0.0)
     moved = figures[BENT]
     worst = max(moved, key=lambda pose: moved[pose], default="")
-    text = f"Camera {camera}: {len(apart)} of {len(rows)} photographs have another principal distance than the others "
+    text = (
+        f"Camera {camera}: {len(apart)} of {len(rows)} photographs have a different principal distance from the others "
+    )
     text += f"(p = {p_value:.2g}): {'; '.join(_reported_settings(apart, rows))}."
     if moved:
-        text += f" Points of {worst} move by {moved[worst]:.1f} standard deviations where these have a camera of their "
+        text += f" Points of {worst} move by {moved[worst]:.1f} standard deviations if these have a camera of their "
         text += "own."
-    text += f' Give them one: [[cameras]] name = "{camera} 2", of = "{camera}", {_chosen(apart, rows)}.'
+    text += f' Declare it: [[cameras]] name = "{camera} 2", of = "{camera}", {_chosen(apart, rows)}.'
     fails = not moved or moved[worst] > _MOVES_POINTS
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", FAIL if fails else WARN, text)
 
@@ -259,7 +261,7 @@ def _toml(value: object) -> str:
 def known_points(errors: pa.Table | None) -> Iterator[Check]:
     """A row per pose with known points that are the datum."""
     if errors is None or not errors.num_rows:
-        yield without("known points", "known-points", "", "none are the datum")
+        yield without("known points", "known-points", "", "they do not define the datum")
         return
     for pose in dict.fromkeys(errors.column("pose").to_pylist()):
         yield _known(f"pose {pose}", rows_of(errors, "pose", pose).to_pylist())
@@ -277,7 +279,7 @@ def _known(subject: str, rows: list[dict[str, Any]]) -> Check:
     if wrong:
         text += f"; {wrong[0]['reason']}: {'; '.join(map(_off, wrong[:_TOLD_POINTS]))}"
         text += f"; and {len(wrong) - _TOLD_POINTS} more" if len(wrong) > _TOLD_POINTS else ""
-    text += f"; without any ray that is left, and not measured: {listed(lost)}" if lost else ""
+    text += f"; without any remaining ray, so not measured: {listed(lost)}" if lost else ""
     if not wrong and tested:
         worst = max(tested, key=_distance)
         text += f"; the furthest is {_off(worst)}"
@@ -295,4 +297,4 @@ def _off(row: dict[str, Any]) -> str:
     size, spread = float(np.linalg.norm(off)), [row[f"sigma_{axis}_mm"] for axis in "xyz"]
     own = "" if None in spread else f" ± {np.linalg.norm(off / max(size, 1e-12) * np.array(spread)):.2g}"
     along = ", ".join(f"{axis} {value:+.3g}" for axis, value in zip("xyz", off, strict=True))
-    return f"{row['point']} is known {size:.3g}{own} mm from where it is ({along})"
+    return f"{row['point']} lies {size:.3g}{own} mm from its known position ({along})"

@@ -145,19 +145,19 @@ def _departs(run: PositioningRun, match: TargetMatch) -> bool:
 def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
     travel = float(np.ptp(run.target))
     if travel == 0.0:
-        why = "a single target tells neither unit nor sign"
+        why = "a single target shows neither unit nor sign"
         return without("positions against targets", "positions-against-targets", run.subject, why)
     limit = _NO_MATCH * travel
-    text = f"Run {run.name}: positions depart from their targets by {match.misfit:.3g} mm rms over {travel:g} mm."
+    text = f"Run {run.name}: positions differ from their targets by {match.misfit:.3g} mm rms over {travel:g} mm."
     if match.deviations:
-        text += " They are deviations, it seems: position_mm is the target plus the deviation."
+        text += " They seem to be deviations: position_mm is the target plus the deviation."
     elif match.slips:
         text += f" Did you mean: {'; and '.join(slip_words(slip) for slip in match.slips)}?"
-        text += f" The misfit is then {match.explained:.3g} mm."
+        text += f" With this, the misfit is {match.explained:.3g} mm."
         if match.rivals:
-            text += f" As likely: {'; or '.join(slip_words(slip) for slip in match.rivals[:_FEW])}."
+            text += f" Equally likely: {'; or '.join(slip_words(slip) for slip in match.rivals[:_FEW])}."
     elif match.misfit > limit:
-        text += " No slip that was tried explains that."
+        text += " No tested recording error explains this."
     verdict = FAIL if _departs(run, match) else WARN if match.misfit > _NOTED * travel else PASS
     return Check("positions-against-targets", run.subject, match.misfit, limit, "mm", verdict, text)
 
@@ -182,7 +182,7 @@ def _temperature(run: PositioningRun) -> Check:
 def _overflow(run: PositioningRun, match: TargetMatch) -> Check:
     step = run.step_um
     if step == 0.0 or match.is_slip:
-        why = "positions are no whole multiples of a step; position-jumps looks for jumps of any size"
+        why = "positions are not whole multiples of a step; see position-jumps for jumps of any size"
         why = "positions do not follow their targets" if match.is_slip else why
         return without("overflow of an encoder", "encoder-overflow", run.subject, why)
     found = overflow(run.deviation, step)
@@ -200,17 +200,17 @@ def _jumps(run: PositioningRun, limits: CampaignLimits) -> Check:
     for order, known_by in ((run.row_order, "rows"), (run.cycle_order, "cycles")):
         step = row_jump(run.deviation, order, run.step_um)
         if step is not None and step.p_value < _JUMP and limit.verdict(abs(step.size) / step.scatter) != PASS:
-            text = f"Run {run.name}: from {run.place(step.after)} on, in the order of the {known_by}, positions stand "
-            text += f"{step.size:+.3g} um elsewhere; their scatter is {step.scatter:.2g} um."
+            text = f"Run {run.name}: from {run.place(step.after)} on, in the order of the {known_by}, positions are "
+            text += f"shifted by {step.size:+.3g} um; their scatter is {step.scatter:.2g} um."
             return limit.row(run.subject, abs(step.size) / step.scatter, "1", text)
     found = widest_gap(run.deviation, run.step_um)
     if found is None:
-        text = f"Run {run.name}: deviations part by direction alone."
+        text = f"Run {run.name}: deviations differ only between directions."
         return limit.row(run.subject, 0.0, "1", text)
     text = f"Run {run.name}: the widest gap between deviations is {found.size:.3g} um, the range on its wider side "
     text += f"{found.spread:.3g} um."
     if limit.verdict(found.ratio) != PASS:
-        text += f" Apart stands {run.places(found.where)}."
+        text += f" Separate: {run.places(found.where)}."
     return limit.row(run.subject, min(found.ratio, 1e9), "1", text)
 
 
@@ -219,9 +219,9 @@ def _errors(run: PositioningRun) -> Check:
     count, times = int(found.where.sum()), abs(found.off) / max(found.scatter, 1e-300)
     text = f"Run {run.name}: the approach farthest from the others of its target and direction is "
     text += f"{run.place(found.worst)}, {found.off:+.3g} um off, scatter of the others {found.scatter:.2g} um"
-    text += f". Beyond chance: {run.places(found.where)}." if count else "."
+    text += f". Significant: {run.places(found.where)}." if count else "."
     if count and len(run.cycles) == _TWO:
-        text += " Of two cycles nobody can tell which one is wrong."
+        text += " With two cycles, it cannot be decided which one is wrong."
     verdict = PASS if not count else FAIL if times > _TIMES_SCATTER else WARN
     return Check("position-errors", run.subject, abs(found.off), _TIMES_SCATTER * found.scatter, "um", verdict, text)
 
@@ -231,17 +231,17 @@ def _copied(run: PositioningRun) -> Check:
     still = _still(run)
     alike = float(np.ptp(run.read, axis=2).max()) == 0.0
     count = len(pairs) if chance < _COPIED or alike else 0
-    text = f"Run {run.name}: no two series of approaches are equal in every digit, and no reading stands still."
+    text = f"Run {run.name}: no two series of approaches are equal in every digit, and no reading is frozen."
     if alike:
         text = (
             f"Run {run.name}: all {len(run.cycles)} cycles are equal in every digit: copies, or a reading coarser than "
         )
-        text += "the axis' scatter. Nothing tells its repeatability."
+        text += "the scatter of the axis. Its repeatability cannot be determined."
     elif count:
         named = [f"{_series(run, i)} and {_series(run, j)}" for i, j in pairs]
         text = f"Run {run.name}: series are equal in every digit: {listed(named, 3)}."
     elif len(still):
-        text = f"Run {run.name}: the reading stands still from one target to another: {listed(still, 3)}."
+        text = f"Run {run.name}: the reading does not change from one target to another: {listed(still, 3)}."
     verdict = FAIL if alike or count or len(still) else PASS
     return Check("copied-approaches", run.subject, float(max(count, len(still))), 0.0, "1", verdict, text)
 
@@ -263,16 +263,16 @@ def _still(run: PositioningRun) -> list[str]:
 def _directions(run: PositioningRun) -> Check:
     turned = turned_cycles(run.deviation)
     contrary = _contrary(run)
-    text = f"Run {run.name}: by the order of the rows the axis moved forward and backward as written."
+    text = f"Run {run.name}: by the order of the rows, the axis moved forward and backward as recorded."
     if turned:
         names = listed([str(run.cycles[k]) for k in turned])
-        text = f"Run {run.name}: in cycle {names} forward and backward are exchanged: its reversal has the sign "
+        text = f"Run {run.name}: in cycle {names} forward and backward are exchanged: their reversal has the sign "
         text += "opposite to that of the others."
     elif contrary:
         text = f"Run {run.name}: by the order of the rows the axis moved backward wherever forward is written, and "
         text += "forward wherever backward is. Exchanged, the reversal changes its sign; nothing else does."
     elif not _shows_movements(run):
-        why = "the order of the rows does not show how the axis moved; all of a run exchanged would look the same"
+        why = "the order of the rows does not show how the axis moved, so an exchange in a whole run cannot be detected"
         return without("directions", "approach-directions", run.subject, why)
     verdict = FAIL if turned else WARN if contrary else PASS
     return Check("approach-directions", run.subject, float(len(turned)), 0.0, "1", verdict, text)
@@ -305,9 +305,9 @@ def _movements(run: PositioningRun) -> tuple[Array, Array]:
 def _drift(run: PositioningRun) -> Check:
     found = cycle_drift(run.deviation)
     if found is None:
-        return without("drift", "position-drift", run.subject, "fewer than four cycles tell no walk")
+        return without("drift", "position-drift", run.subject, "fewer than four cycles do not show a drift")
     walks = found.p_value < _DRIFT and found.share > _STRAIGHT
-    text = f"Run {run.name}: from the first cycle to the last the deviations walk by {found.walked:+.3g} um"
+    text = f"Run {run.name}: from the first cycle to the last the deviations drift by {found.walked:+.3g} um"
     text += f", {100.0 * found.share:.0f} % of their differences between cycles." if walks else ", no more than chance "
     text += "" if walks else "or other differences between cycles make."
     return Check("position-drift", run.subject, abs(found.walked), None, "um", WARN if walks else PASS, text)

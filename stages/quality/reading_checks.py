@@ -44,16 +44,16 @@ def units(view: LoadingView, found: Answers) -> Iterator[Check]:
     wrong = units_mistaken(found.slope, found.sigma, expected)
     for where, factor in zip(wrong.where, wrong.size, strict=True):
         subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
-        text = f"{subject} reads {factor:.4g} times what is expected; is its unit, or that of the load, right?"
+        text = f"{subject} reads {factor:.4g} times the expected value; is its unit, or that of the load, right?"
         yield Check("units", subject, float(factor), 1.0, "1", FAIL, text)
     beyond = beyond_simulation(found, wrong.where)
     for where in beyond:
         subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
-        text = f"{subject} reads {found.slope[where]:.3g} times what is simulated, and no unit explains that; "
+        text = f"{subject} reads {found.slope[where]:.3g} times the simulated value, and no unit explains this; "
         text += "are the elements, or the compliance, those of this sensor?"
         yield Check("units", subject, float(found.slope[where]), 1.0, "1", FAIL, text)
     if not len(wrong) and not beyond:
-        text = f"The readings of {len(found.slope)} runs and channels are of a likely size."
+        text = f"The readings of {len(found.slope)} runs and channels have a plausible size."
         yield Check("units", "", 1.0, 1.0, "1", PASS, text)
 
 
@@ -69,14 +69,14 @@ def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[
         yield Check("signs", f"{view.run_name(number)} {names}", -1.0, 0.0, "1", FAIL, text)
     alike, count = int(np.count_nonzero(same_sign(found, share))), len(found.slope)
     if not flipped and not alike:
-        why = "no run answers clearly that another one under the same axis, or a simulation, could be compared with"
+        why = "no run with a clear response can be compared with another run under the same axis or with a simulation"
         yield without("signs", "signs", of, why)
     elif not flipped:
         against = "the simulation" if found.simulated else "each other"
         some = f"{count}" if alike == count else f"{alike} of {count}"
         text = f"{of}: {some} runs and channels have the same sign as {against}."
         if alike < count:
-            text += " The others answer too little, or have no like run to be compared with."
+            text += " The others respond too little, or have no similar run to compare with."
         yield Check("signs", of, 1.0, 0.0, "1", PASS, text)
 
 
@@ -86,7 +86,7 @@ def noise(channel: ChannelView, share: float) -> Check:
     if not np.isfinite(channel.declared):
         return without("noise", "noise", name, "no noise is declared for it")
     if channel.fit.dof < 4:
-        return without("noise", "noise", name, "too few readings beside what they may follow")
+        return without("noise", "noise", name, "too few readings for the number of possible inputs")
     scatter = Scatter(np.array([channel.fit.chi_square]), np.array([float(channel.fit.dof)]))
     ratio = float(scatter.ratio[0])
     unusable = min(scatter.p_above(_TOLERATED)[0], scatter.p_below(1.0 / _TOLERATED)[0]) < share
@@ -105,7 +105,7 @@ def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits
     out = np.flatnonzero(~channel.fit.kept)
     share = len(out) / len(channel.rows)
     places = view.places(channel.rows[out])
-    text = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are far from their place"
+    text = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are outliers"
     text += f" ({listed(places)})." if places else "."
     return limits.of("gross-errors").row(f"channel {channel.name}", share, "1", text)
 
@@ -132,7 +132,7 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
     value, sigma = channel.fit.drift, channel.fit.drift_sigma * channel.noise_ratio
     known = np.isfinite(sigma) & (sigma > 0.0)
     if not known.any():
-        return without("drift", "drift", f"channel {channel.name}", "no run tells time from load")
+        return without("drift", "drift", f"channel {channel.name}", "no run separates time from load")
     z = np.where(known, np.abs(value) / np.where(known, sigma, 1.0), 0.0)
     limit = -float(ndtri(0.5 * share / known.sum()))
     worst = int(np.argmax(z))
@@ -143,7 +143,7 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
     run = view.run_name(int(channel.runs[worst]))
     shown, spread, unit = value[worst] * channel.in_files, sigma[worst] * channel.in_files, channel.unit
     by = handy(float(shown), float(spread), unit)
-    text = f"{channel.name}: the zero walks by {by} over {run}, where it is clearest."
+    text = f"{channel.name}: the zero drifts by {by} over {run}, where the drift is clearest."
     verdict = WARN if walks else PASS
     return Check("drift", f"channel {channel.name}", abs(float(shown)), noise * channel.in_files, unit, verdict, text)
 
@@ -186,12 +186,12 @@ def run_zeros(view: LoadingView) -> Iterator[Check]:
             yield without("zeros of runs", "run-zeros", name, "no run begins without load")
             continue
         spread, noise = float(np.sqrt(np.nanmean(own**2))), float(np.sqrt(2.0) * sigma[k] * channel.in_files)
-        text = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; noise makes it {noise:.2g} {unit}."
+        text = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; the noise is {noise:.2g} {unit}."
         if found.wrong[k]:
             order = np.argsort(-np.abs(np.nan_to_num(own)))[: max(int(found.far[:, k].sum()), 1)]
             places = [f"{view.run_name(int(run))} {own[run]:+.3g} {unit}" for run in order]
-            text += f" Furthest: {listed(places)}. Was it set to zero before each run?"
-            text += " They are taken to count from zeros of their own."
+            text += f" Largest: {listed(places)}. Was it set to zero before each run?"
+            text += " Each is treated as relative to its own zero."
         yield Check("run-zeros", name, spread, noise, unit, WARN if found.wrong[k] else PASS, text)
 
 
@@ -211,7 +211,7 @@ def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     value, unit = float(off[worst] * channel.in_files), channel.unit
     run = view.run_name(int(channel.runs[back[worst]]))
     text = (
-        f"{channel.name}: after {run} it stands {value:+.3g} {unit} from its zero, the most of "
+        f"{channel.name}: the zero return after {run} is {value:+.3g} {unit}, the largest of "
         f"{counted(len(back), 'run')}."
     )
     verdict = WARN if abs(off[worst]) > limit else PASS
@@ -234,12 +234,12 @@ def exchanged_channels(view: LoadingView) -> Iterator[Check]:
             wrong.setdefault(run, []).append((has, like))
     for run, found in wrong.items():
         names = " ".join(dict.fromkeys(CHANNELS[has] for has, _ in found))
-        what = " and ".join(f"{CHANNELS[has]} reads what {CHANNELS[like]} should" for has, like in found)
-        text = f"{view.run_name(run)}: {what}; are labels exchanged, of the channels or of the load?"
+        what = " and ".join(f"{CHANNELS[has]} reads the response expected of {CHANNELS[like]}" for has, like in found)
+        text = f"{view.run_name(run)}: {what}; are the labels of channels or loads exchanged?"
         yield Check("channels-exchanged", f"{view.run_name(run)} {names}", float(len(found)), 0.0, "1", FAIL, text)
     if not count:
-        why = "no run whose channels should answer differently enough"
+        why = "no run has channels with sufficiently different expected responses"
         yield without("labels of channels", "channels-exchanged", "", why)
     elif not wrong:
-        text = f"{count} runs and channels read what they should, and not what another should."
+        text = f"{count} runs and channels read their own expected response, not that of another channel."
         yield Check("channels-exchanged", "", 0.0, 0.0, "1", PASS, text)

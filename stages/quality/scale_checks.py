@@ -66,9 +66,9 @@ class Contradiction:
         one, others = listed(self.odd), listed(self.others)
         if len(self.others) == 1:
             text = f"{one} and {others} contradict each other about the scale: lengths by {one} are {size}."
-            return f"{text} One of them is wrong; a third length would tell which."
+            return f"{text} One of them is wrong; a third length would show which."
         text = f"{one} contradicts {others} about the scale: lengths by {one} are {size}, and the others agree."
-        return f"{text} Look at its length, its ends and its unit."
+        return f"{text} Check its length, its ends and its unit."
 
 
 def scale_contradiction(figures: Figures) -> Contradiction | None:
@@ -111,7 +111,7 @@ def without_consequences(checks: Iterable[Check]) -> Iterator[Check]:
     """Checks of a network whose scale is contradicted, of which those that this trips say nothing."""
     for check in checks:
         if check.check in _CONSEQUENCES and check.verdict in (FAIL, WARN):
-            text = "Not evaluated: lengths contradict each other about the scale, as the check scale says."
+            text = "Not evaluated: lengths contradict each other about the scale (see the check scale)."
             yield replace(check, value=None, limit=None, unit="", verdict=NOT_EVALUATED, message=text)
         else:
             yield check
@@ -121,7 +121,7 @@ def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iter
     """Whether each pose has a scale, from what, and what checks it; surveyed: the shape of bodies is known."""
     free = list(figures["scale from none"])
     if free:
-        text = f"Nothing gives the scale of {listed(free)}: all lengths there are open together."
+        text = f"Nothing defines the scale of {listed(free)}: all lengths there may be wrong by one factor."
         yield Check("scale", "", float(len(free)), 0.0, "1", FAIL, text)
         return
     columns = [] if lengths is None else [lengths.column(name).to_pylist() for name in ("bar", "serves")]
@@ -165,7 +165,7 @@ def target_sizes(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
     """How large targets are on the scale that was found, where it is told how large they are."""
     sizes = figures[_SIZES]
     if not sizes:
-        why = "no target's size is stated and seen, but for those that give the scale"
+        why = "no target has a stated size and was seen, except those that define the scale"
         yield without("sizes of targets", "target-sizes", "", why)
     for kind, ratio in sizes.items():
         text = f"{kind}: they are {ratio:.3g} times as wide as stated (target_mm, marker_mm, image_targets.csv)."
@@ -224,7 +224,7 @@ def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
     deviation, sigma = number_column(rows, "deviation_mm"), number_column(rows, "deviation_sigma_mm")
     determined = sigma > 1e-6 * number_column(rows, "length_mm") * 1e-3
     if not determined.any():
-        why = "it gives the scale alone, so that its adjusted length is the calibrated one"
+        why = "it alone defines the scale, so its adjusted length equals the calibrated one"
         return without("deviation of the bar", "bar-lengths", subject, why)
     over = np.where(determined, np.abs(deviation) / np.where(determined, sigma, 1.0), 0.0)
     worst = int(np.argmax(over))
@@ -241,7 +241,7 @@ def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
         count, poses = (len(set(rows.column(column).to_pylist())) for column in ("bar", "pose"))
         text = (
             f"{subject}: {counted(count, 'distance')} in {counted(poses, 'pose')}, {far} of "
-            f"{len(over)} beyond the limit; the furthest, "
+            f"{len(over)} beyond the limit; the largest, "
         )
         text += f"{name.partition(', ')[2]}, is {off} {length:.3f} mm in pose {pose}."
     return limit.row(subject, float(over[worst]), "sigma", text)

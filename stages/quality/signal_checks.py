@@ -63,7 +63,7 @@ def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check
     wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
     wall[saturated(value, predicted_by_loads(steps.load[rows], value)).where] = True
     places = view.places(rows[wall])
-    text = f"{name}: no sample stands at an end of its range."
+    text = f"{name}: no sample is at an end of its range."
     if places:
         ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
         text = (
@@ -82,15 +82,12 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
     ratios = [scatter_of_signal(view, at, noise_mv * _MILLIVOLT) for at in range(len(steps.signals))]
     known = [ratio for ratio in ratios if np.isfinite(ratio)]
     if not known:
-        return without("noise", "noise", "signals", "too few load steps beside what they may follow")
+        return without("noise", "noise", "signals", "too few load steps for the number of possible inputs")
     ratio = float(np.median(known))
     slip = unit_slip(ratio, noise_mv, "mV")
-    text = (
-        f"signals: the scatter is {ratio:.3g} times the declared noise, in the middle of "
-        f"{counted(len(known), 'signal')}."
-    )
+    text = f"signals: the scatter is {ratio:.3g} times the declared noise, median of {counted(len(known), 'signal')}."
     if slip and ratio > 1.0:
-        slip += " Else signals follow something that was not recorded."
+        slip += " Otherwise signals depend on an input that was not recorded."
     return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, text + slip)
 
 
@@ -102,14 +99,12 @@ def _loads_span(load: Array, names: list[str]) -> Check:
     seen = observe(load, 1.0 / np.linalg.norm(load, axis=0), names, unidentifiable=_APART)
     rank = int(seen.rank)
     if rank < len(names):
-        text = f"The loads leave directions out, V V^T is singular: {_open(seen)}."
+        text = f"The loads do not cover all directions, V V^T is singular: {_open(seen)}."
         return Check("loads-span", "", float(rank), float(len(names)), "1", FAIL, text)
     if never:
-        text = (
-            f"{listed(never)} never loaded: of the wrench {rank} components can be calibrated, and V V^T is singular."
-        )
+        text = f"{listed(never)} never loaded: only {rank} components can be calibrated, and V V^T is singular."
         return Check("loads-span", "", float(rank), 6.0, "1", WARN, text)
-    return Check("loads-span", "", 6.0, 6.0, "1", PASS, "The loads span all six components of the wrench.")
+    return Check("loads-span", "", 6.0, 6.0, "1", PASS, "The loads span all six components.")
 
 
 def _open(seen: Observability) -> str:
@@ -143,7 +138,7 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
     steps = view.steps
     if loaded > independent or len(rows) < 3 * (len(steps.signals) + 1):
         yield without(
-            "exchanged rows", "exchanged-rows", "", "too few signals or rows to tell the loads of each other row"
+            "exchanged rows", "exchanged-rows", "", "too few signals or rows to predict the loads of each row"
         )
         return
     table = load_table(steps.signal[rows], steps.load[rows], steps.run[rows])
@@ -151,7 +146,7 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
     for one in found:
         yield _pair(view, rows, one)
     if unseen:
-        why = f"of {counted(len(rows), 'row')} so many are far from their place that {unseen} pairs were not looked at"
+        why = f"of {counted(len(rows), 'row')} so many are outliers that {unseen} pairs were not tested"
         yield without("exchanged rows", "exchanged-rows", "other pairs", why)
     elif not found:
         yield _no_exchange_found(table, share)
@@ -164,21 +159,21 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
     shares = least_difference(table, share)[used] / span[used]
     names = [LOADS[k] for k in used]
     least = float(shares.max(initial=0.0))
-    text = f"No exchange of loads stands out from chance among {len(table.loads)} rows, by a calibration of all. "
+    text = f"No exchange of loads is significant among {len(table.loads)} rows. "
     unseen = [name for name, own in zip(names, shares, strict=True) if own >= 1.0]
     if unseen:
         text += f"No exchange of {listed(unseen)} would: signals tell it less well than by its range. "
     elif names:
         worst = names[int(np.argmax(shares))]
-        text += f"Rows may be exchanged unseen where loads differ by less than {100.0 * least:.2g} % of the range "
+        text += f"Exchanges of loads that differ by less than {100.0 * least:.2g} % of the range cannot be detected "
         text += f"({worst}, the worst). "
-    text += "Loads that are exchanged or turned round in whole runs would not show here."
+    text += "Loads exchanged or reversed in whole runs cannot be detected here."
     return Check("exchanged-rows", "", least, None, "1", PASS, text)
 
 
 def _pair(view: LoadingView, rows: Index, one: RowExchange) -> Check:
     places = view.places(rows[[one.first, one.second]])
     names = " ".join(LOADS[k] for k in one.components)
-    text = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: their signals miss by {one.before:.0f} "
-    text += f"sigmas as they stand, and by {one.after:.1f} the other way round."
+    text = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: the error of their signals is "
+    text += f"{one.before:.0f} sigmas as recorded and {one.after:.1f} sigmas after the exchange."
     return Check("exchanged-rows", " and ".join(places), one.before, one.after, "1", FAIL, text)

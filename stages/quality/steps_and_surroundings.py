@@ -75,10 +75,10 @@ def readings_there(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]
         if not watched.any():
             continue
         share = float(1.0 - seen[watched, k].mean())
-        text = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that it was watched in."
+        text = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that have this channel."
         yield limits.of("completeness").row(f"channel {channel}", share, "1", text)
     if never := [channel for k, channel in enumerate(CHANNELS) if not seen[:, k].any()]:
-        yield without("never read", "completeness", f"channels {' '.join(never)}", "what they would show stays unknown")
+        yield without("never read", "completeness", f"channels {' '.join(never)}", "their response stays unknown")
 
 
 def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
@@ -111,7 +111,7 @@ def load_range(view: LoadingView, loading: Loading, limits: CampaignLimits) -> I
         if share > 1.0 + _ROUNDED:
             text += f" [loading] declares an overload test up to {100.0 * allowed / full:.0f} %."
         if enough.verdict(share) != PASS:
-            text += " Beyond that, everything is extrapolated."
+            text += " Above that, results are extrapolated."
         yield enough.row(f"load {LOADS[k]}", share, "1", text)
 
 
@@ -143,13 +143,13 @@ def _likely(view: LoadingView, name: str, what: str) -> Check:
     worst = float(np.nanmax(np.abs(value)))
     unit = "degC" if is_temperature else "hPa"
     limit = found.limit if is_temperature else found.limit / _HPA
-    text = f"The {what} is what a laboratory has."
+    text = f"The {what} is within the range of a laboratory."
     likely = "" if is_temperature else likely_pressure_unit(float(np.nanmedian(value)))
     if places:
         meant = f"; did you mean {likely}?" if likely else "; is the unit right?"
-        text = f"The {what} is beyond what a laboratory has{meant} {listed(places)}."
+        text = f"The {what} is outside the range of a laboratory{meant} {listed(places)}."
     elif likely:
-        text = f"The {what} is what a laboratory at great height has; did you mean {likely}?"
+        text = f"The {what} is within the range of a laboratory at high altitude; did you mean {likely}?"
     verdict = FAIL if places else WARN if likely else PASS
     return Check("surroundings", what, worst, limit, unit, verdict, text)
 
@@ -162,7 +162,7 @@ def _humidity(view: LoadingView) -> Iterator[Check]:
     largest = float(np.nanmax(value))
     is_share = 0.0 < largest <= 1.0
     text = f"The relative humidity is {largest:.3g} % at most"
-    text += "; did you mean a share of 1, that is " + f"{100.0 * largest:.3g} %?" if is_share else "."
+    text += "; is it a fraction of 1, that is " + f"{100.0 * largest:.3g} %?" if is_share else "."
     yield Check("surroundings", "relative humidity", largest, 1.0, "%", WARN if is_share else PASS, text)
 
 
@@ -177,7 +177,7 @@ def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> 
     unit = "K" if is_temperature else "hPa"
     read = np.isfinite(view.steps.reading).any(axis=1)
     missing = float(1.0 - np.isfinite(value[read]).mean())
-    text = f"The {what} walked by {over_all:.3g} {unit} in all, within a run by {span[worst]:.3g} {unit} at most "
+    text = f"The {what} changed by {over_all:.3g} {unit} in total, within a run by {span[worst]:.3g} {unit} at most "
     text += f"({view.run_name(worst)})."
     if missing:
         text += f" It is missing in {100.0 * missing:.0f} % of the steps."
@@ -211,6 +211,6 @@ def _air(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> C
     if not at:
         return without("worth of the air", "worth-of-air", "", "no linear channel was read")
     text = f"Within a run the air changed by {1e6 * worst:.2g} um in {at} at most; readings are "
-    text += "compensated as they came." if optics.compensated else "compensated here."
+    text += "compensated in the files." if optics.compensated else "compensated by this run."
     limit = limits.of("worth-of-air", per=1e6 * noise)
     return limit.row(at, 1e6 * worst, "um", text, counts=optics.compensated)

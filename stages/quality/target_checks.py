@@ -97,16 +97,16 @@ def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     across, thick = shape.extents[1] / length, shape.extents[2] / length
     spread, line = float(shape.extents[1] * 1e3), limits.of("geometry-line", per=float(np.median(body.sigma)) * 1e3)
     sizes = " x ".join(f"{extent * 1e3:.1f}" for extent in shape.extents[:3])
-    in_line = "" if line.verdict(spread) == PASS else ": nearly in line, the roll is free"
+    in_line = "" if line.verdict(spread) == PASS else ": nearly in line, so the roll is not determined"
     yield line.row(body.name, spread, "mm", f"{body.name}: targets spread {sizes} mm (rms){in_line}.")
     plane, many = limits.of("geometry-plane"), len(points) > 3
     flat = many and plane.verdict(float(thick)) != PASS
     text = f"{body.name}: thickness over length {thick:.3f}, width over length {across:.3f}"
-    text += ": nearly planar, mirrored labels would not be noticed." if flat else "."
+    text += ": nearly planar, so mirrored labels cannot be detected." if flat else "."
     yield plane.row(body.name, float(thick), "1", text, counts=many)
     names = np.array(body.survey.targets, dtype=object)[body.frame]
     for name, leverage in zip(names, shape.leverage, strict=True):
-        text = f"{body.name}: {100 * leverage:.0f} % of the error of target {name} stays in the frame."
+        text = f"{body.name}: {100 * leverage:.0f} % of an error of target {name} goes into the frame."
         yield limits.of("geometry-leverage").row(f"target {name}", float(leverage), "1", text, counts=many)
 
 
@@ -120,7 +120,7 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     per_target = gross.sum(axis=0)
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
-    text = f"{body.name}: {int(gross.sum())} of {seen} readings are far from their place{tail}."
+    text = f"{body.name}: {int(gross.sum())} of {seen} readings are outliers{tail}."
     yield limits.of("gross-errors").row(body.name, share, "1", text)
 
 
@@ -161,12 +161,12 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
     if not shifted:
         text = f"{body.name}: no target has moved on its body."
         if rare := [body.survey.targets[t] for t in np.flatnonzero(~assessed)]:
-            text += f" Seen in too few poses to tell: {listed(rare)}."
+            text += f" Seen in too few poses to test: {listed(rare)}."
         yield Check("moved-targets", body.name, 0.0, 0.0, "1", PASS, text)
     for t in shifted:
         d = step.size[t] * 1e3
         size, target = float(np.linalg.norm(d)), f"target {body.survey.targets[t]}"
-        text = f"{body.name}: {target} sits {size:.3f} mm elsewhere ({d[0]:+.3f}, {d[1]:+.3f}, {d[2]:+.3f}) "
+        text = f"{body.name}: {target} moved by {size:.3f} mm ({d[0]:+.3f}, {d[1]:+.3f}, {d[2]:+.3f}) "
         text += f"from pose {around.poses[step.onset[t]]} on."
         yield Check("moved-targets", target, size, 0.0, "mm", WARN, text)
 
@@ -183,7 +183,7 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
     )
     whole = scatter.pooled
     if whole.dof[0] < 1.0:
-        why = "a single pose without a survey leaves no residual"
+        why = "a single pose without a survey has no residual"
         yield without(f"noise of {body.name}", "noise", body.name, why)
         return
     declared = 1e3 * float(np.median(body.measured_sigma[good]))
@@ -203,7 +203,7 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
     below = not shared and scatter.p_below(1.0 / _NOISE_NOTED)[0] < share
     noted = below or scatter.p_above(_NOISE_NOTED)[0] < share
     where = f"the scatter along {axis}" if axis else "the scatter"
-    noise = "standard deviations, errors that points share among them" if shared else "declared noise"
+    noise = "standard deviations, which include common errors of points" if shared else "declared noise"
     sentence = (
         f"{body}: {where} is {ratio:.2f} times the {noise} ({count(round(scatter.dof[0]), 'degree')} of freedom)."
     )
@@ -228,7 +228,7 @@ def noise_by_pose(body: BodyView, around: PoseSurroundings, share: float) -> Ite
         FAIL if failing else WARN if odd.any() else PASS,
     )
     text = f"{body.name}: the noisiest pose is {pose}, {ratio:.2f} times the ordinary "
-    text += f"scatter; {int(odd.sum())} of {int(assessed.sum())} poses stand out."
+    text += f"scatter; {int(odd.sum())} of {int(assessed.sum())} poses are noisier than the others."
     yield Check("noise-by-pose", f"{body.name} pose {pose}", ratio, _POSE_NOISE_TOLERATED, "1", verdict, text)
 
 
@@ -251,7 +251,7 @@ def repeatability(
         return
     seen = list(repeated_positions(bodies, instrument_stood=instrument_stood))
     if not seen:
-        why = "no body is seen from another; give the body that stands still three targets"
+        why = "no body is measured relative to another; put three targets on the body that stands still"
         yield without("repeatability", "repeatability", "", why)
     for one in seen:
         position = one.position
@@ -267,7 +267,7 @@ def repeatability(
 def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: float) -> Check:
     """The verdict of one subject, of all groups together and of each: groups that differ are never told as one."""
     if not poses:
-        why = f"no repeat of {name} was seen twice in a way that tells its place; measure three poses twice"
+        why = f"no repeated pose determines the place of {name} twice; measure three poses twice"
         return without("repeatability", "repeatability", name, why)
     pooled = scatter.pooled
     verdicts = [
@@ -277,11 +277,11 @@ def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: f
     verdict = FAIL if verdicts[1] else WARN if verdicts[0] else PASS
     ratio, repeats = float(pooled.ratio[0]), int(pooled.dof[0] / 3)
     apart = equal_scatter(scatter.chi_square, scatter.dof)
-    text = f"{name}: repeated poses scatter {ratio:.2f} times as much as their noise says "
+    text = f"{name}: repeated poses scatter {ratio:.2f} times as much as their noise "
     if apart is not None and apart.p_value < _UNEQUAL:
         ratio = float(scatter.ratio[apart.worst])
         verdict = WARN if verdict == PASS else verdict
-        text = f"{name}: repeats of pose {poses[apart.worst]} scatter {ratio:.2f} times as much as their noise says, "
-        text += f"those of all others {apart.others:.2f} times: no one number holds for all "
+        text = f"{name}: repeats of pose {poses[apart.worst]} scatter {ratio:.2f} times as much as their noise, "
+        text += f"those of all others {apart.others:.2f} times: no single value represents all "
     text += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, known by {how})."
     return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, text)

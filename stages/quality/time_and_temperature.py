@@ -34,7 +34,7 @@ def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Ite
     same, standing still is not.
     """
     if body is None:
-        yield without("drift of the base", "base-drift", "", "[bodies] reference names no body that stands still")
+        yield without("drift of the base", "base-drift", "", "[bodies] reference names no stationary body")
         return
     if body.good.all(axis=1).sum() < _LEAST_POSES:
         why = f"{body.name}: fewer than eight poses show all its targets"
@@ -49,7 +49,7 @@ def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Ite
         why = f"{body.name}: the frame may change from pose to pose ([measurement] frame)"
         yield without("drift of the base", "base-drift", body.name, why)
         return
-    message = f"{body.name}: stands still in the frame of the measurement."
+    message = f"{body.name}: no drift in the frame of the measurement."
     if walks:
         message = f"{body.name}: drifts by {size:.3f} mm in the frame of the measurement, most at target {target}."
     yield Check("base-drift", body.name, size if walks else 0.0, 3.0 * sigma, "mm", WARN if walks else PASS, message)
@@ -81,10 +81,10 @@ def time_unit(time: Array, run: Index | None, table: str, what: str, *, is_count
         return without("unit of times", "time-unit", "", "too few rows with times")
     found = mistaken_times(time, run)
     if found is None:
-        text = f"The times of {table} may well be seconds."
+        text = f"The times of {table} are plausible in seconds."
         return Check("time-unit", table, 1.0, 1.0, "s", PASS, text)
     factor = SECONDS[found.unit]
-    text = f"time_s of {table} goes on by {found.pace:.3g} from {what} to {what}, and is likely in "
+    text = f"time_s of {table} increases by {found.pace:.3g} from {what} to {what}, and is likely in "
     text += f"{_UNITS.get(found.unit, found.unit)} ({_paced(found, found.unit)})"
     text += "".join(f", or in {_UNITS[unit]} ({_paced(found, unit)})" for unit in found.others)
     return Check("time-unit", table, factor, 1.0, "s", WARN, f"{text}: write {_cure(found.unit)} in [files.{table}].")
@@ -105,7 +105,7 @@ def temperature_span(around: PoseSurroundings, limits: CampaignLimits) -> Check:
     if around.temperature is None or not np.isfinite(around.temperature).any():
         return without("temperature", "temperature-span", "", "no temperatures were recorded")
     low, high = float(np.nanmin(around.temperature)), float(np.nanmax(around.temperature))
-    text = f"Temperature ran from {low:.2f} to {high:.2f} degrees C."
+    text = f"The temperature was {low:.2f} to {high:.2f} degrees C."
     return limits.of("temperature-span").row("", high - low, "K", text)
 
 

@@ -24,5 +24,5 @@ def unit_slip(ratio: float, declared: float, unit: str) -> str:
     near = {other: abs(math.log(size / ratio)) for other, size in sizes.items()}
     other = min(near, key=lambda name: near[name], default="")
     if not other or near[other] > math.log(_NEAR if ratio > 1.0 else 2.0 * _NEAR):
-        return f" No instrument is misjudged by as much: is the declared {declared:.3g} {unit} in the unit of its key?"
+        return f" No declared noise is wrong by so much: is the declared {declared:.3g} {unit} in the unit of its key?"
     return f" Did you mean {declared:.3g} {other}, that is {declared * sizes[other]:.3g} {unit}?"

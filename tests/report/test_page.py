@@ -289,7 +289,7 @@ def test_the_head_is_short_and_tells_what_to_do(page):
     verdicts = build_head("c", campaign_tables()).verdicts
     assert [mark for mark, _ in verdicts[:3]] == ["fail", "found", "next"]
     assert "K11" not in verdicts[1][1]
-    assert "from 7.8 to 4.6 µm" in verdicts[1][1]
+    assert "from 7.8 µm to 4.6 µm" in verdicts[1][1]
     assert verdicts[2][1].startswith("Next: ")
     assert all(len(sentence) < 320 for _, sentence in verdicts)
 
@@ -298,7 +298,7 @@ def test_decisions_of_persons_stand_on_the_page(page, whole):
     text = Reader(page).text
     for words in ("A. Kern: mirror image in the window", "B. Roth: checked by hand", "A. Kern: the floor was cut"):
         assert words in text
-    assert "1 verdict accepted by a person" in text
+    assert "1 failed check accepted by a person" in text
     failed = next(x for x in whole["qa"].listings if x.caption == "Failed")
     assert [row[1] for row in failed.rows] == ["completeness"]  # the accepted one gates no more
 

@@ -45,7 +45,7 @@ def test_the_head_tells_false_alarms_and_what_the_campaign_is_blind_to() -> None
     head = power_head("bench", _sizes(), _rates())
     assert alarm_words(_rates()) in [said for _, said in head.verdicts]
     assert "1 of 40 campaigns without any effect (0.1 to 13.0 %)" in alarm_words(_rates())
-    assert ("warn", "At no plausible size would this campaign show flexure shift.") in head.verdicts
+    assert ("warn", "This campaign would not show flexure shift at any plausible size.") in head.verdicts
 
 
 def test_every_cause_that_was_drawn_has_a_figure_with_bars() -> None:
@@ -72,6 +72,6 @@ def test_sorts_that_differ_in_what_grows_beside_are_told_apart() -> None:
 def test_theory_alone_makes_a_page_without_a_figure_or_a_rate() -> None:
     sizes, rates = _sizes(), _rates(drawn=False)
     page = render_page(power_head("bench <1>", sizes, rates), power_sections(sizes, rates))
-    assert "Theory alone: no campaign was drawn." in page
+    assert "By theory only: no campaign was simulated." in page
     assert "False alarms" not in page
     assert "bench &lt;1&gt;: what it would show" in page

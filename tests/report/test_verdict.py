@@ -87,7 +87,7 @@ def test_requirements_are_not_met_by_a_model_that_does_not_fit():
     tables = misfit(5.15)
     verdict = section_verdicts(tables)["requirements"]
     assert (verdict.state, verdict.reason_code) == (RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT)
-    assert "find the cause that is missing" in verdict.explanation
+    assert "find the missing cause" in verdict.explanation
     assert not [said for mark, said in build_head("c", tables).verdicts if " met" in said]
 
 
@@ -152,7 +152,7 @@ def test_suspected_causes_are_told_as_suspected():
     )
     verdict = section_verdicts(of(one, *rejected()))["diagnosis"]
     assert (verdict.state, verdict.reason_code, verdict.mark) == (RelationState.ATTENTION, ReasonCode.SUSPECTED, "warn")
-    assert verdict.explanation.startswith("Suspected, not found")
+    assert verdict.explanation.startswith("Suspected, not confirmed")
     assert "leg 4 grows" in verdict.explanation.lower()
 
 
@@ -171,7 +171,7 @@ def test_agreement_names_the_relation_that_was_tested(relation, words):
     verdict = section_verdicts(tables)["diagnosis"]
     assert verdict.state == RelationState.OK
     assert verdict.explanation.startswith(words)
-    assert "From these sizes on one would have been (80 %)" in verdict.explanation
+    assert "Smallest sizes that would have been found (probability 80 %)" in verdict.explanation
 
 
 def test_readings_that_no_simulation_relates_to_poses_are_not_tested():
@@ -198,7 +198,7 @@ def test_what_no_campaign_of_its_kind_could_show_is_not_agreed_upon():
     some = section_verdicts(of(*hidden[:3], *rejected()[3:]))["diagnosis"]
     assert some.state == RelationState.OK
     names = ", ".join(cause_words(one["cause"]) for one in hidden[:3])
-    assert f"none of 8 candidates was found; not testable here: {names}." in some.explanation
+    assert f"none of 8 candidates was found; not testable with these data: {names}." in some.explanation
 
 
 def test_data_that_do_not_belong_together_lead_everything_and_gate():

@@ -128,7 +128,7 @@ def test_a_machine_that_was_rebuilt_is_not_told_number_by_number(texts: dict[str
 def test_a_run_that_cannot_be_assessed_gives_the_reason(runs: Path, name: str, why: str) -> None:
     code, said, _ = called(runs, "spring", name)
     assert code == ExitCode.DONE
-    assert said.startswith(f"spring → {name}: no number was judged: {why}")
+    assert said.startswith(f"spring → {name}: no number was compared: {why}")
 
 
 @pytest.mark.parametrize(

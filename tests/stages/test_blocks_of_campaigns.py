@@ -81,4 +81,4 @@ def test_a_few_poses_cannot_tell_whether_a_finding_holds_elsewhere(workplace: Pa
     assert tests.loc["pure-error", "state"] == "not tested"
     assert tests.loc["pure-error", "why_untested"] in ("no-repeats", "too-few")
     (gain,) = (section for section in all_of(run.sections) if section.id == "gain")
-    assert "holds elsewhere. To tell, measure at least four poses on each of three days" in gain.lead
+    assert "holds elsewhere. To test it, measure at least four poses on each of three days" in gain.lead

@@ -204,5 +204,5 @@ def test_the_page_of_a_run_tells_what_was_asked_of_causes(tmp_path: Path) -> Non
     assert "lost-motion" not in causes
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "[diagnosis] apply names 1 cause that the diagnosis did not find: scale-error." in page
-    assert "[diagnosis] apply names zero-shift: found, but no calibration depends on what it changes" in page
+    assert "[diagnosis] apply names zero-shift: found, but no calibration depends on it" in page
     assert "Not searched for, as [diagnosis] ignore asks: lost-motion." in page

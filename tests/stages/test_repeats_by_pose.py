@@ -68,7 +68,7 @@ def test_the_pose_that_repeats_worse_is_named_for_the_body_and_for_the_single_re
     for row in found.values():
         assert row["verdict"] == "fail"
         assert f" pose p{WORST} " in row["message"]
-        assert "no one number" in row["message"]
+        assert "no single value" in row["message"]
     assert_between(found["ball ball0"]["value"], 20.0, 90.0)
 
 
@@ -97,7 +97,7 @@ def test_pooled_numbers_say_that_they_hold_for_none_and_so_does_the_page(uneven)
     assert (place["p_equal"] < 1e-6).all()
     section = during({name: uneven.tables[name].to_pandas() for name in ("repeats", "pose_repeatability")})
     assert isinstance(section, ReportSection)
-    assert any("their pooled number holds for none: tool x" in words for _, words in section.statements)
+    assert any("their pooled scatter represents none of them: tool x" in words for _, words in section.statements)
     (listing,) = (one for one in section.listings if one.held_by == "pose_repeatability.parquet")
     assert len(listing.rows) == 2 * GROUPS
     assert listing.rows[0][:3] == ("tool", "p0", str(REPEATS))

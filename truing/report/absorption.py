@@ -1,4 +1,4 @@
-"""The absorption map: which parameters swallow an effect that is left out, as predicted and as the fit did."""
+"""The absorption map: which parameters an effect biases if it is left out, as predicted and as fitted."""
 
 from __future__ import annotations
 
@@ -46,14 +46,18 @@ def absorbed_by(tables: Tables, key: Key) -> pd.DataFrame | None:
 
 
 def _group_words(group: _Group) -> str:
-    """What is left out of which fit: ``the deformation of the platform is ignored (implicit objectives)``."""
+    """What is left out of which fit: ``ignoring the deformation of the platform (implicit objectives)``."""
     return f"{_effect_words(*group[:2])} ({_ESTIMATORS.get(group[2], group[2])})"
 
 
 def _effect_words(effect: str, deformation: str) -> str:
-    """What is left out: ``the deformation of the platform is ignored``."""
+    """What is left out: ``ignoring the deformation of the platform``."""
     words = _EFFECTS.get(effect, effect)
-    return f"{words} is ignored" if deformation == "none" else f"{words} is taken as {deformation}"
+    return f"ignoring {words}" if deformation == "none" else f"modelling {words} as {deformation}"
+
+
+def _titled(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}"
 
 
 def groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
@@ -81,7 +85,7 @@ def _size(rows: pd.DataFrame) -> Any:
 
 
 def swallowed(absorbed: pd.DataFrame | None) -> str:
-    """The parameters that take most of the effect that bends the model most; empty where none is known.
+    """The parameters that are biased most by the effect that bends the model most; empty where none is known.
 
     Only what stands out of its own uncertainty and comes up to a tolerance is named.
     """
@@ -90,20 +94,24 @@ def swallowed(absorbed: pd.DataFrame | None) -> str:
     clear = absorbed[absorbed["predicted"].abs() > _CLEAR * absorbed["sigma"]]
     clear = clear[_size(clear) >= 1.0] if len(clear) else clear
     if not len(clear):
-        return "No deformation that was measured would move a parameter by its tolerance if it were left out."
+        return "Ignoring the measured deformation would bias no parameter by as much as its tolerance."
     group, rows = groups(clear)[0]
     top = rows.assign(size=_size(rows)).nlargest(_NAMED, "size", keep="first")
-    return f"If {_group_words(group)}, {'; '.join(_taken(r) for r in top.itertuples())}."
+    words = _group_words(group)
+    first, *more = (_bias(r) for r in top.itertuples())
+    return f"{_titled(words)} would bias {'; '.join([first, *more])}."
 
 
-def _taken(r: Any) -> str:
+def _bias(r: Any) -> str:
+    """``u_x of leg 6 by about -298 mrad (149 times its tolerance; the fit gave -135 ± 35 mrad)``."""
     factor, unit = shown_in(r.parameter, r.unit)
-    text = f"{name_of(r.parameter, r.leg)} takes {plain(factor * r.predicted)} {unit}".strip()
+    beside = []
     if r.tolerance == r.tolerance:
-        text += f", {r.size:.0f} tolerances" if r.size >= 9.5 else f", {r.size:.1f} tolerances"
+        beside.append(f"{r.size:.0f} times its tolerance" if r.size >= 9.5 else f"{r.size:.1f} times its tolerance")
     if r.observed == r.observed:
-        text += f" (the fit: {with_uncertainty(factor * r.observed, factor * r.sigma, unit)})"
-    return text
+        beside.append(f"the fit gave {with_uncertainty(factor * r.observed, factor * r.sigma, unit)}")
+    said = f"{name_of(r.parameter, r.leg)} by about {plain(factor * r.predicted)} {unit}".strip()
+    return f"{said} ({'; '.join(beside)})" if beside else said
 
 
 def agreement(absorbed: pd.DataFrame) -> str:
@@ -111,8 +119,8 @@ def agreement(absorbed: pd.DataFrame) -> str:
     both = absorbed.dropna(subset=["predicted", "observed", "sigma"])
     off = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
     within = int((off <= 1.96).sum())
-    text = f"{within} of {count(len(both), 'parameter')} lie within their bars of the line"
-    return f"{text}; what is far off it is too large for linear algebra, or has another cause besides."
+    text = f"{within} of {count(len(both), 'parameter')} agree with the line within their bars."
+    return f"{text} Parameters far from the line are biased too much for a linear prediction, or by another cause."
 
 
 def correlation(predicted: Any, observed: Any) -> float | None:
@@ -127,7 +135,7 @@ def correlation(predicted: Any, observed: Any) -> float | None:
 def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
     """Predicted change of every parameter per effect left out: number in its unit, colour in its tolerances."""
     parts = _leading_groups(absorbed.assign(kind=_kinds(absorbed)))
-    titles = [f"If {_group_words(key)}" for key, _ in parts]
+    titles = [_titled(_group_words(key)) for key, _ in parts]
     heights = [rows["kind"].nunique() for _, rows in parts]
     room = 70.0 / (30.0 * sum(heights) + 70.0 * len(parts))
     grid = make_subplots(
@@ -137,7 +145,7 @@ def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
         grid.add_trace(_panel(rows), row=row, col=1)
     subtitle = f"Number: in the parameter's unit. Colour: in tolerances of the parameter, clipped at {_CLIPPED:g}"
     height = 140 + 30 * sum(heights) + 70 * len(parts)
-    style(grid, "Absorption: what parameters take of an effect that is left out", subtitle, height)
+    style(grid, "Absorption map: bias of each parameter if an effect is left out", subtitle, height)
     bar = {"title": {"text": "tolerances"}, "thickness": 16}
     grid.update_layout(coloraxis={"colorscale": "RdBu_r", "cmin": -_CLIPPED, "cmax": _CLIPPED, "colorbar": bar})
     grid.update_layout(margin={"t": 110})
@@ -207,8 +215,8 @@ def predicted_against_observed(absorbed: pd.DataFrame) -> go.Figure:
             if len(points):
                 grid.add_trace(_points(points, key, number, key not in named), **place)
                 named.add(key)
-    subtitle = "Bars: 95 %; line: the fit did what was predicted"
-    style(grid, "What the fit did against what linear algebra predicted", subtitle, 170 + 230 * rows)
+    subtitle = "Bars: 95 %; line: fit and prediction agree"
+    style(grid, "Bias in the fit against bias predicted by linear algebra", subtitle, 170 + 230 * rows)
     grid.update_xaxes(title={"text": "predicted", "standoff": 4}, row=rows)
     grid.update_yaxes(title={"text": "observed"}, col=1)
     grid.update_layout(

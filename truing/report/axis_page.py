@@ -15,8 +15,8 @@ from truing.report.tables import Tables, filled
 _NAMES = {"motor": "encoder at the motor", "load": "encoder at the load", "measured": "outside instrument"}
 _WAYS = ((1, BLUE, "triangle-right", "coming up"), (-1, ORANGE, "triangle-left", "coming down"))
 _CAPTION = (
-    "Each point is one reading less its prediction. Two bands by colour are lost motion, a slope is a factor, and "
-    "a step that neither the command nor the direction explains is a zero that shifted."
+    "Each point is one reading minus its prediction. Two bands by colour show lost motion, and a slope shows a scale "
+    "error. A step that depends on neither command nor direction shows a zero shift."
 )
 
 
@@ -27,14 +27,14 @@ def axis(tables: Tables) -> ReportSection | None:
         return None
     encoders = list(dict.fromkeys(errors["encoder"]))
     rows = count(errors["pose"].nunique(), "row")
-    lead = f"{rows} of one axis, recorded by {count(len(encoders), 'encoder')}. A constant zero of each is taken out."
+    lead = f"{rows} of one axis, recorded by {count(len(encoders), 'encoder')}. A constant zero of each is subtracted."
     figures = tuple((_drawn(errors, column, title), _CAPTION) for column, title in _pictures(errors))
     return ReportSection("axis", "Axis", lead, figures=figures, listings=(_listing(errors, encoders),))
 
 
 def _pictures(errors: pd.DataFrame) -> list[tuple[str, str]]:
-    before = ("missed_before", "Readings less what the command alone predicts")
-    after = ("missed_after", "Readings less what the extended model predicts")
+    before = ("missed_before", "Readings minus the prediction by the command alone")
+    after = ("missed_after", "Readings minus the prediction by the extended model")
     changed = bool(np.any(errors["missed_before"] != errors["missed_after"]))
     return [before, after] if changed else [before]
 
@@ -52,7 +52,7 @@ def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
                 reported.append(
                     (f"{_NAMES[name]}, {role}", str(len(part)), *sizes, rough(float(part["noise_floor"].max())))
                 )
-    return Listing(heads, tuple(reported), caption="How far predictions miss", held_by="axis_errors.parquet")
+    return Listing(heads, tuple(reported), caption="Errors of the predictions", held_by="axis_errors.parquet")
 
 
 def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
@@ -86,6 +86,6 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
             )
         figure.update_yaxes(title_text=f"error ({unit})", row=place, col=1)
     figure.update_xaxes(title_text=f"command ({command})", row=len(encoders), col=1)
-    style(figure, title, "Coloured by the side from which the axis came", 180 + 200 * len(encoders))
+    style(figure, title, "Colour: direction of approach", 180 + 200 * len(encoders))
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.6}, margin={"t": 110})
     return figure

@@ -95,31 +95,31 @@ _REASONS = {
     "no-poses": "were not compared: fewer than three poses have both",
     "unreached": "do not belong together: the legs of [mechanism] reach less than half of these poses at any reading",
     "no-frame": "were not compared: the targets fix no frame",
-    "no-slip": "do not belong together, and no slip that was tried explains it",
-    "rounded": "belong together, but numbers were written down in coarse steps",
-    "departs": "depart from each other more than a calibration usually explains",
-    "legs-parallel": "are all parallel: they leave the platform free to move sideways",
-    "legs-alike": "have the same joints: together they hold the platform as one",
-    "legs-singular": "are singular: at the measured poses they leave a motion of the platform free",
-    "regular": "hold the platform in all six directions",
+    "no-slip": "do not belong together, and no tested recording error explains it",
+    "rounded": "belong together, but values were recorded in coarse steps",
+    "departs": "differ by more than a calibration usually explains",
+    "legs-parallel": "are all parallel: they do not constrain sideways motion of the platform",
+    "legs-alike": "have the same joints: together they constrain the platform like one leg",
+    "legs-singular": "are singular: at the measured poses they do not constrain one motion of the platform",
+    "regular": "constrain the platform in all six directions",
     "few-targets": "were not compared: fewer than four targets were seen",
-    "no-fit": "do not fit each other, and neither a mirror image nor another unit explains it",
+    "no-fit": "do not agree, and neither a mirror image nor another unit explains it",
     "no-displacements": "were not compared: the campaign holds no readings of the platform's motion",
-    "no-response": "were not compared: no run has loads that change and readings that answer them",
-    "no-main-response": "were not compared: no channel was read that should answer clearly",
-    "no-repeats": "were not compared: no axis is loaded by three runs or more, and nothing else predicts the response",
+    "no-response": "were not compared: no run has changing loads and readings that respond to them",
+    "no-main-response": "were not compared: no channel was read that should respond clearly",
+    "no-repeats": "were not compared: no axis is loaded in three runs or more, and no simulation predicts the response",
     "one-pose": "were not compared: there is only one",
     "one-run": "were not compared: there is only one",
-    "trace-of-range": "were not compared, and the loads are no more than a trace of the range in [loading]",
+    "trace-of-range": "were not compared: the loads are only a very small part of the range in [loading]",
     "distinct": "are all different measurements",
-    "no-copies": "differ: no two agree in every digit over a fifth of the shorter one, eight rows or more",
-    "no-whole-copies": "differ: no two agree in every digit as a whole; a copied part would not show",
+    "no-copies": "differ: no two are equal in every digit over a fifth of the shorter one (at least eight rows)",
+    "no-whole-copies": "differ: no two are equal in every digit; a copied part could not be detected",
     "coarse": "were not compared: the resolution of the file is coarser than the noise",
 }
 
 
 def message(tested: RelationTest) -> str:
-    """Return the sentences for one tested relation: result, size, the slip that explains it, what stays hidden."""
+    """Return the sentences for one tested relation: result, size, error that explains it, errors it cannot show."""
     names = tested.subject.split(", " if tested.relation in _OF_RUNS else None)
     subject = f" ({listed(names)})" if names and tested.subject else ""
     sides = f"{RELATIONS[tested.relation]}{subject}"
@@ -127,20 +127,20 @@ def message(tested: RelationTest) -> str:
         part = any(slip.rows for slip in tested.slips)
         share = f", {tested.misfit:.0f} % of the shorter run" if part and tested.misfit is not None else ""
         words = "; ".join(map(slip_words, tested.slips))
-        return f"{sides} are not all measurements of their own: {words}{share}."
+        return f"{sides} are not all independent measurements: {words}{share}."
     if tested.reason == "rounded":
         error, noise = (f"{1e3 * (size or 0.0):.2g} µm" for size in (tested.misfit, tested.limit))
         words = "; ".join(map(slip_words, tested.slips))
-        return f"{sides} belong together, but: {words}. That is an error of {error}, declared noise {noise}."
+        return f"{sides} belong together, but: {words}. This causes an error of {error}; the declared noise is {noise}."
     if tested.slips and tested.state == RelationState.FAILS:
         return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
     text = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
     if tested.slips:
         return f"{text} {_meant(tested)}"
     if tested.tried and tested.state in (RelationState.OK, RelationState.ATTENTION, RelationState.FAILS):
-        text += f" {tested.tried} slips were tried."
+        text += f" Tested recording errors: {tested.tried}."
     if tested.hidden:
-        text += f" This campaign cannot show: {listed([slip_words(slip) for slip in tested.hidden], sep='; ')}."
+        text += f" Not detectable in this campaign: {listed([slip_words(slip) for slip in tested.hidden], sep='; ')}."
     return text
 
 
@@ -155,10 +155,10 @@ def _meant(tested: RelationTest) -> str:
     after = (
         ""
         if tested.misfit_explained is None
-        else f" The misfit is then {two_decimals(tested.misfit_explained)} {tested.unit}."
+        else f" With this, the misfit is {two_decimals(tested.misfit_explained)} {tested.unit}."
     )
     meant = f"Did you mean: {'; and '.join(slip_words(slip) for slip in tested.slips)}?"
-    rivals = f" As likely: {'; or '.join(slip_words(slip) for slip in tested.rivals)}." if tested.rivals else ""
+    rivals = f" Equally likely: {'; or '.join(slip_words(slip) for slip in tested.rivals)}." if tested.rivals else ""
     return f"{meant}{after}{rivals}"
 
 
@@ -190,11 +190,11 @@ def _unit(slip: RecordSlip) -> str:
 
 def _zero(slip: RecordSlip) -> str:
     by = f": add {slip.offset:.4g}" if slip.offset else ""
-    return f"{_of(slip)} counted from another zero{by}"
+    return f"{_of(slip)} with another zero{by}"
 
 
 def _copied(slip: RecordSlip) -> str:
-    text = f"{slip.quantity} {listed(slip.subjects)} are the same in every digit"
+    text = f"{slip.quantity} {listed(slip.subjects)} are equal in every digit"
     if not slip.rows:
         return text
     ends = [at for at, row in enumerate(slip.rows) if row + 1 not in slip.rows[at + 1 : at + 2]]
@@ -210,15 +210,15 @@ _WORDS = {
     SlipKind.ZERO: _zero,
     SlipKind.COLUMNS: lambda slip: f"{slip.quantity} exchanged: {listed(slip.subjects)}",
     SlipKind.ROWS_SHIFTED: lambda slip: f"{_of(slip)} shifted by {slip.shift:+d} rows",
-    SlipKind.ROWS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's rows: {listed(slip.subjects)}",
+    SlipKind.ROWS_EXCHANGED: lambda slip: f"{slip.quantity} with exchanged rows: {listed(slip.subjects)}",
     SlipKind.MIRRORED: lambda slip: f"{_of(slip)} {_MIRROR}",
-    SlipKind.PARTS_EXCHANGED: lambda slip: f"{slip.quantity} in each other's place: {listed(slip.subjects)}",
+    SlipKind.PARTS_EXCHANGED: lambda slip: f"{slip.quantity} exchanged: {listed(slip.subjects)}",
     SlipKind.DIRECTION: lambda slip: f"{_of(slip)} pointing the opposite way",
-    SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen, the same number again and again while the machine moves",
-    SlipKind.STRAY: lambda slip: f"{_of(slip)} far from where the pose is: a misread digit, or a number of another row",
-    SlipKind.ROUNDED: lambda slip: f"{_of(slip)} written down in steps of {slip.offset:.4g} mm, far above the noise",
+    SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen: the value does not change while the machine moves",
+    SlipKind.STRAY: lambda slip: f"{_of(slip)} far from the pose: a misread digit, or a value from another row",
+    SlipKind.ROUNDED: lambda slip: f"{_of(slip)} recorded in steps of {slip.offset:.4g} mm, much larger than the noise",
     SlipKind.COPIED: _copied,
     SlipKind.FRINGES: lambda slip: f"{_of(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
-    SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} written down: {listed(slip.subjects)}",
+    SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} recorded: {listed(slip.subjects)}",
     SlipKind.REVERSED: lambda slip: f"{_of(slip)} in reversed order, the last row first",
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,8 @@ import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
 from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
-from truing.report.model_tests import ModelTest, by_p, listing_of
-from truing.report.numbers import p_equals, p_value, plain, quantity, with_uncertainty
+from truing.report.model_tests import FOUND, ModelTest, by_p, listing_of
+from truing.report.numbers import count, p_equals, p_value, plain, quantity, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_deformation
 from truing.report.scene.by_leg import by_leg
@@ -60,41 +59,37 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 
 def _tests(tables: Tables) -> list[ModelTest]:
-    """Whether the body is rigid, and which models earn their parameters."""
+    """Whether the body is rigid, and which models fit significantly better than simpler ones."""
     facts = tables["deformation_errors"]
     found = {}
     for model, figure in (("linear", "p_value_over_none"), ("matrix", "p_value_over_linear")):
         p = facts.loc[(facts["model"] == model) & (facts["figure"] == figure), "value"].dropna()
         found[model] = float(p.min()) if len(p) else None
     reported = [p for p in found.values() if p is not None]
-    earned = ("It explains no more than chance.", "It explains what chance does not.")
     rigid = by_p(
-        "the body is rigid: nothing in it follows the drives",
+        "the body is rigid: no target moves with the drives",
         min(1.0, len(reported) * min(reported)) if reported else None,
         _UNLIKELY,
-        ("No model explains more than chance.", "What moves in the body follows the drives beyond chance."),
+        ("No model explains more than chance.", "Targets move with the drives, beyond chance."),
         "No model could be fitted.",
+        FOUND,
     )
     asked = {
-        "linear": "each place moves with its own drive (linear over none)",
-        "matrix": "places move with the other drives too (matrix over linear)",
+        "linear": "no target moves with its own drive (linear model against none)",
+        "matrix": "no target moves with the other drives (matrix model against linear)",
     }
+    says = ("The model explains no more than chance.", "The model explains significantly more than chance.")
     why = "This campaign does not allow the model: too few poses, or no attachment for each actuator."
-    earning = [
-        by_p(words, None if p is None else 1.0 - p, 1.0 - _UNLIKELY, earned[::-1], why)
-        for model, words in asked.items()
-        for p in [found[model]]
-    ]
-    told_earning = [replace(test, p=p) for test, p in zip(earning, found.values(), strict=True)]
-    return [rigid, *told_earning, *_in_plane_test(facts)]
+    models = [by_p(words, found[model], _UNLIKELY, says, why, FOUND) for model, words in asked.items()]
+    return [rigid, *models, *_in_plane_test(facts)]
 
 
 def _in_plane_test(facts: pd.DataFrame) -> list[ModelTest]:
     """Whether attachments shift along z alone, where that was tested."""
     p = facts.loc[(facts["model"] == _IN_PLANE) & (facts["figure"] == "p_value_over_none"), "value"].dropna()
-    says = ("Nothing in the plane follows the actuators beyond chance.", "Shifts in the plane follow the actuators.")
-    asked = "attachments shift along z alone, not in the platform's plane"
-    return [by_p(asked, float(p.iloc[0]), _UNLIKELY, says, "")] if len(p) else []
+    says = ("No shift in the plane exceeds chance.", "Attachments shift in the plane with the actuators.")
+    asked = "attachments shift only along z, not in the platform's plane"
+    return [by_p(asked, float(p.iloc[0]), _UNLIKELY, says, "", FOUND)] if len(p) else []
 
 
 def _legwise(tables: Tables) -> tuple[Listing, ...]:
@@ -111,16 +106,14 @@ def _picture(tables: Tables) -> Drawn:
     body = _body_of_picture(part)
     if body is None:
         return []
-    words = f"Targets of {body}; the slider begins with the poses in which they are farthest from their places. "
-    words += "Noise is amplified as well."
+    words = f"Targets of {body}; the slider starts with the poses that have the largest displacements. "
+    words += "The noise is amplified too."
     if shape.loc[shape["body"] == body, "leg"].notna().any():
-        words += (
-            " The grey ring joins the attachments where they were surveyed, the orange one where they are measured."
-        )
+        words += " The grey ring connects the surveyed positions of the attachments, the orange ring the measured ones."
     scene = pose_scene(tables, part[part["body"] == body], body)
     if scene.legs:
-        words += " Legs that are chosen show their joints, their targets and their numbers."
-    subtitle = f"Each line runs from a target's place to where it is measured, at first {scene.gain:g} times as long"
+        words += " Selected legs show their joints, targets and parameters."
+    subtitle = f"Lines from surveyed to measured position; initial amplification {scene.gain:g}"
     return [(picture(scene, f"Displacement of the targets of {label(body)}, amplified", subtitle), words)]
 
 
@@ -150,12 +143,10 @@ def _legs(tables: Tables) -> Drawn:
     shifts, models = filled(tables, "deformation"), filled(tables, "deformation_models")
     if shifts is None or models is None:
         return []
-    words = "Points off the line by more than their bars: what the other actuators do."
+    words = "Points farther from the line than their bars show the effect of the other actuators."
     drawn: Drawn = [(shift_against_drive(shifts, models), words)]
     if (models["model"] == "matrix").any():
-        words = (
-            "Row: attachment that shifts. Column: actuator that moves it. The diagonal is what the linear model knows."
-        )
+        words = "Row: attachment that shifts. Column: actuator that moves it. The linear model has the diagonal alone."
         drawn.append((coefficient_map(models), words))
     return drawn
 
@@ -173,7 +164,11 @@ def _against(shifts: pd.DataFrame, models: pd.DataFrame, readings: pd.DataFrame,
     chosen = shifts.merge(top[_KEYS], on=_KEYS)
     figure = target_against_drive(chosen, readings.set_index("pose")[drive], top.set_index(_KEYS)["coefficient"])
     clear = int(own["significant"].sum()) if "significant" in own else 0
-    return figure, f"{clear} of {len(own)} coordinates follow it beyond chance."
+    return figure, f"{clear} of {len(own)} coordinates change with it beyond chance."
+
+
+def _better(p: float) -> str:
+    return f"{'fits' if p < _UNLIKELY else 'does not fit'} significantly better"
 
 
 def _sentence(tables: Tables) -> str:
@@ -181,14 +176,12 @@ def _sentence(tables: Tables) -> str:
     words = []
     if ("matrix", "p_value_over_linear") in facts:
         p = float(facts[("matrix", "p_value_over_linear")])
-        verb = "earns" if p < 0.01 else "does not earn"
-        words.append(f"The matrix model {verb} its parameters over the linear one (p {p_equals(p)}).")
+        words.append(f"The matrix model {_better(p)} than the linear one (p {p_equals(p)}).")
     elif ("linear", "p_value_over_none") in facts:
         p = float(facts.xs(("linear", "p_value_over_none")).min())
-        earns = "earns" if p < 0.01 else "does not earn"
-        words.append(f"The linear model {earns} its parameters over none (p {p_equals(p)}).")
+        words.append(f"The linear model {_better(p)} than no deformation (p {p_equals(p)}).")
     if ("matrix", "rank") in facts:
-        words.append(f"K has {int(facts[('matrix', 'rank')])} independent shapes above noise.")
+        words.append(f"K has {count(int(facts[('matrix', 'rank')]), 'independent shape')} above noise.")
     if ("none", "share_buckle") in facts:
         lift, tilt, buckle = (100 * float(facts[("none", f"share_{s}")]) for s in ("lift", "tilt", "buckle"))
         words.append(
@@ -197,11 +190,11 @@ def _sentence(tables: Tables) -> str:
     if (p := facts.get((_IN_PLANE, "p_value_over_none"), 1.0)) < _UNLIKELY:
         shift, left = (quantity(float(facts[(_IN_PLANE, name)]), "um") for name in ("rms_shift", "rms_left"))
         words.append(
-            f"In the platform's plane attachments follow the actuators too (p {p_equals(float(p))}): {shift} rms "
-            f"along x and y, {left} with a matrix model."
+            f"Attachments also shift in the platform's plane with the actuators (p {p_equals(float(p))}): {shift} rms "
+            f"along x and y, {left} after a matrix model."
         )
     if ("matrix", "modulo_plane") in facts and float(facts[("matrix", "modulo_plane")]):
-        words.append("Known modulo a plane only: the platform has fewer than three targets away from its attachments.")
+        words.append("Shifts are known except for a common plane: fewer than three targets lie away from attachments.")
     return " ".join(words) or "Coefficients and errors of the deformation models."
 
 
@@ -237,7 +230,7 @@ def shift_against_drive(deformation: pd.DataFrame, models: pd.DataFrame) -> go.F
             grid.add_trace(_left_out(out, low, high), **place)
         if leg in linear.index and (kept["leg"] == leg).any():
             grid.add_trace(_slope(kept[kept["leg"] == leg], 1e3 * float(linear.loc[leg, "coefficient"])), **place)
-    subtitle = "Bars: 95 % of the point noise; line: linear model; red cross: left out as gross error"
+    subtitle = "Bars: 95 % of the point noise; line: linear model; cross: left out as gross error"
     style(grid, "Shift of each attachment against its own actuator", subtitle, 130 + 210 * rows_of_panels)
     grid.update_xaxes(title_text="Δρ (mm)", row=rows_of_panels)
     grid.update_yaxes(range=[low, high])

@@ -41,15 +41,14 @@ def _lead(tables: Tables) -> str:
     if surveys is not None:
         moved = int(surveys["relocated"].sum())
         number = count(surveys["later_survey"].nunique(), "later survey")
-        words.append(
-            f"{number}, in which {count(moved, 'target')} had moved" if moved else f"{number}: nothing had moved"
-        )
+        words.append(f"{number}: {count(moved, 'target')} moved" if moved else f"{number}: no target moved")
     if names is not None:
-        words.append(f"{count(len(names), 'rule')} of names, in {count(int(names['rows'].sum()), 'point')}")
+        words.append(f"{count(len(names), 'rule')} for names, applied to {count(int(names['rows'].sum()), 'point')}")
     if repeats is not None:
         kinds = ", ".join(f"{kind}s" for kind in repeats["repeated"].unique())
-        words.append(f"repeats of {kinds}, known by {repeats['told_by'].iloc[0]}")
-    return f"{'; '.join(words)}." if words else "Names that no survey knows."
+        words.append(f"repeated measurements of {kinds}, identified by {repeats['told_by'].iloc[0]}")
+    said = "; ".join(words)
+    return f"{said[:1].upper()}{said[1:]}." if said else "Names that are in no survey."
 
 
 def _statements(tables: Tables) -> list[tuple[str, str]]:
@@ -58,17 +57,22 @@ def _statements(tables: Tables) -> list[tuple[str, str]]:
     names = filled(tables, "likely_names")
     if names is not None:
         which = ", ".join(f"{r.called} at {r.target}" for r in names.head(8).itertuples())
-        texts.append(("warn", f"Unknown names lie where targets are missing: {which}. Nothing was renamed."))
+        texts.append(("warn", f"Points with unknown names lie at missing targets: {which}. Nothing was renamed."))
     surveys = filled(tables, "resurveys")
     if surveys is not None:
         lost = surveys[surveys["relocated"] & surveys["holds_as"].isna()]
         if len(lost):
             which = ", ".join(f"{r.body} {r.target}" for r in lost.head(8).itertuples())
-            texts.append(("warn", f"Moved, and no pose said from which the new place holds: {which}."))
+            texts.append(("warn", f"Moved, but from which pose on is not declared: {which}."))
     apart = _apart(filled(tables, "repeats"))
     if apart:
         which = ", ".join(list(apart.values())[:8])
-        texts.append(("warn", f"Groups of repeats scatter differently; their pooled number holds for none: {which}."))
+        texts.append(
+            (
+                "warn",
+                f"Groups of repeats scatter differently, so their pooled scatter represents none of them: {which}.",
+            )
+        )
     return texts
 
 
@@ -80,7 +84,7 @@ def _surveys(table: pd.DataFrame) -> list[Listing]:
         holds = "" if cell(r.holds_as) == "" else f"{r.holds_as} from pose {cell(r.from_pose)} on"
         rows.append((r.status, r.later_survey, r.body, r.target, *shift, p_value(r.p_value), holds))
         marks.append("none" if not r.relocated else "warn" if cell(r.holds_as) == "" else "pass")
-    caption = "place less that before, the common motion of the unmoved taken out, ± one sigma"
+    caption = "position minus the earlier one, without the common motion of targets that did not move, ± one sigma"
     moved = [at for at, there in enumerate(table["relocated"]) if there]
     own = Listing(
         heads, tuple(rows[k] for k in moved), tuple(marks[k] for k in moved), f"Targets that moved: {caption}"
@@ -98,7 +102,7 @@ def _shift(r: object, axis: str) -> str:
 
 def _names(table: pd.DataFrame) -> list[Listing]:
     rows = tuple((r.body, r.called, r.target, _poses(r), f"{r.rows:,}", cell(r.reason)) for r in table.itertuples())
-    heads = ("body", "called in the files", "taken as", "poses", "points", "by whom, and why")
+    heads = ("body", "name in the files", "used as", "poses", "points", "by whom, and why")
     return [Listing(heads, rows, caption="Under other names", folded=len(rows) > _OPEN, held_by="relabelled.parquet")]
 
 
@@ -110,7 +114,7 @@ def _poses(r: object) -> str:
 def _suggested(table: pd.DataFrame) -> list[Listing]:
     """Lines to be copied into campaign.toml, once somebody has looked."""
     lines = [line for r in table.itertuples() for line in _toml(r)]
-    caption = "For campaign.toml, once you have looked: these names may be those targets"
+    caption = "For campaign.toml, after a check: these names may belong to these targets"
     return [Listing(("lines",), tuple((line,) for line in lines), caption=caption, held_by="likely_names.parquet")]
 
 
@@ -167,10 +171,10 @@ def _repeats(table: pd.DataFrame) -> list[Listing]:
         "degrees of freedom",
         "stated (1 sigma)",
         "ratio",
-        "groups alike, p",
+        "equal groups, p",
     )
     number = int(table["groups"].max())
-    caption = f"Pure error: the scatter of {number} repeated groups, known by {table['told_by'].iloc[0]}"
+    caption = f"Pure error: the scatter of {number} repeated groups, identified by {table['told_by'].iloc[0]}"
     return [Listing(heads, tuple(rows), marks, caption, len(rows) > _OPEN, "repeats.parquet")]
 
 
@@ -183,10 +187,8 @@ def _fits(table: pd.DataFrame) -> list[Listing]:
         leaves = p < _SURE
         marks.append("warn" if leaves else "pass")
         freedom = f"{worst['freedom_of_fit']:.1f}, {worst['freedom_of_error']:.0f}"
-        text = "more than pure error" if leaves else "no more than pure error"
+        text = "exceeds pure error" if leaves else "within pure error"
         rows.append((text, str(kind), str(model), str(worst["subject"]), plain(worst["f_ratio"]), freedom, p_value(p)))
     heads = ("verdict", "of", "model", "most at", "F", "degrees of freedom", "p, all subjects counted")
-    caption = (
-        "Lack of fit: what each model leaves of the fitted measurements, against pure error, as far as repeats can tell"
-    )
+    caption = "Lack of fit: residuals of each model on the fitted measurements, compared with pure error from repeats"
     return [Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > _OPEN, "lack_of_fit.parquet")]

@@ -19,7 +19,7 @@ def excluded(tables: Tables) -> ReportSection:
     """Rows of raw files, points, attachments and scans that were left out; and what persons decided."""
     reported = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
     listings = [listing for tell in (*reported, _of_models, _scans) if (listing := tell(tables)).rows]
-    lead = "The tables of this run record nothing that was left out."
+    lead = "Nothing was left out in this run."
     return ReportSection("excluded", "Left out", _lead(tables) if listings else lead, listings=tuple(listings))
 
 
@@ -37,7 +37,7 @@ def _lead(tables: Tables) -> str:
     names = ("diagnosis_left_out", "calibration_left_out")
     further = sum(len(table) for name in names if (table := filled(tables, name)) is not None)
     besides = f" Diagnosis and calibration left out {count(further, 'further gross error')}." if further else ""
-    return f"Left out of files and poses: {' and '.join(words)}, each with its reason.{besides}"
+    return f"Left out of files and poses, each with its reason: {' and '.join(words)}.{besides}"
 
 
 def _by_person(table: pd.DataFrame) -> pd.Series:
@@ -60,8 +60,17 @@ def _effects(tables: Tables) -> Listing:
         )
         for r in each(tables, "exclusion_effects")
     )
-    heads = ("entry", "by", "reason", "of", "left out", "gross errors anyway", "would change by up to", "over sigma")
-    caption = "Without what persons excluded: the result with all of it taken back"
+    heads = (
+        "entry",
+        "by",
+        "reason",
+        "of",
+        "left out",
+        "would be gross errors",
+        "largest change of a result",
+        "change / sigma",
+    )
+    caption = "Effect of exclusions by persons: results without any of them"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "exclusion_effects.parquet")
 
 
@@ -109,7 +118,7 @@ def _points_by_target(tables: Tables) -> Listing:
     seen = tables["residuals"].groupby(["body", "target"]).size()
     number = out.groupby(["body", "target"], sort=False).size().sort_values(ascending=False, kind="stable")
     rows = tuple((*key, f"{n} of {seen[key]}") for key, n in number.items())
-    return Listing(heads, rows, caption=f"Points kept out of the poses, by {count(len(rows), 'target')}", folded=True)
+    return Listing(heads, rows, caption=f"Points left out of the poses, for {count(len(rows), 'target')}", folded=True)
 
 
 def _points(tables: Tables) -> Listing:
@@ -118,7 +127,7 @@ def _points(tables: Tables) -> Listing:
         for r in _by_rule(tables, "residuals").itertuples()
     )
     heads = ("pose", "body", "target", "off by", "x, y, z (mm)", "reason")
-    caption = f"{count(len(rows), 'object point')} kept out of the poses by a rule, confirmed by nobody"
+    caption = f"{count(len(rows), 'object point')} left out of the poses by a rule, not confirmed by a person"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "residuals.parquet")
 
 
@@ -138,7 +147,7 @@ def _readings(tables: Tables) -> Listing:
         for r in _by_rule(tables, "reading_residuals").itertuples()
     )
     heads = ("run", "step", "channel", "off by", "reason")
-    caption = f"{count(len(rows), 'reading')} kept out of the displacement by a rule, confirmed by nobody"
+    caption = f"{count(len(rows), 'reading')} left out of the displacement by a rule, not confirmed by a person"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "reading_residuals.parquet")
 
 
@@ -153,9 +162,7 @@ def _no_part(tables: Tables) -> Listing:
     if (residuals := filled(tables, "residuals")) is not None:
         idle = residuals[~residuals["rejected"] & residuals["reason"].notna() & ~_by_person(residuals)]
         rows = [(body, why, f"{n:,}") for (body, why), n in idle.groupby(["body", "reason"], sort=False).size().items()]
-    return Listing(
-        ("body", "why", "points"), tuple(rows), caption="Points that take no part in a pose for another reason"
-    )
+    return Listing(("body", "why", "points"), tuple(rows), caption="Points not used in a pose for another reason")
 
 
 def _scans(tables: Tables) -> Listing:
@@ -174,7 +181,9 @@ def _of_models(tables: Tables) -> Listing:
         for r in each(tables, f"{stage}_left_out")
     )
     heads = ("stage", "subject", "where", "reason", "value", "limit")
-    caption = f"{count(len(rows), 'further gross error')} that diagnosis and calibration left out, confirmed by nobody"
+    caption = (
+        f"{count(len(rows), 'further gross error')} left out by diagnosis and calibration, not confirmed by a person"
+    )
     held_by = "diagnosis_left_out.parquet, calibration_left_out.parquet"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, held_by)
 
@@ -188,5 +197,5 @@ def _attachments(tables: Tables) -> Listing:
     out = [r for r in each(tables, "deformation") if getattr(r, "rejected", False)]
     rows = tuple((str(r.pose), f"leg {r.leg}", quantity(r.delta_bz_um, "um"), cell(r.reason)) for r in out)
     heads = ("pose", "attachment", "shift along z", "reason")
-    caption = f"{count(len(rows), 'shift')} of attachments kept out of the deformation models"
+    caption = f"{count(len(rows), 'shift')} of attachments left out of the deformation models"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "deformation.parquet")

@@ -13,8 +13,12 @@ from truing.report.tables import Tables, filled, in_channel_order, is_bench, loa
 from truing.report.verdict import with_verdict
 from truing.schemas.verdict import CAMPAIGN, ReasonCode
 
-_MODEL_WORDS = {"none": "rms shift, no model", "linear": "rms left, linear model", "matrix": "rms left, matrix model"}
-_BENCH_WORDS = {"none": "rms response", "linear": "left by its own axis", "matrix": "left by a full compliance"}
+_MODEL_WORDS = {"none": "rms shift", "linear": "rms residual, linear model", "matrix": "rms residual, matrix model"}
+_BENCH_WORDS = {
+    "none": "rms response",
+    "linear": "rms residual, diagonal compliance",
+    "matrix": "rms residual, full compliance",
+}
 _OF_AXES = {"A": "accuracy A", "B": "reversal B"}  # as ISO 230-2 has them
 _FEW_AXES = 3
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
@@ -22,7 +26,7 @@ _HELD_OUT = {"position": "um", "orientation": "arcsec"}
 _OWN_LINE = ("diagnosis", "simulation", "positioning", "requirements", "changes", "quality")
 _TOGETHER = {
     "belonging": "the data belong together",
-    "adequacy": "the last model leaves only noise",
+    "adequacy": "the residuals of the final model are noise",
     "pulls": "pulls are within tolerances",
     "calibration": "the calibration fits",
 }
@@ -72,7 +76,7 @@ def _has_line(one: SectionVerdict) -> bool:
 
 def _together(others: list[SectionVerdict]) -> list[Verdict]:
     named = [_TOGETHER[one.section] for one in others if one.section in _TOGETHER and one.state == RelationState.OK]
-    return [("pass", f"Tested too: {', '.join(named)}.")] if named else []
+    return [("pass", f"Also tested: {', '.join(named)}.")] if named else []
 
 
 def _tiles(tables: Tables) -> list[tuple[str, str]]:

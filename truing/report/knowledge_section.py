@@ -1,4 +1,4 @@
-"""The section of what can be known: what the data determine, what they cannot tell apart, and who swallows what."""
+"""The section of what can be known: what data determine, what they cannot distinguish, what an omission biases."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
     legs, whole = _by_leg(observed), _of_whole_machine(observed, key)
     return [
         _indices(legs, whole, key),
-        _combinations(legs, "What poses and readings cannot tell apart, leg by leg with all of its numbers"),
-        _combinations(whole, f"What all that was measured cannot tell apart in {called(key)}", folded=True),
+        _combinations(legs, "Parameters that poses and readings cannot distinguish, leg by leg"),
+        _combinations(whole, f"Parameters that all measurements cannot distinguish in {called(key)}", folded=True),
         _sigmas(legs),
     ]
 
@@ -72,15 +72,15 @@ def _rank(observed: pd.DataFrame, key: Key) -> str:
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
         texts.append(
-            f"Of the {asked} numbers of a leg, poses and readings alone determine {rank} at most."
+            f"Poses and readings alone determine at most {rank} of the {asked} parameters of a leg."
             f"{_largest_set_text(legs)}"
         )
     facts = _facts(whole)
     if "rank" in facts and "parameters" in facts:
         asked, rank = int(facts["parameters"]), int(facts["rank"])
         part = f"all {asked}" if rank == asked else f"{rank} of the {asked}"
-        rest = "" if rank == asked else "; the rest is known by tolerances alone"
-        texts.append(f"All that was measured, targets included, determines {part} parameters of {called(key)}{rest}.")
+        rest = "" if rank == asked else "; only tolerances limit the others"
+        texts.append(f"All measurements, targets included, determine {part} parameters of {called(key)}{rest}.")
     return " ".join(texts) or f"Observability of {called(key)}."
 
 
@@ -95,7 +95,8 @@ def _largest_set_text(legs: pd.DataFrame) -> str:
     chosen = str(sets.index[0]).split()
     every = dict.fromkeys(numbers.loc[numbers["figure"] == "sigma", "names"])
     left = [symbols(name) for name in every if name not in chosen]
-    return f" Beside {symbols(' '.join(chosen))} they leave no way to tell {', '.join(left)}." if left else ""
+    named = ", ".join(symbols(name) for name in chosen)
+    return f" If {named} are identified, {', '.join(left)} remain unidentifiable." if left else ""
 
 
 def _of_any_leg(legs: pd.DataFrame) -> list[str | None]:
@@ -119,7 +120,7 @@ def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> List
         for r in _unknown(own).itertuples()
         for k, words in enumerate(r.combination.split(";"))
     )
-    heads = ("combination (m, rad)", "sigma of the data alone, in tolerances")
+    heads = ("combination (m, rad)", "standard deviation from the data alone, in tolerances")
     folded = folded or len(rows) > _OPEN
     return Listing(heads, rows, caption=caption, folded=folded, held_by="observability.parquet")
 
@@ -130,7 +131,7 @@ def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
     if len(whole):
         parts.append((called(key), whole))
     rows = tuple(_index_row(name, own) for name, own in parts)
-    caption = "What poses and readings alone tell of each leg, and all that was measured of the chosen model"
+    caption = "Observability of each leg by poses and readings alone, and of the chosen model by all measurements"
     heads = ("of", "numbers", "rank", "a largest identifiable set", *_INDICES)
     return Listing(heads, rows, caption=caption, held_by="observability.parquet")
 
@@ -158,7 +159,7 @@ def _sigmas(legs: pd.DataFrame) -> Listing:
     for r in reported.itertuples():
         cells.setdefault(str(r.combination).removesuffix(str(int(r.leg))), {})[r.leg] = plain(r.value)
     rows = tuple((symbols(name), *(own.get(leg, "") for leg in numbers)) for name, own in cells.items())
-    caption = "Sigma of each number from the data alone, in tolerances (a dash: not at all)"
+    caption = "Standard deviation of each parameter from the data alone, in tolerances (a dash: not determined)"
     return Listing(("number", *(f"leg {int(leg)}" for leg in numbers)), rows, caption=caption, folded=True)
 
 
@@ -170,7 +171,7 @@ def _known(tables: Tables, key: Key) -> Drawn:
     own = own[(own["tolerance"] > 0.0) & own["sigma"].notna()]
     if not len(own):
         return []
-    words = "Near 0 the data say it; near 1 it is known no better than from the drawing. In brackets: not identifiable."
+    words = "Near 0: known from the data. Near 1: known only from its tolerance. In brackets: not identifiable."
     return [(_knowledge_map(own, key), words)]
 
 
@@ -179,7 +180,7 @@ def _absorption(absorbed: pd.DataFrame | None) -> Drawn:
         return []
     drawn: Drawn = []
     if (absorbed["tolerance"] > 0.0).any():
-        words = "Predicted by linear algebra before any fit. Surveyed joints and tolerances leave less to swallow."
+        words = "Predicted by linear algebra before any fit. Surveyed joints and tolerances reduce the bias."
         drawn.append((absorption.absorption_map(absorbed), words))
     if absorbed["observed"].notna().any():
         drawn.append((absorption.predicted_against_observed(absorbed), agreement(absorbed)))
@@ -189,7 +190,7 @@ def _absorption(absorbed: pd.DataFrame | None) -> Drawn:
 def _absorbed(absorbed: pd.DataFrame) -> Listing:
     rows = tuple(_absorbed_row(r) for r in absorbed.itertuples())
     heads = ("effect left out", "deformation", "estimator", "parameter", "predicted", "observed", "unit")
-    caption = "What every parameter takes of an effect that is left out"
+    caption = "Bias of every parameter if an effect is left out"
     return Listing(heads, rows, caption=caption, folded=True, held_by="absorption.parquet")
 
 
@@ -230,7 +231,7 @@ def _knowledge_map(own: pd.DataFrame, key: Key) -> go.Figure:
             hovertemplate="%{y} of %{x}: %{z:.3f} tolerances<extra></extra>",
         )
     )
-    subtitle = f"Sigma after the calibration over the tolerance before it, {label(called(key))}"
+    subtitle = f"Standard deviation after the calibration over the tolerance before it, {label(called(key))}"
     style(figure, "How well each parameter is known", subtitle, 170 + _ROW * len(kinds))
     figure.update_xaxes(type="category", side="top", showgrid=False)
     figure.update_yaxes(type="category", autorange="reversed", automargin=True, showgrid=False)

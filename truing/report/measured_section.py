@@ -60,7 +60,7 @@ def measured(tables: Tables) -> ReportSection | None:
     if filled(tables, "configurations") is not None:
         listings.append(_ranges(tables["configurations"]))
     listings.append(_targets(points, survey, filled(tables, "residuals")))
-    picture = (pose_figures.visible_share(points, known), "Where whole columns are dark, a pose was hardly measured.")
+    picture = (pose_figures.visible_share(points, known), "A dark column is a pose in which few targets were measured.")
     if filled(tables, "scans") is not None:
         listings.append(_scans(tables["scans"]))
     shown = tuple(listing for listing in listings if listing.rows)
@@ -179,7 +179,7 @@ def _scans(scans: pd.DataFrame) -> Listing:
 def _campaign_sentence(tables: Tables) -> str:
     conf = filled(tables, "configurations")
     if conf is None:
-        return "No table of configurations: poses stand in the order in which they came."
+        return "No table of configurations: poses are in the order of the files."
     roles = ", ".join(f"{n:,} {role}" for role, n in conf["role"].value_counts().items())
     sentence = f"{count(len(conf), 'pose')} ({roles}){_time_words(conf['time_s'].to_numpy(dtype=float))}"
     if "temperature_c" in conf and conf["temperature_c"].notna().any():
@@ -206,14 +206,14 @@ def measured_loads(tables: Tables) -> ReportSection:
             places = count(approaches["target_mm"].nunique(), "target")
             text = f"{count(len(approaches), 'approach')} of an axis to {places}, in {runs}: see Positioning."
             return ReportSection("measured", "Measured", text)
-        why = "The campaign holds neither object points nor load steps."
+        why = "The campaign has neither object points nor load steps."
         return ReportSection("measured", "Measured", why, state="empty")
     read, axes = _read(tables), axes_of(steps)
     figures: list[tuple[object, str]] = []
     if axes:
-        figures.append((_loads_in_time(steps), "Each run by itself; gaps are pauses between runs."))
+        figures.append((_loads_in_time(steps), "Gaps are pauses between runs."))
     if axes and len(read):
-        words = "Where a cell is empty, the campaign says nothing of that entry of the compliance."
+        words = "An empty cell is an entry of the compliance that the campaign does not measure."
         figures.append((_readings_by_load(steps, read), words))
     listings = (
         _loads(steps, axes),
@@ -296,7 +296,7 @@ def _loads_in_time(steps: pd.DataFrame) -> go.Figure:
             )
             figure.add_trace(trace, row, 1)
         figure.update_yaxes(title_text=f"{'force (N)' if kind == 'f' else 'torque (N·m)'}", row=row, col=1)
-    style(figure, "What was applied", "Loads in the order taken, along each axis", 150 + 190 * len(kinds))
+    style(figure, "Applied loads", "Loads in the order of measurement, along each axis", 150 + 190 * len(kinds))
     figure.update_xaxes(title_text="time since the first step (h)" if known else "load step", row=len(kinds), col=1)
     figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 104})
@@ -335,7 +335,7 @@ def _readings_by_load(steps: pd.DataFrame, read: pd.DataFrame) -> go.Figure:
             hovertemplate="%{y} under %{x}: %{text} readings<extra></extra>",
         )
     )
-    style(figure, "What was read under which load", "Readings of each channel under load", 150 + 30 * len(channels))
+    style(figure, "Channels read under each load", "Readings of each channel under load", 150 + 30 * len(channels))
     figure.update_xaxes(title_text="load", showgrid=False)
     figure.update_yaxes(autorange="reversed", showgrid=False)
     return figure
@@ -421,7 +421,7 @@ def _surroundings(tables: Tables) -> Listing:
         if len(known) and not column.endswith("_mv"):
             rows.append((words, f"{min(known):.6g} {unit}", f"{max(known):.6g} {unit}", f"{len(known):,}"))
     heads = ("surroundings", "from", "to", "number")
-    return Listing(heads, tuple(rows), caption="Surroundings, and what else was recorded")
+    return Listing(heads, tuple(rows), caption="Environment and other records")
 
 
 def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:

@@ -1,4 +1,4 @@
-"""Tests of models on the page: passed, failed or not evaluated, each with its p-value and what it says."""
+"""Tests of models on the page: state, p-value and meaning; an effect that a test finds is a result, no failure."""
 
 from __future__ import annotations
 
@@ -9,30 +9,36 @@ from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 
 _UNLIKELY, _MARGIN = 1e-3, 1.1  # of errors that are called smaller than noise allows: by chance, and in size
-_PASS, _FAIL, _IDLE = "pass", "fail", "not evaluated"
-_MARKS = {_PASS: "pass", _FAIL: "fail", _IDLE: "none"}
+_PASS, _FAIL, FOUND, _IDLE = "pass", "fail", "found", "not evaluated"
+_MARKS = {_PASS: "pass", _FAIL: "fail", FOUND: "found", _IDLE: "none"}
 
 
 @dataclass(frozen=True)
 class ModelTest:
-    """One test: what is asked, whether it holds (None: not evaluated), what that means, and its p-value."""
+    """One test: what is asked, whether it holds (None: not evaluated), what that means, and its p-value.
+
+    ``otherwise``: its state where it does not hold.
+    """
 
     question: str
     holds: bool | None
     statement: str
     p: float | None = None
+    otherwise: str = _FAIL
 
     @property
     def state(self) -> str:
-        """``pass``, ``fail`` or ``not evaluated``."""
-        return _IDLE if self.holds is None else _PASS if self.holds else _FAIL
+        """``pass``, ``fail``, ``found`` or ``not evaluated``."""
+        return _IDLE if self.holds is None else _PASS if self.holds else self.otherwise
 
 
-def by_p(asked: str, p: float | None, least: float, says: tuple[str, str], why_not: str) -> ModelTest:
+def by_p(
+    asked: str, p: float | None, least: float, says: tuple[str, str], why_not: str, otherwise: str = _FAIL
+) -> ModelTest:
     """A test that holds where chance does as much with a probability of at least ``least``; ``says``: if so, if not."""
     if p is None or p != p:
         return ModelTest(asked, None, why_not)
-    return ModelTest(asked, p >= least, says[0] if p >= least else says[1], p)
+    return ModelTest(asked, p >= least, says[0] if p >= least else says[1], p, otherwise)
 
 
 def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> ModelTest | None:
@@ -46,11 +52,11 @@ def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> Mode
 
     p = float(chdtr(freedom, chi_square))
     times = plain((chi_square / freedom) ** 0.5)
-    text = f"It is {times} times what noise leaves, less than chance explains: {why}."
+    text = f"It is {times} times what noise gives, significantly less: {why}."
     return ModelTest(asked, False, text, p) if p < _UNLIKELY else None
 
 
 def listing_of(tests: Sequence[ModelTest], caption: str) -> Listing:
     """The tests, one a row."""
     rows = tuple((test.state, test.question, p_value(test.p), test.statement) for test in tests)
-    return Listing(("state", "test", "p", "what it says"), rows, tuple(_MARKS[test.state] for test in tests), caption)
+    return Listing(("result", "hypothesis", "p", "meaning"), rows, tuple(_MARKS[test.state] for test in tests), caption)

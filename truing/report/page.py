@@ -19,7 +19,7 @@ Verdict = tuple[str, str]
 
 @dataclass(frozen=True)
 class Listing:
-    """A table as shown: heads, rows of text, and per row a class of colour (pass, warn, fail or nothing)."""
+    """A table as shown: heads, rows of text, and per row a class of colour (pass, warn, fail, found or changed)."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]

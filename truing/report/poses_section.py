@@ -44,7 +44,7 @@ def poses(tables: Tables) -> ReportSection | None:
     if "poses" not in tables:
         return None
     if not len(tables["poses"]):
-        return ReportSection("poses", "Poses", "The campaign holds no object points.", state="not evaluated")
+        return ReportSection("poses", "Poses", "The campaign has no object points.", state="not evaluated")
     chosen = tables["poses"][tables["poses"]["default"]]
     good = chosen[chosen["status"] == "ok"]
     lost = chosen[chosen["status"] != "ok"]
@@ -86,7 +86,7 @@ def _figures(tables: Tables, good: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
     return (
         (
             _pose_residuals(shown),
-            "A pose that stands out here deserves a look at its photographs or its log.",
+            "Check the photographs or the log of a pose that stands out here.",
         ),
         uncertainty,
     )
@@ -195,8 +195,8 @@ def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
             )
     style(
         grid,
-        "What the rigid fits leave, rms over the targets of each pose",
-        "Dotted: what the declared noise alone leaves on average. Poses far above it do not fit.",
+        "Residuals of the rigid fits, rms over the targets of each pose",
+        "Dotted: average by the declared noise alone. Poses far above it do not fit.",
         150 + 120 * rows_of_panels + (110 if "ticktext" in axis else 0),
     )
     grid.update_xaxes(**{key: value for key, value in axis.items() if key != "title"})
@@ -231,8 +231,8 @@ def _pose_uncertainty(poses: pd.DataFrame) -> go.Figure:
         grid.update_yaxes(title={"text": sequence_title(f"sigma ({unit})", "type" in kind)}, **kind, row=1, col=column)
     style(
         grid,
-        "How well the poses are known",
-        "One standard deviation; points, survey, and the body that a pose is seen from are all counted",
+        "Uncertainty of the poses",
+        "One standard deviation; includes points, survey and the reference body",
         400,
     )
     grid.update_traces(showlegend=False)

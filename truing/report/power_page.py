@@ -14,7 +14,7 @@ from truing.report.numbers import count, printed, rough
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.wordings.catalogue import cause_words
 
-SIZE_HEADS = ("cause", "concerns", "theory", "found from", "19 of 20 times from", "also taken for")
+SIZE_HEADS = ("cause", "concerns", "theory", "found from", "19 of 20 times from", "also named as")
 _NEVER = "not at any plausible size"
 _NOT_DRAWN = "–"
 
@@ -25,11 +25,11 @@ def power_head(campaign: str, sizes: pd.DataFrame, rates: pd.DataFrame) -> PageH
     text = [("none", text) for text in (alarm_words(rates),) if text]
     blind = list(dict.fromkeys(cause_words(c) for c in sizes[sizes["expected_80"].isna()]["cause"]))
     if blind:
-        text.append(("warn", f"At no plausible size would this campaign show {', '.join(blind)}."))
+        text.append(("warn", f"This campaign would not show {', '.join(blind)} at any plausible size."))
     drawn = int(rates["campaigns"].sum())
     if not drawn:
-        text.append(("none", "Theory alone: no campaign was drawn."))
-    tiles = [("campaigns drawn and diagnosed", f"{drawn:,}"), ("sorts of effect", str(len(sizes)))]
+        text.append(("none", "By theory only: no campaign was simulated."))
+    tiles = [("campaigns simulated and diagnosed", f"{drawn:,}"), ("kinds of effect", str(len(sizes)))]
     if len(alarms):
         tiles.append(("false alarms", f"{100 * alarms['found'].iloc[0]:.1f} %"))
     return PageHead(f"{campaign}: what it would show", tuple(text), tuple(tiles))
@@ -43,7 +43,7 @@ def alarm_words(rates: pd.DataFrame) -> str:
     row = alarms.iloc[0]
     found, tried = round(row["found"] * row["campaigns"]), int(row["campaigns"])
     bounds = f"{100 * row['found_lower']:.1f} to {100 * row['found_upper']:.1f} %"
-    return f"False alarms: something was found in {found} of {tried} campaigns without any effect ({bounds})."
+    return f"False alarms: an effect was found in {found} of {tried} campaigns without any effect ({bounds})."
 
 
 @common_look()

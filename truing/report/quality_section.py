@@ -35,7 +35,7 @@ def qa(tables: Tables) -> ReportSection | None:
     listings = [
         _checks(qa[(qa["verdict"] == "fail") & ~accepted], "Failed"),
         _checks(qa[accepted], "Accepted by a person", ("accepted by",)),
-        _checks(qa[(qa["verdict"] == "warn") & ~accepted], "To look at"),
+        _checks(qa[(qa["verdict"] == "warn") & ~accepted], "Warnings"),
         _checks(qa, f"All {len(qa)} checks", folded=True),
     ]
     counts = qa[~accepted]["verdict"].value_counts()  # as the head of the page, the log and the exit code count them
@@ -58,13 +58,13 @@ def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sectio
     odd = odd[odd["accepted"].isna()]
     if len(odd):
         first = odd.iloc[0]
-        text = _warning(qa, str(first["relation"])) or f"Under Quality, look at: {_named(odd)}."
+        text = _warning(qa, str(first["relation"])) or f"Needs attention (see Quality): {_named(odd)}."
         numbers = _number(first["misfit"]), cell(first["unit"]) or None, _number(first["limit"])
         return SectionVerdict("belonging", RelationState.ATTENTION, ReasonCode.DEPARTS, text, *numbers)
     untested = by_state[RelationState.NOT_TESTED]
     rest = f" Not tested: {_named(untested)}." if len(untested) else ""
     if not len(by_state[RelationState.OK]):
-        text = f"Whether the tables belong together was not tested.{rest}"
+        text = f"It was not tested whether the tables belong together.{rest}"
         return SectionVerdict("belonging", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     text = f"The data belong together, as far as tested: {_named(by_state[RelationState.OK])}.{rest}"
     return SectionVerdict("belonging", RelationState.OK, ReasonCode.BELONG, text)
@@ -87,7 +87,7 @@ def _apart(failed: pd.DataFrame) -> SectionVerdict:
     sentences = []
     for name, own in failed.groupby("check", sort=False):
         check = WITHHOLDING[str(name)]
-        more = f" ({len(own) - 1} more under Quality.)" if len(own) > 1 else ""
+        more = f" ({len(own) - 1} more, see Quality.)" if len(own) > 1 else ""
         first = f"Quality check {name} failed: {printed(own['message'].iloc[0])}{more}"
         do = printed(check.to_do.replace("`", ""))
         sentences.append(f"{first} {do} Until then {check.stages_withheld} are not evaluated.")
@@ -115,7 +115,7 @@ def _number(value: Any) -> float | None:
 
 
 def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """All checks of quality in a sentence; those by which the data do not belong together stand under belonging."""
+    """All checks of quality in a sentence; those by which the data do not belong together are part of belonging."""
     if "qa" not in tables:
         return None
     qa = tables["qa"]
@@ -124,7 +124,9 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
         text = f"Quality not evaluated: {why[:1].lower()}{why[1:]}"
         return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     accepted = accepted_verdicts(qa)
-    also = f" {counted(int(accepted.sum()), 'verdict')} accepted by a person, see Quality." if accepted.any() else ""
+    also = (
+        f" {counted(int(accepted.sum()), 'failed check')} accepted by a person (see Quality)." if accepted.any() else ""
+    )
     failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
     if len(failed):
         return _of_checks(
@@ -132,20 +134,21 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
         )
     if len(warned):
         first = printed(warned["message"].iloc[0])
-        text = f"No quality check failed; {len(warned)} of {len(qa)} call for a look. First: {first}{also}"
+        needs = "needs" if len(warned) == 1 else "need"
+        text = f"No quality check failed; {len(warned)} of {len(qa)} {needs} attention. First: {first}{also}"
         return _of_checks("quality", RelationState.ATTENTION, ReasonCode.CHECK_WARNS, text, warned)
     if (qa["verdict"] == "not evaluated").all():
         text = f"None of the {len(qa)} quality checks could be evaluated.{also}"
         return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    text = f"None of the {len(qa)} quality checks failed or calls for a look.{also}"
+    text = f"None of the {len(qa)} quality checks failed or gave a warning.{also}"
     return SectionVerdict("quality", RelationState.OK, ReasonCode.CHECKS_HOLD, text)
 
 
 def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:
-    own = failed[~_withholds(failed)]  # the others stand under belonging
+    own = failed[~_withholds(failed)]  # the others are part of belonging
     if not len(own):
-        return f"{len(failed)} of {len(qa)} quality checks failed, see Quality.{also}"
-    rest = f" {len(failed) - 1} more under Quality." if len(failed) > 1 else ""
+        return f"{len(failed)} of {len(qa)} quality checks failed (see Quality).{also}"
+    rest = f" {len(failed) - 1} more, see Quality." if len(failed) > 1 else ""
     return f"{len(failed)} of {len(qa)} quality checks failed. {printed(own['message'].iloc[0])}{rest}{also}"
 
 

@@ -23,10 +23,10 @@ def why_no_diagnosis(tables: Tables) -> str:
     if text := reason(tables, "diagnosis"):
         return text
     if is_bench(tables):
-        return "too little was read under load, or nothing says how the sensor should respond to it."
+        return "too little was read under load, or no model says how the sensor should respond to loads."
     if not _has_readings(tables):
-        return "without a mechanism and its actuator readings there is no simulation to hold against the points."
-    return "the catalogue holds no cause yet for this mechanism, or too little was measured."
+        return "without a mechanism and its actuator readings, no simulation can be compared with the points."
+    return "the catalogue has no cause for this mechanism yet, or too little was measured."
 
 
 def why_no_deformation(tables: Tables) -> str:
@@ -36,7 +36,7 @@ def why_no_deformation(tables: Tables) -> str:
     if is_bench(tables):
         return "How the platform moves under load was not measured, or not in a way that can be used."
     if not _has_readings(tables):
-        return "Nothing that deformation could follow: no actuator readings, and no drives named in [campaign]."
+        return "No input for a deformation: no actuator readings, and no drives named in [campaign]."
     return "No target sits at an attachment, or too few of them were seen."
 
 
@@ -65,7 +65,11 @@ def why_no_calibration(tables: Tables) -> str:
 
 def why_not_known(tables: Tables) -> str:
     """Why nothing is said of what can be known."""
-    return why_no_calibration(tables) if filled(tables, "calibration") is None else "No calibration says what it saw."
+    return (
+        why_no_calibration(tables)
+        if filled(tables, "calibration") is None
+        else "No calibration recorded its observability."
+    )
 
 
 def why_no_requirement(tables: Tables) -> str:
@@ -73,7 +77,7 @@ def why_no_requirement(tables: Tables) -> str:
     if filled(tables, "calibration") is None:
         return why_no_calibration(tables)
     if filled(tables, "accuracy") is None:
-        return "Without errors of poses no accuracy can be judged: fewer than six legs leave the platform free."
+        return "Accuracy cannot be assessed without pose errors: fewer than six legs do not constrain the platform."
     return "campaign.toml states no accuracy in [requirement]."
 
 
@@ -91,7 +95,7 @@ _STAGES = {
 def why_absent(section: str, tables: Tables) -> str:
     """Why there is no table that a section could be made of."""
     if section == "requirements" and (is_bench(tables) or "displacement" in tables):
-        return "[requirement] is for mechanisms that position; how far a sensor errs stands under Calibration."
+        return "[requirement] applies to positioning mechanisms; for errors of a sensor, see Calibration."
     if section == "displacement":
         return "This run holds no readings of how the platform moved."
-    return f"This run holds no table of stage {_STAGES[section]}: it was not run, or stopped before it."
+    return f"This run holds no table of stage {_STAGES[section]}: the stage was not run, or the run stopped before it."

@@ -28,8 +28,8 @@ def _lead(errors: pd.DataFrame) -> str:
     first = own.iloc[0]
     sizes = ", ".join(f"{r.prediction_by} {quantity(r.rms_error, r.unit)}" for r in own.itertuples())
     noise = first["noise_rms"]
-    left = "" if noise != noise else f"; noise alone leaves {quantity(noise, first['unit'])}"
-    named = f"Models that were fitted to this campaign predict {first['campaign']}, which none of them has seen."
+    left = "" if noise != noise else f"; noise alone gives {quantity(noise, first['unit'])}"
+    named = f"Models that were fitted to this campaign predict {first['campaign']}, which none of them used."
     return f"{named} Errors in {first['quantity']} of {count(int(first['count']), 'value')}, rms: {sizes}{left}."
 
 

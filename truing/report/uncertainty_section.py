@@ -22,12 +22,12 @@ KINDS = {
     "cause": "Sizes of the causes that were found",
     "compliance": "Compliance",
     "G_B": "Matrix of the sensor",
-    "load": "Loads told by one reading",
+    "load": "Loads from one reading",
     "accuracy": "Held-out accuracy",
     "positioning": "Positioning by ISO 230-2",
 }
 _OPEN = 12  # longer listings are folded away
-_DRAWN = "Of positioning, the distribution is drawn: U reaches the farther end of its 95 % interval, and k is U/u."
+_DRAWN = "For positioning, the distribution is simulated: U reaches the farther end of its 95 % interval, and k is U/u."
 _MANY = 1000.0  # degrees of freedom that make no difference any more
 _WHERE = "uncertainty.parquet"
 
@@ -97,7 +97,7 @@ def _part(kind: str, title: str, own: pd.DataFrame, budget: pd.DataFrame | None)
 
 
 def _reading(groups: _Grouped) -> str:
-    typical = " Where several results make one bar, it is their mean." if groups.several else ""
+    typical = " A bar for several results shows their mean." if groups.several else ""
     return f"Shares of the variance; hatched: type A.{typical}"
 
 

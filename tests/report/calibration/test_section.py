@@ -72,9 +72,9 @@ def test_the_lead_names_the_choice_and_its_reasons(sections):
     for words in (
         "the 6-pus model with matrix deformation",
         "3 µm and 6 arcsec",
-        "1.02 times what noise",
-        "The data cannot tell the beam model",
-        "10 other calibrations are less probable or worse: 1.02 to 5.10 times",
+        "1.02 times the noise floor",
+        "The data cannot distinguish the beam model",
+        "10 other calibrations are less probable or less accurate: held-out error 1.02 to 5.10 times",
     ):
         assert words in lead
 
@@ -86,8 +86,8 @@ def test_the_gain_over_the_nominal_is_said_where_it_is_known():
     nominal = pd.DataFrame(rows, columns=columns).assign(unit="um")
     tables["model_choice"] = pd.concat([tables["model_choice"], nominal], ignore_index=True)
     lead = calibration(tables).lead
-    assert "The nominal numbers miss by 300 µm" in lead
-    assert "100 times as far" in lead
+    assert "The nominal parameters give 300 µm" in lead
+    assert "100 times as much" in lead
 
 
 def test_all_twelve_calibrations_stand_side_by_side_in_both_ways(sections):
@@ -104,7 +104,7 @@ def test_all_twelve_calibrations_stand_side_by_side_in_both_ways(sections):
 def test_what_simpler_models_cost_is_said(sections):
     caption = sections["calibration"].figures[0][1]
     assert "jacobian 12 µm" in caption
-    assert "not alike" in caption
+    assert "not equivalent" in caption
 
 
 def test_bars_hold_the_mean_and_the_maximum_of_each_calibration(tables, sections):
@@ -165,10 +165,10 @@ def test_the_picture_states_its_amplification_and_amplifies_by_it(tables, sectio
 
 def test_what_cannot_be_told_apart_is_said_in_words(sections):
     lead = sections["knowledge"].lead
-    assert "Of the 11 numbers of a leg, poses and readings alone determine 6 at most" in lead
-    assert "Beside a_x a_y b_x b_y u_x l they leave no way to tell ρ0." in lead
-    assert "determines 42 of the 90 parameters of the 6-pus model with matrix deformation; the rest" in lead
-    rows = listing(sections["knowledge"], "cannot tell apart, leg by leg").rows
+    assert "Poses and readings alone determine at most 6 of the 11 parameters of a leg" in lead
+    assert "If a_x, a_y, b_x, b_y, u_x, l are identified, ρ0 remain unidentifiable." in lead
+    assert "determine 42 of the 90 parameters of the 6-pus model with matrix deformation; only tolerances" in lead
+    rows = listing(sections["knowledge"], "cannot distinguish, leg by leg").rows
     assert rows[:3] == (
         ("a_x1 + 0.01 u_x1 cannot be told apart", "1.18"),
         ("a_z1 : ρ0_1 = 1 : -1 goes unseen", "1.20"),
@@ -178,7 +178,7 @@ def test_what_cannot_be_told_apart_is_said_in_words(sections):
 
 
 def test_each_leg_has_its_rank_and_its_identifiable_set(sections):
-    rows = listing(sections["knowledge"], "What poses and readings alone tell").rows
+    rows = listing(sections["knowledge"], "Observability of each leg by poses and readings alone").rows
     assert [row[:3] for row in rows] == [
         *((f"leg {k}", "11", "6") for k in range(1, 7)),
         ("the 6-pus model with matrix deformation", "90", "42"),
@@ -189,25 +189,25 @@ def test_each_leg_has_its_rank_and_its_identifiable_set(sections):
 def test_what_moves_no_parameter_by_its_tolerance_is_not_called_absorption():
     tables = calibration_tables(**SMALL)
     tables["absorption"][["predicted", "observed"]] *= 1e-3
-    assert "No deformation that was measured would move a parameter" in knowledge(tables).lead
+    assert "Ignoring the measured deformation would bias no parameter" in knowledge(tables).lead
 
 
 def test_fewer_than_six_legs_have_no_errors_and_no_verdict():
     tables = calibration_tables(**SMALL)
     for name in ("accuracy", "requirements"):
         tables[name] = tables[name].iloc[:0]
-    assert "leave the platform free" in calibration(tables).lead
-    assert "leave the platform free" in requirements(tables).lead
+    assert "do not constrain the platform" in calibration(tables).lead
+    assert "do not constrain the platform" in requirements(tables).lead
 
 
 def test_only_the_telescope_is_held_against_its_report():
     caption = calibration(calibration_tables(models=("ups", "jacobian"), deformations=("none",))).figures[0][1]
-    assert caption.endswith("Over this range the models are not alike.")
+    assert caption.endswith("Over this range the models are not equivalent.")
 
 
 def test_long_leg_numbers_are_not_mistaken_for_parameters():
     found = knowledge(calibration_tables(legs=10, models=("6-pus",)))
-    sigmas = listing(found, "Sigma of each number")
+    sigmas = listing(found, "Standard deviation of each parameter from")
     assert [row[0] for row in sigmas.rows] == ["a_x", "a_y", "b_x", "b_y", "u_x", "l", "ρ0"]
     assert all(row[1:] == ("9.60",) * 10 for row in sigmas.rows[:6])
     assert sigmas.rows[6][1:] == ("–",) * 10
@@ -220,7 +220,8 @@ def test_the_lead_names_the_parameters_that_swallow_most():
     absorbed.loc[most, ["predicted", "observed", "sigma"]] *= 3.0
     name = f"{absorbed.loc[most, 'parameter']} of leg {absorbed.loc[most, 'leg']}"
     lead = knowledge(tables).lead
-    assert f"{name.replace('kappa', 'κ')} takes" in lead.partition(";")[0] + lead.partition(";")[2].partition(";")[0]
+    named = re.findall(r"(?:bias|;) (\S+ of leg \d+) by about", lead)
+    assert name.replace("kappa", "κ") in named[:2]
 
 
 def test_predicted_and_observed_meet_on_the_line(tables, sections):
@@ -244,7 +245,7 @@ def test_requirements_have_their_verdicts_and_their_colours(sections):
 
 def test_the_head_tells_what_is_not_met_and_the_error():
     head = build_head("c", calibration_tables())
-    assert ("fail", "3 of 5 requirements met, 1 not met, 1 undecided. Worst: z, 2 times what is required.") in (
+    assert ("fail", "3 of 5 requirements met, 1 not met, 1 undecided. Worst: error of z, 2 times the limit.") in (
         head.verdicts
     )
     assert dict(head.tiles)["held-out error, calibrated"] == "3 µm, 6 arcsec"
@@ -347,7 +348,7 @@ def test_calibrations_that_did_not_converge_are_named():
     bad = (tables["calibration"]["model"] == "beam") & (tables["calibration"]["deformation"] == "linear")
     tables["calibration"].loc[bad, "status"] = "diverged"
     section = calibration(tables)
-    assert "1 calibration did not come to an end" in section.lead
+    assert "1 calibration did not converge" in section.lead
     rows = next(item for item in section.listings if "held out / noise" in item.heads).rows
     assert [row[:3] for row in rows if row[0] == "diverged"] == [("diverged", "beam", "linear")]
 
@@ -357,7 +358,7 @@ def test_no_choice_is_no_claim():
     choice = tables["model_choice"]
     choice.loc[choice["figure"] == "chosen", "value"] = 0.0
     lead = calibration(tables).lead
-    assert "none of them chosen" in lead
+    assert "none was chosen" in lead
     assert "Chosen for" not in lead
 
 
@@ -414,7 +415,7 @@ def test_a_model_that_is_far_off_does_not_hide_the_others():
 def test_a_misfit_far_below_the_noise_is_no_pass():
     assert below_noise("asked", 95.0, 100.0, "why") is None
     assert below_noise("asked", 1.0, 3.0, "why") is None  # chance leaves as little once in five
-    test = below_noise("asked", 30.0, 100.0, "the noise is declared too large")
+    test = below_noise("asked", 30.0, 100.0, "the declared noise is too large")
     assert test is not None
     assert test.state == "fail"
-    assert "less than chance explains: the noise is declared too large" in test.statement
+    assert "significantly less: the declared noise is too large" in test.statement

@@ -26,8 +26,8 @@ def _compared(main: str, unchanged: float | None = None) -> pd.DataFrame:
 @pytest.mark.parametrize(
     ("main", "first", "said"),
     [
-        ("as recorded", ("as recorded, main", "none"), "is of the data as recorded; the one with load-eccentricity"),
-        ("with findings", ("with findings, main", FINDING), f"holds {FINDING}, as [diagnosis] apply asks"),
+        ("as recorded", ("as recorded, main", "none"), "uses the data as recorded; one with load-eccentricity"),
+        ("with findings", ("with findings, main", FINDING), f"includes {FINDING}, as [diagnosis] apply asks"),
     ],
 )
 def test_the_main_calibration_comes_first_with_the_errors_of_both(main: str, first: tuple[str, str], said: str) -> None:
@@ -43,7 +43,7 @@ def test_load_steps_that_no_finding_changes_have_rows_of_their_own() -> None:
     (listing,) = compared_calibrations({"calibrations_compared": _compared("as recorded", 1.0)})
     assert [row[3] for row in listing.rows] == [
         "held-out load cases",
-        "held-out load cases, those that no finding changes",
+        "held-out load cases that no finding changes",
     ] * 2
     assert [row[-1] for row in listing.rows] == ["4 / 12", "1", "2 / 6", "1"]
 
@@ -65,8 +65,8 @@ def test_the_head_tells_what_became_of_causes_that_were_asked_for() -> None:
     told = choice_verdicts({"diagnosis_choices": choices, "diagnosis": found})
     assert {mark for mark, _ in told} == {"warn"}
     sentences = " ".join(sentence for _, sentence in told)
-    assert "that the diagnosis did not find: hysteresis. Nothing of it is applied." in sentences
-    assert "names creep: found, but no calibration depends on what it changes" in sentences
+    assert "that the diagnosis did not find: hysteresis. It was not applied." in sentences
+    assert "names creep: found, but no calibration depends on it" in sentences
     assert "apply asks: load-imbalance (only suspected: load-imbalance)." in sentences
     assert "ignore asks: dead-path." in sentences
     head = build_head("c", {"diagnosis_choices": choices})
@@ -97,7 +97,7 @@ def test_errors_of_a_second_campaign_stand_beside_the_noise() -> None:
     section = transfer({"second_campaign_errors": pd.DataFrame(rows)})
     assert section is not None
     assert "predict second" in section.lead
-    assert "nominal 4 mm, calibrated 20 µm, extended 9 µm; noise alone leaves 10 µm." in section.lead
+    assert "nominal 4 mm, calibrated 20 µm, extended 9 µm; noise alone gives 10 µm." in section.lead
     assert [row[0] for row in section.listings[0].rows] == ["nominal", "calibrated", "extended", "noise alone"]
     assert section.listings[0].rows[1][2] == "20 / 40"
     assert transfer({}) is None

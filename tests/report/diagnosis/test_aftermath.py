@@ -21,26 +21,26 @@ from truing.report.rendering.render import render_page
 @pytest.mark.parametrize(
     ("after", "p", "state", "words"),
     [
-        (33.0, 0.3, "ok", "is where it was"),
+        (33.0, 0.3, "ok", "agrees with its nominal values"),
         (49.0, 0.02, "attention", "farther"),
         (90.0, 1e-9, "fails", "farther"),
         (9.0, 0.99, "ok", "closer"),
     ],
 )
-def test_pulls_are_held_against_their_band(after, p, state, words):
+def test_pulls_are_compared_with_their_band(after, p, state, words):
     tables = diagnosis_tables() | {"pull_sums": made.pull_sums(after).assign(p_value=p)}
     part = part_of("pulls", tables)
     assert state_of("pulls", tables) == state
     assert words in part.lead
     # sqrt(1080 / 30), and the band sqrt(16.8 / 30) .. sqrt(47 / 30).
-    assert "Rms pull 6.0 with the causes left out" in part.lead
-    assert "between 0.75 and 1.3" in part.lead
+    assert "Rms pull: 6.0 without the causes" in part.lead
+    assert "Expected range (95 %) if tolerances are realistic: 0.75 to 1.3." in part.lead
 
 
 def test_pulls_of_parameters_that_the_data_do_not_determine_are_left_out():
     part = part_of("pulls", diagnosis_tables())
     assert all("b_y" not in text for trace in part.figures[0][0].data for text in trace.text)
-    assert "6 parameters that the data do not determine left out" in part.figures[0][1]
+    assert "Not shown: 6 parameters that the data do not determine" in part.figures[0][1]
 
 
 @pytest.mark.parametrize("table", ["pulls", "pull_sums"])
@@ -94,7 +94,7 @@ def test_configurations_are_ready_for_the_machine():
     part = part_of("next", tables)
     listing = part.listings[0]
     own = tables["next_poses"]
-    assert listing.heads == ("pose", *(f"rho{leg}_mm" for leg in range(1, 7)), "what it is expected to give")
+    assert listing.heads == ("pose", *(f"rho{leg}_mm" for leg in range(1, 7)), "expected result")
     lines = [line.split(",") for line in listing.csv.splitlines()]
     assert lines[0] == ["pose", *(f"rho{leg}_mm" for leg in range(1, 7))]
     assert np.allclose(np.array(lines[1:], dtype=float)[:, 1:], own[lines[0][1:]].to_numpy(), atol=0.5e-4)
@@ -113,11 +113,12 @@ def test_the_head_says_what_to_measure_and_leaves_the_readings_to_the_table():
     short = "To know K22 twice as well, measure these 2 configurations: it falls to 0.2 um/mm."
     then = {"next_measurement": "To know K22, move a lot.", "next_in_short": short, "advice_kind": "sharpen"}
     tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, **then)))
-    said = (
-        "Next: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm. "
-        "The table is under What to measure next."
-    )
-    assert ("next", said) in build_head("c", tables).verdicts
+    said = "Next: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm."
+    head = build_head("c", tables)
+    assert ("next", said) in head.verdicts
+    link = '<a href="#next">What to measure next</a>'
+    assert render_page(head, [part_of("next", tables)]).count(link) == 2  # in the bar of sections, beside the sentence
+    assert link not in render_page(head, [])
     assert part_of("next", tables).statements[0][1].endswith("measure these 2 configurations: it falls to 0.2 µm/mm.")
 
 
@@ -135,19 +136,20 @@ def test_what_has_changed_is_told_with_what_it_cannot_be_told_from():
     part = part_of("changes", tables)
     assert state_of("changes", tables) == "attention"
     assert part.lead == (
-        "Since the earlier model 1 of 35 numbers changed: "
-        "l of leg 4 by 150.0 ± 2.0 µm (or a_y4, which this campaign cannot tell from it)."
+        "Since the earlier model, 1 of 35 numbers changed: "
+        "l of leg 4 by 150.0 ± 2.0 µm (or a_y4, which this campaign cannot distinguish)."
     )
     assert part.listings[0].rows[0][0] == "l of leg 4"
     assert part.listings[0].rows[0][5:7] == ("0.1500 ± 0.0020", "a_y4")
-    assert part.listings[0].marks.count("fail") == 1
+    assert part.listings[0].marks.count("changed") == 1
+    assert "fail" not in part.listings[0].marks
     assert ("warn", part.lead) in build_head("c", tables).verdicts
 
 
 def test_no_change_is_a_pass_and_nothing_in_common_is_not_evaluated():
     tables = diagnosis_tables() | {"changes": made.changes(moved=False)}
     assert state_of("changes", tables) == "ok"
-    said = "Since the earlier model none of 35 numbers changed beyond chance."
+    said = "Since the earlier model, none of 35 numbers changed beyond chance."
     assert ("pass", said) in build_head("c", tables).verdicts
     tables["changes"] = tables["changes"].assign(z=np.nan)
     assert part_of("changes", tables).state == "not evaluated"
@@ -160,7 +162,7 @@ def test_another_machine_is_said_to_be_one():
     tables = diagnosis_tables() | {"changes": table}
     part = part_of("changes", tables)
     assert state_of("changes", tables) == "attention"
-    assert "another machine, or this one was rebuilt" in part.lead
+    assert "another machine, or this machine was rebuilt" in part.lead
     assert not part.figures
 
 

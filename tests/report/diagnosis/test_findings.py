@@ -38,20 +38,20 @@ FACTS = Facts(
 def test_other_subjects_that_the_data_leave_open_are_told_with_their_odds():
     said = explanation(replace(FACTS, subjects=(("", 1.24), ("leg2 leg5", 6.0), ("target P07", 0.9))))
     assert said == (
-        f"{explanation(FACTS)} That it concerns all legs (1.2 to 1) or legs 2 and 5 (6.0 to 1) or target P07 "
-        "(1.0 to 1) instead is less probable by these odds only."
+        f"{explanation(FACTS)} Other possible subjects, with the odds against each: all legs (1.2 to 1), "
+        "legs 2 and 5 (6.0 to 1), target P07 (1.0 to 1)."
     )
     whole = explanation(replace(FACTS, subject="body frame", subjects=(("", 2.0),)))
-    assert whole.endswith("That it concerns the whole (2.0 to 1) instead is less probable by these odds only.")
+    assert whole.endswith("Other possible subjects, with the odds against each: the whole (2.0 to 1).")
 
 
 def test_a_finding_says_what_where_how_large_and_how_sure():
     assert explanation(FACTS) == (
         "The data show that the actuator moves further than it reads: gain_3 = 0.213 ± 0.010 %. "
-        "It moves what was measured by up to 61.2 um. "
-        "Predictions from the readings miss by 4.77 um rms with it, 12.41 without (held-out poses: 4.65 and 7.80 um); "
-        "noise alone leaves 4.78 um. "
-        "By chance this happens with a probability of at most 0.0005, all 1377 candidates counted."
+        "It changes measured values by up to 61.2 um. "
+        "The rms error of predictions from the readings is 4.77 um with it and 12.41 um without "
+        "(held-out poses: 4.65 and 7.80 um); noise alone gives 4.78 um. "
+        "Probability by chance: at most 0.0005, corrected for 1377 candidates."
     )
 
 
@@ -74,22 +74,22 @@ def test_subjects_are_told_in_words(subject, words):
 def test_a_rival_says_against_what_and_with_which_odds():
     rival = replace(FACTS, verdict="indistinguishable", rival="platform-deformation-linear", odds=3.2)
     said = explanation(rival)
-    assert "as well as platform-deformation-linear does (odds of 3.2 to 1 against this one)" in said
-    assert said.startswith("It may be that the actuator moves further than it reads: gain_3 = 0.213 ± 0.010 %;")
-    assert "cannot separate the two." in said
+    assert "as well as platform-deformation-linear (odds of 3.2 to 1 against this one)" in said
+    assert said.startswith("It may be that the actuator moves further than it reads: gain_3 = 0.213 ± 0.010 %.")
+    assert "cannot distinguish the two." in said
 
 
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"reason_code": "held-out"}, "it fits the calibration poses but predicts held-out poses worse"),
+        ({"reason_code": "held-out"}, "this fits the calibration poses, but predicts held-out poses worse"),
         ({"reason_code": "contained"}, "explains less; alone: gain_3 = 0.213 ± 0.010 %."),
-        ({"reason_code": "contained", "parameters": {}}, "is part of what is accepted and explains less."),
+        ({"reason_code": "contained", "parameters": {}}, "This is part of an accepted cause and explains less."),
         (
             {"detectable": detectable_words("alpha", 1.2e-6, "1/K")},
-            "alpha of 1.2 ppm/K would have been found with 80 %",
+            "alpha of 1.2 ppm/K would have been found with a probability of 80 %",
         ),
-        ({"verdict": "not testable"}, "is not testable here: this campaign would have shown it at no plausible size."),
+        ({"verdict": "not testable"}, "they would not show it at any plausible size."),
     ],
 )
 def test_what_is_rejected_says_why(given, words):
@@ -108,17 +108,19 @@ def test_what_was_not_evaluated_is_left_out():
     bare = replace(FACTS, rms_before=None, rms_after=None, largest=None, held_out=(None, None), parameters={})
     assert explanation(bare) == (
         "The data show that the actuator moves further than it reads. "
-        "By chance this happens with a probability of at most 0.0005, all 1377 candidates counted."
+        "Probability by chance: at most 0.0005, corrected for 1377 candidates."
     )
     assert "held-out" not in explanation(replace(FACTS, held_out=(None, 3.0)))
-    assert explanation(replace(FACTS, remark="Provisional.")).endswith("counted. Provisional.")
+    assert explanation(replace(FACTS, remark="Provisional.")).endswith("candidates. Provisional.")
 
 
 def test_noise_says_where_it_is_larger_where_that_is_known():
     assert noise_explanation(1.41, 0.05, 7.3, 5.1).startswith(
-        "What is left is 1.410 ± 0.050 times as large as the declared"
+        "The residuals are 1.410 ± 0.050 times the declared noise"
     )
-    assert "it follows temperature_c and time_s" in noise_explanation(1.4, 0.1, None, 5.0, ("temperature_c", "time_s"))
+    assert "it depends on temperature_c and time_s" in noise_explanation(
+        1.4, 0.1, None, 5.0, ("temperature_c", "time_s")
+    )
 
 
 @pytest.mark.parametrize(

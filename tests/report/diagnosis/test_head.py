@@ -33,37 +33,38 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
     noise = 1e3 * np.sqrt(np.sum((sigma * shifts[spread.argmax()]) ** 2))
     largest = f"{1e3 * spread.max():.1f} ± {noise:.1f}"
     assert said == (
-        f"The platform deforms with the actuators, most between legs 1 and 6, by up to {largest} µm; "
-        "modelling it brings verification errors from 34 to 7.9 µm, noise floor 7.2."
+        f"The platform deforms with the actuators, most between legs 1 and 6, by up to {largest} µm. "
+        "Modelling it lowers the rms error on held-out poses from 34 µm to 7.9 µm, "
+        "consistent with the measurement noise (7.2 µm)."
     )
 
 
 @pytest.mark.parametrize(
     ("cause", "subject", "parameters", "words"),
     [
-        ("actuator-gain", "leg3", GAIN_3, "Actuator 3 moves further than it reads, by 0.210 ± 0.010 %"),
+        ("actuator-gain", "leg3", GAIN_3, "Actuator 3 moves farther than it reads, by 0.210 ± 0.010 %"),
         (
             "actuator-gain",
             "leg3",
             {"gain_3": size(-0.002, 0.0001)},
-            "Actuator 3 moves less far than it reads, by 0.200",
+            "Actuator 3 moves less than it reads, by 0.200",
         ),
-        ("actuator-gain", "", per_leg("gain"), "The actuators do not move by what they read, most leg 6 (1.200"),
+        ("actuator-gain", "", per_leg("gain"), "The actuators have gain errors, most leg 6 (1.200"),
         ("actuator-backlash", "leg1 leg4", per_leg("backlash", 4, "mm"), "Actuators 1 and 4 have backlash, most leg 4"),
-        ("actuator-periodic-error", "leg2", per_leg("amplitude", 2, "mm"), "Actuator 2 errs periodically"),
+        ("actuator-periodic-error", "leg2", per_leg("amplitude", 2, "mm"), "Actuator 2 has a periodic error"),
         ("leg-drift", "leg4", {"drift_4": size(-0.012, 0.001, "mm")}, "Leg 4 shrinks by 12.0 ± 1.0 µm over the"),
-        ("leg-thermal", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "and the bodies do not, by 12.0 ± 1.0 ppm/K"),
+        ("leg-thermal", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "but the bodies do not, by 12.0 ± 1.0 ppm/K"),
         (
             "leg-thermal",
             "leg3",
             {"alpha_3": size(6e-5, 2e-6, "1/K")},
-            "Leg 3 grows with temperature and the bodies do not, by 60.0 ± 2.0 ppm/K",
+            "Leg 3 grows with temperature, but the bodies do not, by 60.0 ± 2.0 ppm/K",
         ),
         (
             "approach-scatter",
             "",
             {"scatter": size(0.012, 0.001, "mm")},
-            "The actuators land elsewhere each time, by 12.0 ± 1.0 µm (one sigma)",
+            "The position of the actuators scatters at each approach, by 12.0 ± 1.0 µm (standard deviation)",
         ),
         ("thermal-expansion", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "legs grow with temperature, by 12.0 ± 1.0"),
         ("measurement-scale", "", {"scale": size(-3e-5, 2e-6)}, "Measured lengths are too small, by 30.0 ± 2.0 ppm"),
@@ -71,13 +72,13 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
             "target-moved",
             "target P07",
             {**MOVED, "from_pose": size(23)},
-            "Target P07 sits 50.0 ± 3.0 µm from its place from",
+            "Target P07 is displaced by 50.0 ± 3.0 µm from pose",
         ),
         (
             "targets-swapped",
             "targets P04 P07",
             {"poses": size("3 4")},
-            "Targets P04 and P07 carry each other's label in",
+            "Targets P04 and P07 have exchanged labels in",
         ),
         (
             "base-deformation",
@@ -85,7 +86,7 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
             {"driver": size("rho3"), "bowl": size(1e-3, 1e-4, "mm/mm")},
             "The base deforms with actuator 3",
         ),
-        ("flexure-shift", "", {"flexure_length": size(10.2, 0.3, "mm")}, "The flexures shift the joints"),
+        ("flexure-shift", "", {"flexure_length": size(10.2, 0.3, "mm")}, "Bending of the flexures shifts the joints"),
         (
             "platform-deformation-linear",
             "leg2",
@@ -99,26 +100,27 @@ def test_every_cause_has_its_sentence(cause, subject, parameters, words):
     mark, said = first_line(rows(row(cause, subject=subject, parameters=parameters)))
     assert mark == "found"
     assert words in said
-    assert said.endswith("modelling it brings verification errors from 34 to 7.9 µm, noise floor 7.2.")
+    assert ". Modelling it lowers the rms error on held-out poses from 34 µm to 7.9 µm, " in said
+    assert said.endswith("consistent with the measurement noise (7.2 µm).")
     assert len(said) < 320
 
 
 def test_several_findings_are_numbered_and_their_gain_is_that_of_all():
     second = row("target-moved", subject="target P07", parameters=MOVED, heldout_rms_before=7.9, heldout_rms_after=5.5)
     _, said = first_line(rows(row("actuator-gain", subject="leg3", parameters=GAIN_3), second, *rejected()))
-    assert said.startswith("Two things are wrong: (1) actuator 3 moves further")
-    assert "(2) target P07 sits" in said
-    assert "modelling both brings verification errors from 34 to 5.5 µm" in said
+    assert said.startswith("Two effects found: (1) actuator 3 moves farther")
+    assert "(2) target P07 is displaced" in said
+    assert "Modelling both lowers the rms error on held-out poses from 34 µm to 5.5 µm" in said
 
 
 @pytest.mark.parametrize(
-    ("after", "words"), [(34.3, "leaves verification errors at 34 µm"), (41.0, "takes verification")]
+    ("after", "words"), [(34.3, "leaves the rms error on held-out poses at 34 µm"), (41.0, "raises the rms error")]
 )
 def test_what_does_not_help_is_not_said_to_bring_errors_down(after, words):
     (incomplete, how), (mark, said), *_ = lines(rows(row("actuator-gain", parameters=GAIN_3, heldout_rms_after=after)))
     assert (incomplete, mark) == ("fail", "found")
-    assert "The picture is incomplete" in how
-    assert f"modelling it {words}" in said
+    assert "The model is incomplete" in how
+    assert f"Modelling it {words}" in said
 
 
 def test_more_findings_than_a_line_holds_are_counted():
@@ -126,8 +128,8 @@ def test_more_findings_than_a_line_holds_are_counted():
         row("leg-drift", subject=f"leg{k}", parameters={f"drift_{k}": size(0.01, 0.001, "mm")}) for k in range(1, 6)
     ]
     _, said = first_line(rows(*several))
-    assert said.startswith("5 things are wrong: (1) leg 1 grows")
-    assert "2 further findings under Diagnosis" in said
+    assert said.startswith("5 effects found: (1) leg 1 grows")
+    assert "2 further findings (see Diagnosis)" in said
 
 
 def test_nothing_found_tells_the_smallest_size_that_would_have_been():
@@ -144,8 +146,8 @@ def test_nothing_found_is_no_pass_where_predictions_miss_by_more_than_noise():
     beyond = [{**one, "noise_floor": 5.2} for one in rejected()]
     mark, said = first_line(rows(*beyond))
     assert mark == "warn"
-    assert "yet predictions miss by 7.4" in said
-    assert "noise alone would leave 5.2" in said
+    assert "but the rms error of predictions is 7.4 µm" in said
+    assert "noise alone gives 5.2 µm" in said
     assert "agrees" not in said
     assert "agrees" not in diagnosis(diagnosis_tables(rows(*beyond))).lead
 
@@ -158,12 +160,12 @@ def test_nothing_found_without_a_table_of_sizes_claims_no_size():
 def test_noise_alone_is_a_warning_and_no_effect():
     mark, said = first_line(rows(row("unexplained", **NOISE), *rejected()))
     assert mark == "warn"
-    assert "1.410 ± 0.050 times as noisy as declared" in said
-    assert "beyond that none of 11 candidates was found" in said
+    assert "1.410 ± 0.050 times the declared noise" in said
+    assert "otherwise none of 11 candidates was found" in said
     tables = diagnosis_tables(rows(row("unexplained", **NOISE), *rejected()))
     assert "none of 11 candidates was found" in diagnosis(tables).lead
     assert "not as declared" in diagnosis(tables).lead
-    assert part_of("evidence", tables).title == "Evidence, cause by cause"
+    assert part_of("evidence", tables).title == "Evidence for each cause"
 
 
 def test_what_no_cause_explains_names_what_it_follows():
@@ -172,7 +174,7 @@ def test_what_no_cause_explains_names_what_it_follows():
     mark, said = first_line(rows(found, *rejected()))
     assert mark == "found"
     assert said.startswith(
-        "Something follows the temperature, by up to 12 µm, and no cause of the catalogue explains it;"
+        "Something depends on the temperature, by up to 12 µm, and no cause of the catalogue explains it."
     )
 
 
@@ -181,11 +183,11 @@ def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():
     rival = row("platform-deformation-linear", "indistinguishable", subject="leg3", parameters={"kappa_3": size(0.002)})
     head = lines(rows(gain, rival, *rejected()))
     assert head[1][0] == "warn"
-    assert head[1][1].startswith("It could as well be that the platform deforms at leg 3")
+    assert head[1][1].startswith("Equally good explanation of this finding: the platform deforms at leg 3")
     own = row("own", "indistinguishable", parameters={"k": size(0.2)}, clause="a body bends")
     said = lines(rows(gain, own, *rejected()))[1][1]
-    assert said.startswith("It could as well be that a body bends: k")
+    assert said.startswith("Equally good explanation of this finding: a body bends: k")
     part = part_of("evidence", diagnosis_tables(rows(gain, rival, *rejected())))
-    assert "1 candidate within a factor 20 of what was found" in part.lead
+    assert "1 alternative lies within a factor of 20 in probability." in part.lead
     names = {trace.name: trace for trace in part.figures[0][0].data}
-    assert list(names["explains the data as well"].y) == ["platform deformation linear, leg 3 "]
+    assert list(names["equally good"].y) == ["platform deformation linear, leg 3 "]

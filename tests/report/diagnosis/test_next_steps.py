@@ -66,7 +66,7 @@ def test_an_undecided_requirement_leads_with_the_poses_that_decide_it() -> None:
     assert first.need == Need.REQUIREMENT
     assert first.figures["measurements"] == 14.0
     assert "measure 14 further poses all over the workspace, with role verification" in first.words
-    assert "by as much as the 6 so far" in first.words
+    assert "as large as in the 6 poses so far" in first.words
     said = next(words for mark, words in build_head("c", tables).verdicts if mark == "next")
     assert said == f"Next: {first.words[0].lower()}{first.words[1:]}"
 
@@ -77,7 +77,7 @@ def test_a_requirement_at_its_limit_asks_for_no_poses() -> None:
     first = _steps(tables)[0]
     assert first.need == Need.REQUIREMENT
     assert not first.figures
-    assert "too close to what is required" in first.words
+    assert "too close to its limit" in first.words
 
 
 @pytest.mark.parametrize("verdict", ["meets", "fails", "not evaluated"])
@@ -108,7 +108,7 @@ TOLD = {
     ("input-noise", ""): "Move ten times to one pose, each time from the same side.",
     ("like-neighbours", "time_s"): "Repeat five of the first poses at the end",
     ("like-neighbours", "order"): "Repeat five of the first poses at the end",
-    ("like-neighbours", "temperature_c"): "Repeat five poses at two temperatures",
+    ("like-neighbours", "temperature_c"): "Repeat five poses at two stable temperatures",
     ("like-neighbours", "direction of approach"): "twice from each side",
     ("like-neighbours", "rho3_mm"): "Measure at five values of actuator 3",
     ("like-neighbours", "rho1_mm rho2_mm"): "Repeat the five poses with the largest errors on another day.",
@@ -142,13 +142,13 @@ def test_where_words_hang_on_more_than_the_name_of_the_cause_one_thing_changes_a
     ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
     ended = ended.assign(search_end="most-causes", left_cause=cause, left_subject="target B1")
     (told,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
-    assert "one thing changes at a time" in told.words
+    assert "one input changes at a time" in told.words
     assert "None" not in told.words
 
 
 def test_errors_beyond_noise_that_no_test_explains_ask_for_repeats() -> None:
     tables = _tables(row("platform-deformation-linear", rms_after=30.0, heldout_rms_after=30.0))
-    told = [step for step in _steps(tables) if step.purpose.startswith("predictions miss by more")]
+    told = [step for step in _steps(tables) if step.purpose.startswith("the errors of predictions exceed")]
     assert [step.words[:27] for step in told] == ["Measure one pose ten times "]
 
 

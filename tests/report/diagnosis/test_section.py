@@ -31,13 +31,13 @@ def test_not_evaluated_is_neither_a_pass_nor_a_failure():
 def test_a_finding_says_how_sure_it_is():
     section = diagnosis(diagnosis_tables())
     said = section.statements[0][1].replace("\u00a0", " ")
-    for words in ("at most 0.05 % of campaigns", "signal-to-noise 41", "above 99.9 %", "tripled the ranking holds"):
+    for words in ("at most 0.05 % of campaigns", "signal-to-noise ratio 41", "above 99.9 %", "ranking is unchanged if"):
         assert words in said
 
 
 def test_the_ranking_that_depends_on_plausible_scales_is_hatched_and_said():
     part = part_of("evidence", diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, scale_holds="changes"))))
-    assert "With plausible scales tripled the ranking changes: actuator gain." in part.lead
+    assert "The ranking changes if assumed effect sizes are tripled: actuator gain." in part.lead
     assert list(part.figures[0][0].data[0].marker.pattern.shape) == ["/"]
 
 
@@ -46,7 +46,7 @@ def test_the_figure_of_evidence_orders_the_candidates_and_the_next_best_is_told(
     figure = part.figures[0][0]
     order = list(figure.layout.yaxis.categoryarray)
     assert order[0] == "platform deformation matrix "
-    assert order[1] == "unexplained "
+    assert order[1] == "nonparametric effect "
     bars = [trace for trace in figure.data if trace.type == "bar"]
     places = {name: x for trace in bars for name, x in zip(trace.y, trace.x, strict=True)}
     assert [places[name] for name in order] == sorted(places.values(), reverse=True)
@@ -66,7 +66,7 @@ def test_the_share_that_was_removed_follows_from_before_after_and_floor():
     tables = diagnosis_tables()
     part = part_of("gain", tables)
     share = 100.0 * (1.0 - (7.9**2 - 7.2**2) / (34.2**2 - 7.2**2))
-    assert f"{share:.3g} % of what is not noise is gone" in part.lead
+    assert f"The causes explain {share:.3g} % of the variance beyond noise." in part.lead
     assert state_of("gain", tables) == "ok"
 
 
@@ -76,7 +76,7 @@ def test_what_is_left_beyond_the_noise_fails(after, state):
     tables = diagnosis_tables(rows(found))
     part = part_of("gain", tables)
     assert state_of("gain", tables) == state
-    assert ("times the noise floor" in part.lead.partition("On the calibration")[0]) is (not 6.6 < after < 8.0)
+    assert ("times the noise floor" in part.lead.partition("error on calibration")[0]) is (not 6.6 < after < 8.0)
 
 
 @pytest.mark.parametrize(("after", "state"), [(7.9, "ok"), (10.0, "attention"), (20.0, "fails")])
@@ -90,9 +90,11 @@ def test_without_held_out_poses_nothing_is_called_predicted():
     found = row("actuator-gain", parameters=GAIN_3, heldout_rms_before=None, heldout_rms_after=None)
     tables = diagnosis_tables(rows(found)) | {"prediction": made.prediction(held=0)}
     part = part_of("gain", tables)
-    assert "held-out poses, which" not in part.lead
+    assert "held-out poses" not in part.lead
     assert "No pose was held out" in part.lead
-    assert "brings errors from 33 to 7.4 µm" in verdict_of("diagnosis", tables).explanation
+    assert (
+        "lowers the rms error on calibration poses from 33 µm to 7.4 µm" in verdict_of("diagnosis", tables).explanation
+    )
     assert [trace.name for trace in part.figures[0][0].data] == ["calibration poses"]
 
 
@@ -101,9 +103,12 @@ def test_errors_far_below_what_noise_should_leave_are_not_called_at_its_floor():
     tables = diagnosis_tables(rows(found))
     part = part_of("gain", tables)
     assert state_of("gain", tables) == "attention"
-    assert "at the noise floor" not in part.lead
-    assert "below the noise floor of 19 µm, less than chance explains: the declared noise is too large." in part.lead
-    assert "below it beyond chance: the declared noise is too large" in verdict_of("diagnosis", tables).explanation
+    assert "consistent with the noise floor" not in part.lead
+    assert "significantly below the noise floor (19 µm): the declared noise is too large." in part.lead
+    assert (
+        "significantly below the measurement noise (19 µm): the declared noise is too large"
+        in verdict_of("diagnosis", tables).explanation
+    )
 
 
 def test_few_poses_below_the_noise_may_be_chance():
@@ -113,15 +118,15 @@ def test_few_poses_below_the_noise_may_be_chance():
     tables["prediction"] = few[few["role"].eq("calibration") | (few["pose"] == few["pose"].max())].iloc[-4:]
     part = part_of("gain", tables)
     assert state_of("gain", tables) == "ok"
-    assert "Too few numbers tell whether chance leaves so little." in part.lead
+    assert "The data are too few to tell whether this is chance." in part.lead
 
 
 def test_only_a_run_that_left_a_model_is_said_to_have_one():
     tables = diagnosis_tables()
-    assert "accepted into the extended model (model.toml)" in diagnosis(tables).lead
+    assert "added to the extended model (model.toml)" in diagnosis(tables).lead
     del tables["pulls"]
     assert "model.toml" not in diagnosis(tables).lead
-    assert "1 found and modelled in what follows" in diagnosis(tables).lead
+    assert "1 found and included in the results below" in diagnosis(tables).lead
     del tables["next_poses"]
     assert "without a mechanism" in part_of("next", tables).lead
 
@@ -144,19 +149,19 @@ def test_of_a_coordinate_per_target_the_first_are_named():
 
 def test_nothing_found_tells_how_far_the_simulation_misses_as_it_is():
     part = part_of("gain", diagnosis_tables(rows(*rejected())))
-    assert "instead of" not in part.lead
-    assert "miss by 7.9 µm rms; that is at the noise floor" in part.lead
+    assert "without the causes" not in part.lead
+    assert "is 7.9 µm, consistent with the noise floor" in part.lead
     names = [trace.name for trace in part.figures[0][0].data]
-    assert all("simulation as it is" in name for name in names)
+    assert all("simulation without changes" in name for name in names)
 
 
 def test_before_and_after_are_joined_pose_by_pose():
     tables = diagnosis_tables()
     figure = part_of("gain", tables).figures[1][0]
     drawn = {trace.name: trace for trace in figure.data if trace.mode == "markers"}
-    assert [trace.name for trace in drawn.values() if trace.showlegend] == ["without the causes", "with them"]
+    assert [trace.name for trace in drawn.values() if trace.showlegend] == ["without the causes", "with the causes"]
     own = tables["prediction"].query("role == 'verification'")
-    assert np.array_equal(drawn["with them, held-out poses"].y, own["rms_after"])
+    assert np.array_equal(drawn["with the causes, held-out poses"].y, own["rms_after"])
     assert np.array_equal(drawn["without the causes, held-out poses"].y, own["rms_before"])
 
 
@@ -194,7 +199,7 @@ def test_the_extended_model_has_its_row_among_the_calibrations():
     tables["model_choice"] = pd.concat([choice, own.assign(model="extended", estimator="points")], ignore_index=True)
     tables["accuracy"] = pd.concat([accuracy, accuracy.query("model == '6-pus'").assign(model="extended")])
     section = calibration(tables)
-    assert "The extended model of the diagnosis misses by 3 µm and 6 arcsec there." in section.lead
+    assert "The extended model of the diagnosis gives 3 µm and 6 arcsec there." in section.lead
     listing = next(x for x in section.listings if x.caption.startswith("The extended model"))
     assert listing.rows[0][1:3] == ("extended", "matrix")
 

@@ -20,19 +20,19 @@ SLIP = {"count": size(-2), "from_step": size(7)}
 @pytest.mark.parametrize(
     ("cause", "subject", "parameters", "words"),
     [
-        ("load-eccentricity", "load fz", OFFSET, "The z load acts 5.20 ± 0.10 mm beside the origin, towards +x"),
+        ("load-eccentricity", "load fz", OFFSET, "The z load acts 5.20 ± 0.10 mm off the origin, towards +x"),
         (
             "load-eccentricity",
             "load fz",
             {"offset_x": size(12.03, 0.04, "mm"), "offset_y": size(-7.98, 0.05, "mm")},
-            "acts beside the origin: 12.030 ± 0.040 mm towards +x and 7.980 ± 0.050 mm towards −y",
+            "acts off the origin: 12.030 ± 0.040 mm towards +x and 7.980 ± 0.050 mm towards −y",
         ),
-        ("load-eccentricity", "", {"offset_z": size(0.31, 0.02, "mm")}, "The forces act 0.310 ± 0.020 mm beside the"),
+        ("load-eccentricity", "", {"offset_z": size(0.31, 0.02, "mm")}, "The forces act 0.310 ± 0.020 mm off the"),
         (
             "load-eccentricity",
             "load mx",
             {"force_y": size(0.12, 0.01, "1/m")},
-            "The torque about x brings a force along: 120 ± 10 N per kN·m towards +y",
+            "The torque about x also applies a force: 120 ± 10 N per kN·m towards +y",
         ),
         (
             "load-imbalance",
@@ -40,7 +40,12 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             {"moment_y": size(0.004, 0.0001, "m"), "moment_y_asymmetry": size(0.0021, 0.0001, "m")},
             "brings a parasitic moment about y that differs by 2.10 ± 0.10 N·m per kN between positive and",
         ),
-        ("load-imbalance", "load mz", {"force_x_growth": size(0.3, 0.04, "1/m")}, "force along x that grows out of"),
+        (
+            "load-imbalance",
+            "load mz",
+            {"force_x_growth": size(0.3, 0.04, "1/m")},
+            "force along x that grows nonlinearly",
+        ),
         (
             "stiffness-scale",
             "load fx",
@@ -52,23 +57,28 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "stiffness-asymmetry",
             "load my",
             {"asymmetry": size(-0.02, 0.001)},
-            "gives 2.00 ± 0.10 % more under negative torques about y than under positive ones",
+            "deflects 2.00 ± 0.10 % more under negative torques about y than under positive ones",
         ),
-        ("stiffness-nonlinear", "load fz", {"cubic": size(0.02, 0.001)}, "at the largest it gives 2.00 ± 0.10 % more"),
+        (
+            "stiffness-nonlinear",
+            "load fz",
+            {"cubic": size(0.02, 0.001)},
+            "at the largest load it deflects 2.00 ± 0.10 % more",
+        ),
         (
             "hysteresis",
             "load fz",
             {"width": size(0.012, 0.001)},
-            "under z loads stays behind on unloading, by 1.20 ± 0.10 %",
+            "under z loads lags on unloading, by 1.20 ± 0.10 %",
         ),
         ("leg-stiffness", "leg3", {"scale": size(-0.3, 0.01)}, "Leg 3 is 30.0 ± 1.0 % softer than simulated"),
         (
             "play-hysteresis",
             "load fz",
             {"width": size(0.012, 0.001), "threshold": size(0.1, 0.02)},
-            "under z loads drags behind the load by 1.20 ± 0.10 % of its largest, without load too",
+            "under z loads lags the load and keeps a remainder without load, 1.20 ± 0.10 % of its largest",
         ),
-        ("joint-clearance", "load fy", {"clearance": size(3.1, 0.2, "um")}, "jumps by 3.10 ± 0.20 µm as the y load"),
+        ("joint-clearance", "load fy", {"clearance": size(3.1, 0.2, "um")}, "jumps by 3.10 ± 0.20 µm when the y load"),
         (
             "creep",
             "load fz",
@@ -79,25 +89,25 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "zero-drift",
             "channel dz",
             {"rate": size(-1.2, 0.1, "um/h")},
-            "of channel dz walks down, by 1.20 ± 0.10 µm/h",
+            "of channel dz drifts down, by 1.20 ± 0.10 µm/h",
         ),
         (
             "zero-drift",
             "run 4 channel rx",
             {"rate": size(1.2, 0.1, "arcsec/h")},
-            "The zero of channel rx in run 4 walks",
+            "The zero of channel rx in run 4 drifts",
         ),
         (
             "thermal-drift",
             "channel dx",
             {"per_k_material": size(1.2, 0.1, "um/K"), "per_k_air": size(-0.4, 0.1, "um/K")},
-            "follows the temperature of the material by 1.20 ± 0.10 µm/K and the temperature of the air by -0.40",
+            "depends on the temperature of the material by 1.20 ± 0.10 µm/K and the temperature of the air by -0.40",
         ),
         (
             "cosine-error",
             "channel dz",
             {"angle": size(0.0082, 0.0003, "rad")},
-            "dz stands 8.20 ± 0.30 mrad off its axis",
+            "dz is tilted by 8.20 ± 0.30 mrad from its axis",
         ),
         (
             "cosine-error",
@@ -107,21 +117,26 @@ SLIP = {"count": size(-2), "from_step": size(7)}
                 "tilt_dx": size(-0.008, 0.0003, "rad"),
                 "tilt_dy": size(0.0001, 0.0003, "rad"),
             },
-            "dz stands 8.20 ± 0.30 mrad off its axis: 8.00 ± 0.30 mrad towards −dx",
+            "dz is tilted by 8.20 ± 0.30 mrad from its axis: 8.00 ± 0.30 mrad towards −dx",
         ),
-        ("abbe-offset", "channel dz", {"arm_x": size(-0.8, 0.1, "mm")}, "misses the origin: 0.80 ± 0.10 mm towards −x"),
+        (
+            "abbe-offset",
+            "channel dz",
+            {"arm_x": size(-0.8, 0.1, "mm")},
+            "passes off the origin: 0.80 ± 0.10 mm towards −x",
+        ),
         (
             "dead-path",
             "",
             {"dead_path": size(152.0, 4.0, "mm")},
-            "Every linear channel carries a dead path of 152.0 ± 4.0 mm",
+            "Every linear channel has a dead path of 152.0 ± 4.0 mm",
         ),
         ("fringe-slip", "run 4", SLIP, "Run 4 counts 2 half wavelengths too few from step 7 on"),
         (
             "fringe-slip",
             "run 4 channel dz",
             {"shift": size(3.3, 0.05, "um"), "from_step": size(7)},
-            "The zero of channel dz in run 4 shifts by 3.300 ± 0.050 µm from step 7 on, which is no whole number",
+            "The zero of channel dz in run 4 shifts by 3.300 ± 0.050 µm from step 7 on, which is not a whole number",
         ),
         (
             "zero-step",
@@ -145,7 +160,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "crosstalk",
             "signal v3",
             {"fraction": size(0.013, 0.001), "source": size("v5")},
-            "Signal v3 carries 1.30 ± 0.10 % of signal v5",
+            "Signal v3 contains 1.30 ± 0.10 % of signal v5",
         ),
         (
             "signal-nonlinear",
@@ -165,23 +180,23 @@ def test_every_cause_has_its_sentence(cause, subject, parameters, words):
     mark, said = first_line(row(cause, subject=subject, parameters=parameters))
     assert mark == "found"
     assert words in said
-    assert said.endswith("modelling it brings held-out errors from 34 to 7.9 µm, noise floor 7.2.")
+    assert said.endswith("on held-out runs from 34 µm to 7.9 µm, consistent with the measurement noise (7.2 µm).")
     assert len(said) < 320
 
 
 def test_components_that_are_not_sure_are_not_told():
     unsure = {"offset_x": size(0.1, 0.2, "mm"), "offset_y": size(-0.2, 0.15, "mm")}
     said = first_line(row("load-eccentricity", subject="load fz", parameters=unsure))[1]
-    assert said.startswith("The z load acts 0.20 ± 0.15 mm beside the origin, towards −y;")
+    assert said.startswith("The z load acts 0.20 ± 0.15 mm off the origin, towards −y.")
 
 
 def test_rows_that_were_exchanged_are_told_in_their_own_words():
     said = first_line(row("rows-exchanged", subject="run 2", parameters={"rows": size("2/12 2/17")}))[1]
-    assert said.startswith("The loads of steps 12 and 17 of run 2 were written down in each other's row; modelling it")
+    assert said.startswith("The recorded loads of steps 12 and 17 of run 2 are exchanged. Modelling it")
 
 
 def test_a_noisy_channel_is_named():
     noisy = row("unexplained", subject="channel dy", parameters={"noise_ratio": size(4.3, 0.8)})
     mark, said = first_line(noisy)
     assert mark == "warn"
-    assert said.startswith("The measurement of channel dy is 4.30 ± 0.80 times as noisy as declared")
+    assert said.startswith("The noise of channel dy is 4.30 ± 0.80 times the declared noise")

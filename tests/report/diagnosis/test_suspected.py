@@ -56,14 +56,14 @@ def reason(diagnosis_rows: pd.DataFrame, tests: pd.DataFrame) -> ReasonCode:
 def test_a_suspected_cause_leads_as_suspected() -> None:
     mark, said = head(rows(DOUBTED, *rejected()), HOLDS)
     assert mark == "warn"
-    assert said.startswith("Suspected, not found: actuator 3 moves further than it reads")
+    assert said.startswith("Suspected, not confirmed: actuator 3 moves farther than it reads")
 
 
 def test_what_was_found_stands_before_what_is_suspected() -> None:
     mark, said = head(rows(DRIFT, DOUBTED, *rejected()), HOLDS)
     assert mark == "warn"
-    assert said.index("Leg 4 shrinks") < said.index("Suspected, not found: actuator 3")
-    assert "things are wrong" not in said
+    assert said.index("Leg 4 shrinks") < said.index("Suspected, not confirmed: actuator 3")
+    assert "effects found" not in said
 
 
 @pytest.mark.parametrize("found", [[], [DOUBTED | {"reason_code": "inadequate"}]])
@@ -71,8 +71,8 @@ def test_where_the_model_does_not_hold_the_first_line_says_so_and_by_what(found:
     assert reason(rows(*found, *rejected()), FAILS) == ReasonCode.LACK_OF_FIT
     mark, said = head(rows(*found, *rejected()), FAILS)
     assert mark == "warn"
-    assert said.startswith("The picture is incomplete")
-    assert "where the temperature is alike (correlation 0.31)" in said
+    assert said.startswith("The model is incomplete")
+    assert "along the temperature are correlated (correlation 0.31)" in said
     assert "agrees" not in said
 
 
@@ -94,7 +94,7 @@ def test_every_test_of_the_model_is_listed_and_what_was_not_tested_is_said() -> 
     assert "Not tested, for too few data: noise of the inputs" in held.lead
     failed = part_of("adequacy", diagnosis_tables() | {"adequacy": FAILS})
     assert state_of("adequacy", diagnosis_tables() | {"adequacy": FAILS}) == "attention"
-    assert "residuals resemble each other" in failed.lead
+    assert "neighbouring residuals" in failed.lead
 
 
 def test_what_nobody_repeated_is_said_to_be_that() -> None:
@@ -104,15 +104,15 @@ def test_what_nobody_repeated_is_said_to_be_that() -> None:
         ("input-noise", "", None, None, "not tested"),
     ).assign(why_untested=[None, "no-repeats", "too-few"])
     lead = part_of("adequacy", diagnosis_tables() | {"adequacy": tests}).lead
-    assert "Not tested, since no command was repeated: a mean of repeats" in lead
-    assert "noise of the inputs" in lead.partition("Not tested, since")[0]
+    assert "Not tested (no command was repeated): lack of fit" in lead
+    assert "noise of the inputs" in lead.partition("Not tested (no command")[0]
 
 
 @pytest.mark.parametrize(
     ("test", "along", "said"),
     [
-        ("pure-error", "", "means of repeats miss by more than the repeats scatter (F = 3.2)"),
-        ("by-region", "rho1_mm", "have a mean of their own in regions of"),
+        ("pure-error", "", "errors of repeated measurements exceed what their scatter explains (F = 3.2)"),
+        ("by-region", "rho1_mm", "mean residuals differ between regions of"),
     ],
 )
 def test_a_lack_of_fit_against_pure_error_makes_the_picture_incomplete(test: str, along: str, said: str) -> None:
@@ -128,8 +128,8 @@ def test_a_search_that_was_ended_is_said_first_with_what_is_left() -> None:
     assert reason(inadequate, ENDED) == ReasonCode.LACK_OF_FIT
     mark, said = head(inadequate, ENDED)
     assert mark == "warn"
-    assert "the search was ended after 3 accepted causes" in said
-    assert "next would be actuator gain of leg 3" in said
+    assert "the search ended after 3 accepted causes" in said
+    assert "its best candidate is actuator gain of leg 3" in said
     part = part_of("adequacy", diagnosis_tables() | {"adequacy": ENDED})
     assert part.listings[0].marks == ("fail", "pass", "none")
     assert "actuator gain" in part.lead

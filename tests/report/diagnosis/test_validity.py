@@ -20,27 +20,27 @@ def said(of: PartNames = POINTS, **left_out: object) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "of", "words"),
     [
-        ("day", POINTS, "each of the 4 days that tell of it"),
-        ("region", POINTS, "each of the 4 regions of the workspace"),
-        ("region", READINGS, "each of the 4 ranges of the loads"),
-        ("run", READINGS, "each of the 4 runs"),
-        ("series", POINTS, "each of the 4 series"),
-        ("direction", POINTS, "each of the 4 directions of approach"),
+        ("day", POINTS, ": 4 days that are sensitive to it"),
+        ("region", POINTS, ": 4 regions of the workspace"),
+        ("region", READINGS, ": 4 ranges of the loads"),
+        ("run", READINGS, ": 4 runs"),
+        ("series", POINTS, ": 4 series"),
+        ("direction", POINTS, ": 4 directions of approach"),
     ],
 )
 def test_what_was_left_out_is_said_with_its_number(kind: str, of: PartNames, words: str) -> None:
     (one,) = said(of, left_out_by=kind, left_out_blocks=4, left_out_gain=7.0)
     assert words in one
-    assert "actuator gain, leg 3 makes them more probable (odds of 1097 to 1 for it)" in one
+    assert one.startswith("Cross-validation supports actuator gain, leg 3, with odds of 1097 to 1 for it")
 
 
 @pytest.mark.parametrize(
     ("gain", "words"),
     [
-        (900.0, "more probable (odds of more than 10^6 to 1 for it)"),
-        (1.0, "do not tell whether actuator gain, leg 3 holds there (odds of 2.72 to 1 for it)"),
-        (-1.0, "do not tell whether actuator gain, leg 3 holds there (odds of 2.72 to 1 against it)"),
-        (-7.0, "less probable (odds of 1097 to 1 against it)"),
+        (900.0, "supports actuator gain, leg 3, with odds of more than 1,000,000 to 1 for it"),
+        (1.0, "does not decide about actuator gain, leg 3, with odds of 2.72 to 1 for it"),
+        (-1.0, "does not decide about actuator gain, leg 3, with odds of 2.72 to 1 against it"),
+        (-7.0, "contradicts actuator gain, leg 3, with odds of 1097 to 1 against it"),
     ],
 )
 def test_odds_are_said_and_those_near_one_tell_nothing(gain: float, words: str) -> None:
@@ -51,20 +51,20 @@ def test_odds_are_said_and_those_near_one_tell_nothing(gain: float, words: str) 
 def test_without_blocks_the_page_cannot_tell_and_says_what_to_measure() -> None:
     (points,), (readings,) = said(left_out_by="none"), said(READINGS, left_out_by="none")
     for one in (points, readings):
-        assert "cannot tell whether actuator gain, leg 3 holds elsewhere" in one
+        assert one.startswith("Not cross-validated: actuator gain, leg 3.")
     assert "at least four poses on each of three days, or in each quarter of the workspace" in points
     assert "in three runs or more, or in four ranges of loads" in readings
 
 
 def test_an_effect_of_one_block_is_said_to_be_that() -> None:
     (one,) = said(left_out_by="one-block")
-    assert one.startswith("No two blocks tell of actuator gain, leg 3")
+    assert one.startswith("Not cross-validated: actuator gain, leg 3. The effect shows in only one")
 
 
 def test_it_stands_beside_the_held_out_errors_and_runs_of_before_say_nothing() -> None:
     told = row("actuator-gain", left_out_by="region", left_out_blocks=4, left_out_gain=30.0)
     assert (
-        "regions of the workspace that tell of it left out in turn"
+        "regions of the workspace that are sensitive to it were left out in turn"
         in part_of("gain", diagnosis_tables(rows(told))).lead
     )
     assert "left out in turn" not in part_of("gain", diagnosis_tables(rows(row("actuator-gain")))).lead
@@ -75,4 +75,4 @@ def test_a_finding_that_blocks_contradict_is_suspected_for_that() -> None:
     doubted = row("actuator-gain", "suspected", reason_code="elsewhere", left_out_by="day", left_out_gain=-9.0)
     section = diagnosis(diagnosis_tables(rows(doubted)))
     assert section is not None
-    assert "left out as a whole, predicted from the others, are less probable" in section.statements[0][1]
+    assert "predicts left-out parts of the campaign (runs, days, regions) worse" in section.statements[0][1]

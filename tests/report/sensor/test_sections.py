@@ -71,7 +71,7 @@ def test_deformation_names_the_entries_that_differ_and_draws_both(tables):
 def test_calibration_tells_the_choice_and_the_matrix(tables):
     section = calibration(tables)
     assert section.lead.startswith("Chosen: weighted, forward, zero common, linear.")
-    assert "as the paper prints it" in section.lead
+    assert "Least squares without a zero gives" in section.lead
     tests, matrix = section.listings[:2]
     assert [row[0] for row in tests.rows] == ["pass", "not evaluated"]
     assert state_of("calibration", tables) == "ok"
@@ -80,7 +80,7 @@ def test_calibration_tells_the_choice_and_the_matrix(tables):
     held, classes, merit = (figure for figure, _ in section.figures)
     assert len(held.data) == 6
     assert {name for trace in classes.data for name in trace.x} >= {"hysteresis", "crosstalk", "zero return"}
-    assert [trace.name for trace in merit.data] == ["G", "G'", "G, joints that resist"]
+    assert [trace.name for trace in merit.data] == ["G", "G'", "G, elastic joints"]
 
 
 def test_gross_readings_stand_among_what_was_left_out(tables):

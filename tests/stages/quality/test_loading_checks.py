@@ -199,11 +199,11 @@ def moment_with_force(readings, signals):
 @pytest.mark.parametrize(
     ("change", "verdict", "row", "message"),
     [
-        (in_millimetres, "fail", "units run 3 dz", "reads 0.001 times what is expected; is its unit"),
+        (in_millimetres, "fail", "units run 3 dz", "reads 0.001 times the expected value; is its unit"),
         (load_turned_round, "fail", "signs run 4 dy rx", "run 4: dy rx with the opposite sign"),
-        (labels_exchanged, "fail", "channels-exchanged run 1 dx dy", "dx reads what dy should and dy reads what dx"),
-        (not_set_to_zero, "warn", "run-zeros channel dz", "from zero; noise makes it 0.7"),
-        (begun_elsewhere, "warn", "run-zeros channel rx", "Furthest: run 5 +9."),
+        (labels_exchanged, "fail", "channels-exchanged run 1 dx dy", "dx reads the response expected of dy and dy"),
+        (not_set_to_zero, "warn", "run-zeros channel dz", "from zero; the noise is 0.7"),
+        (begun_elsewhere, "warn", "run-zeros channel rx", "Largest: run 5 +9."),
         (step_lost, "warn", "steps-missing", "1 step is missing: run 2 near step 6"),
         (step_not_read, "warn", "steps-missing", "1 step is missing: run 2 step 7"),
         (run_ended_early, "warn", "runs-cut-short", "run 5"),
@@ -211,15 +211,15 @@ def moment_with_force(readings, signals):
         (noisy, "fail", "noise channel dx", "times the declared noise"),
         (jumped, "warn", "jumps run 2 rx", "rx jumps by +"),
         (walked, "warn", "drift channel dy", "um over run 6"),
-        (walked, "warn", "zero-return channel dy", "after run 6 it stands +"),
-        (gross, "warn", "gross-errors channel rz", "15 of 204 readings are far from their place (run 1 step 3"),
+        (walked, "warn", "zero-return channel dy", "the zero return after run 6 is +"),
+        (gross, "warn", "gross-errors channel rz", "15 of 204 readings are outliers (run 1 step 3"),
         (in_kelvin, "fail", "surroundings air temperature", "is the unit right?"),
         (warming, "warn", "temperature-span air temperature", "within a run by 3.2 K at most"),
         (cut, "fail", "saturated signal v2", "samples are cut at "),
         (repeated_channel, "fail", "signals-independent", "V V^T is singular; v1 + v5 cannot be told apart"),
         (dead_channel, "fail", "signals-independent", "V V^T is singular; v6 cannot be seen"),
         (rows_exchanged, "fail", "exchanged-rows run 2 step 4 and run 2 step 12", "The loads (fy) of run 2 step 4"),
-        (never_about_z, "warn", "loads-span", "mz never loaded: of the wrench 5 components can be calibrated"),
+        (never_about_z, "warn", "loads-span", "mz never loaded: only 5 components can be calibrated"),
         (moment_with_force, "fail", "loads-span", "V V^T is singular: fx + 0.02 my cannot be told apart"),
     ],
     ids=lambda value: value.__name__ if callable(value) else None,
@@ -272,8 +272,8 @@ def test_what_whole_runs_hide_is_not_vouched_for(tmp_path):
         return None, signals
 
     qa = judged(tmp_path, change, repeats=1)
-    assert "another one under the same axis" in told(qa, "not evaluated")["signs signals"]
-    assert "in whole runs would not show" in told(qa, "pass")["exchanged-rows"]
+    assert "another run under the same axis" in told(qa, "not evaluated")["signs signals"]
+    assert "in whole runs cannot be detected" in told(qa, "pass")["exchanged-rows"]
     (tmp_path / "2").mkdir()
     qa = judged(tmp_path / "2", change, repeats=2)
     assert "runs and channels have the same sign as each other" in told(qa, "pass")["signs signals"]

@@ -80,4 +80,4 @@ def test_distances_of_the_survey_are_one_row_a_body() -> None:
     assert list(rows) == ["bar S", "survey of a", "survey of b", "markers and boards"]
     assert [check.verdict for check in rows.values()] == ["pass", "pass", "warn", "pass"]
     assert rows["survey of a"].message.startswith("survey of a: 2 distances in 2 poses, 0 of 4 beyond the limit")
-    assert "1 of 2 beyond the limit; the furthest, b/1 to b/2, is -70.0 ± 10.0 um" in rows["survey of b"].message
+    assert "1 of 2 beyond the limit; the largest, b/1 to b/2, is -70.0 ± 10.0 um" in rows["survey of b"].message

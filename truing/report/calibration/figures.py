@@ -60,8 +60,8 @@ def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
         axis = _axis(sizes[error])
         grid.update_xaxes(title_text=sequence_title(words, "type" in axis), **axis, row=row, col=1)
     subtitle = "Full colour: mean; pale: maximum"
-    subtitle += f". Dotted: rms that noise alone leaves, {' and '.join(floors)}" if floors else " over the poses"
-    style(grid, "How far the calibrated models miss", subtitle, height)
+    subtitle += f". Dotted: noise floor (rms), {' and '.join(floors)}" if floors else " over the poses"
+    style(grid, "Errors of the calibrated models", subtitle, height)
     grid.update_yaxes(autorange="reversed", automargin=True)
     grid.update_layout(barmode="group", bargap=0.25, legend=_legend(), margin={"t": 108})
     return grid
@@ -135,7 +135,7 @@ def correlation_map(own: pd.DataFrame, key: Key) -> go.Figure:
             hovertemplate="%{y} and %{x}: %{z} %<extra></extra>",
         )
     )
-    subtitle = f"Of {label(called(key))}. White: independent. Dark: only a combination of the two is known well"
+    subtitle = f"Of {label(called(key))}. White: independent. Dark: only a combination of the two is well known"
     style(figure, "Correlations between the identified parameters", subtitle, 620)
     axis = {"type": "category", "tickvals": list(ticks), "ticktext": list(ticks.values()), "showgrid": False}
     figure.update_xaxes(**axis)

@@ -26,15 +26,15 @@ _HEADS = (
     "rms pull",
     "χ² / freedom",
 )
-_ERRORS = "Errors: mean / maximum. p: of the held-out ones by chance. Equal: cannot be told from the chosen one"
+_ERRORS = "Errors: mean / maximum. p: probability of the held-out errors by chance. Equal: as good as the chosen one"
 _SAID = {"chosen": "chosen", "indistinguishable": "equal"}
 _MARKS = {"": "", "chosen": "pass", "equal": "none"}
 _STRONG = 0.9
 _OPEN = 12
 
-_CELL = "Identified − nominal ± one sigma; in brackets the pull: that shift over what tolerance and sigma let it be."
+_CELL = "Identified − nominal ± one standard deviation; in brackets the pull: that shift over its expected size."
 _BENT = ("K", "kappa")
-_STAR = "*: the data tell it no better than its tolerance."
+_STAR = "*: the data determine it no better than its tolerance."
 _MEASURED = "κ and K: as identified."
 
 

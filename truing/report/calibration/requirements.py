@@ -30,7 +30,7 @@ from truing.schemas.verdict import ReasonCode
 _TITLE = "Requirements"
 _MARKS = {"meets": "pass", "fails": "fail", "undecided": "warn"}
 _COMPONENTS = {"rx": "tilt about x", "ry": "tilt about y", "rz": "turn about z"}
-_HEADS = ("component", "required", "95 of 100 poses below", "interval (95 %)", "in parts of the limit")
+_HEADS = ("component", "limit", "95 % of poses below", "interval (95 %)", "error / limit")
 
 _DRAWN_AS = {"meets": (GREEN, "circle"), "undecided": (ORANGE, "diamond"), "fails": (RED, "x")}
 
@@ -47,7 +47,7 @@ def requirements(tables: Tables) -> ReportSection | None:
     own = rows_of(assessed, key)
     figures = []
     if own["error"].notna().any() and own["requirement"].notna().any():
-        words = "An interval that crosses the limit leaves it undecided: more or better poses would decide."
+        words = "A requirement is undecided if its interval crosses the limit; more or better poses would decide it."
         figures.append((_requirement_bars(own, key), words))
     listings = [_requirement_listing(own, key)]
     others = assessed.drop(index=own.index)
@@ -63,13 +63,13 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
     failed = None if own is None else own[own["verdict"] == "fails"]
     if own is not None and failed is not None and len(failed):
         worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
-        text = f"{tally(own)}. Worst: {worst['component']}, {plain(worst['ratio'])} times what is required."
+        text = f"{tally(own)}. Worst: error of {worst['component']}, {plain(worst['ratio'])} times the limit."
         return SectionVerdict(
             "requirements", RelationState.FAILS, ReasonCode.NOT_MET, text, float(worst["ratio"]), "1", 1.0
         )
     adequacy, of_recorded = before.get("adequacy"), main_calibration(tables) == chosen_calibration(tables)
     if assessed is not None and adequacy is not None and adequacy.state == RelationState.FAILS:
-        text = f"Requirements not tested: the model that predicts the errors does not hold. {adequacy.explanation}"
+        text = f"Requirements not tested: the model that predicts the errors does not fit. {adequacy.explanation}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, text)
     if assessed is not None and of_recorded and (to_do := _why_not_by(before.get("calibration"))):
         text = f"Requirements not tested: the calibration that predicts the errors does not fit. {to_do}"
@@ -78,7 +78,7 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
         why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
         text = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    text = f"{tally(own)}, by the calibrated model."
+    text = f"{tally(own)}, as predicted by the calibrated model."
     if (own["verdict"] == "undecided").any():
         return SectionVerdict("requirements", RelationState.ATTENTION, ReasonCode.UNDECIDED, text)
     return SectionVerdict("requirements", RelationState.OK, ReasonCode.MET, text)
@@ -89,12 +89,12 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
     if calibration is None:
         return ""
     if calibration.reason_code == ReasonCode.CAUSE_LEFT_OUT:
-        return "It leaves out what was found: errors of the extended model stand under Requirements."
-    return "Correct [noise], or find the cause that is missing." if calibration.state == RelationState.FAILS else ""
+        return "It leaves out what was found; for errors of the extended model, see Requirements."
+    return "Correct [noise], or find the missing cause." if calibration.state == RelationState.FAILS else ""
 
 
 def _lead(own: pd.DataFrame, key: Key) -> str:
-    text = f"{tally(own)}, predicted by {called(key)}."
+    text = f"{tally(own)}, as predicted by {called(key)}."
     return " ".join([text, *(_open_or_failed(r) for r in own.itertuples() if r.verdict in ("fails", "undecided"))])
 
 
@@ -102,7 +102,7 @@ def _open_or_failed(r: Any) -> str:
     """One requirement that is not met, or undecided, with its numbers."""
     what, asked, error, interval, _ = _sizes(r)
     words = "not met" if r.verdict == "fails" else "undecided"
-    return f"{what}: 95 of 100 poses stay below {error} (95 % interval: {interval}), asked for {asked}: {words}."
+    return f"Error of {what}: 95 % of poses stay below {error} (95 % interval: {interval}); limit {asked}: {words}."
 
 
 def tally(own: pd.DataFrame) -> str:
@@ -187,9 +187,9 @@ def _requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
         )
     kind = size_axis(np.append(np.concatenate(list(ratio.values())), 1.0))
     figure.add_vline(x=1.0, line={"color": GREY, "width": 2, "dash": "dot"})
-    subtitle = f"Of {label(called(key))}. Bars: 95 % interval. Right of the dotted line: more than required"
-    style(figure, "Errors against what is required", subtitle, 170 + 42 * len(shown))
-    title = sequence_title("error / requirement", kind.get("type") == "log")
+    subtitle = f"Of {label(called(key))}. Bars: 95 % interval. Right of the dotted line: above the limit"
+    style(figure, "Errors compared with the required limits", subtitle, 170 + 42 * len(shown))
+    title = sequence_title("error / limit", kind.get("type") == "log")
     figure.update_xaxes(title_text=title, **{k: v for k, v in kind.items() if k != "dtick"})
     names = [label(name) for name in shown["component"]]
     figure.update_yaxes(type="category", categoryorder="array", categoryarray=names[::-1], automargin=True)

@@ -67,7 +67,7 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
         return _calibrated(RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {why}")
     adequate = "adequacy" in before and before["adequacy"].reason_code == ReasonCode.WITHIN_NOISE
     if main_calibration(tables) != chosen and adequate:
-        text = "The main calibration holds the findings that are applied, and what it leaves is noise."
+        text = "The main calibration includes the applied findings, and its residuals are noise."
         return _calibrated(RelationState.OK, ReasonCode.FITS, text)
     return _of_chosen(chosen, figures.loc[chosen], _tests_of_chosen(tables), before)
 
@@ -106,14 +106,12 @@ def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series)
 
 def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """A misfit is explained where the model that the diagnosis extended leaves nothing but noise."""
-    text = f"The calibration does not fit: {called(chosen)} misses what it was fitted to by {plain(misfit)} times the "
+    text = f"The calibration does not fit: residuals of {called(chosen)} are {plain(misfit)} times the "
     codes = {name: before[name].reason_code for name in ("diagnosis", "adequacy") if name in before}
     if codes == {"diagnosis": ReasonCode.FOUND, "adequacy": ReasonCode.WITHIN_NOISE}:
-        text += (
-            "noise, because it leaves out what the diagnosis found. With that, predictions miss by no more than noise."
-        )
+        text += "noise, because it leaves out what the diagnosis found. With that, only noise remains."
         return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, text, misfit)
-    text += "noise. Correct [noise], or find the cause that is missing, before its numbers are used."
+    text += "noise. Correct [noise], or find the missing cause, before its parameters are used."
     return _calibrated(RelationState.FAILS, ReasonCode.MISFIT, text, misfit)
 
 
@@ -136,7 +134,7 @@ def _errors(tables: Tables) -> Drawn:
 
 
 def _geometry(tables: Tables, fitted: pd.DataFrame) -> Drawn:
-    """The picture of the chosen model of the structure: as the telescope report fits, and by maximum likelihood."""
+    """The picture of the chosen model of the structure: by the implicit objectives, and by maximum likelihood."""
     model = shown_calibration(tables, fitted)[0]
     fits = {_AS_REPORTED: filled(tables, "implicit_calibration"), _BY_DEFAULT: fitted}
     own = {name: table[table["model"] == model] for name, table in fits.items() if table is not None}
@@ -145,7 +143,7 @@ def _geometry(tables: Tables, fitted: pd.DataFrame) -> Drawn:
 
 
 def _pull_words(tables: Tables, model: str) -> str:
-    text = "What a model leaves out, its geometry has to swallow, as far as tolerances and surveyed joints let it."
+    text = "Effects that a model leaves out bias its geometry, within limits set by tolerances and surveyed joints."
     for words, estimator in ((_AS_REPORTED, IMPLICIT), (_BY_DEFAULT, ERRORS_IN_VARIABLES)):
         figures = figures_by_calibration(tables, estimator)
         if figures is None or "rms_pull" not in figures or model not in figures.index.get_level_values("model"):
@@ -165,7 +163,7 @@ def _correlations(tables: Tables, fitted: pd.DataFrame) -> Drawn:
     own = rows_of(table, key)
     if not len(own):
         return []
-    words = "Blocks along the diagonal: parameters of one leg, which the same readings have to tell apart."
+    words = "Blocks along the diagonal: parameters of one leg, which the same readings determine."
     return [(calibration_figures.correlation_map(own, key), words)]
 
 
@@ -177,7 +175,7 @@ def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
         listings.append(all_calibrations(by_default, fitted, f"All calibrations, {_BY_DEFAULT}"))
     extended = figures_by_calibration(tables, TO_POINTS)
     if extended is not None:
-        caption = "The extended model of the diagnosis, fitted to every point and all that was found"
+        caption = "The extended model of the diagnosis, fitted to every point, with all findings"
         listings.append(all_calibrations(extended, fitted, caption))
     if as_reported is not None:
         caption = f"The same {_AS_REPORTED}. {_method_words(tables)}".strip()
@@ -197,7 +195,7 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
     ended = _failures(fitted)
     if figures is None or chosen is None:
-        return f"{count(len(keys_of(fitted)), 'calibration')}, none of them chosen for this campaign. {ended}".strip()
+        return f"{count(len(keys_of(fitted)), 'calibration')}; none was chosen for this campaign. {ended}".strip()
     facts = figures.loc[chosen]
     words = [
         data_words(tables),
@@ -216,16 +214,16 @@ def _choice(chosen: Key, facts: pd.Series, *, of_recorded: bool) -> str:
     role, poses = ("verification", "held-out") if _known(facts, _HELD_OUT) else ("calibration", "calibration")
     text = f"Chosen for {'the data as recorded' if of_recorded else 'this campaign'}: {called(chosen)}."
     if _known(facts, f"position_mean_{role}"):
-        text += f" On the {poses} poses it misses by {_missed_by(facts, role)} on average."
+        text += f" Its mean error on the {poses} poses is {_missed_by(facts, role)}."
     because = []
     if _known(facts, "heldout_ratio"):
-        because.append(f"its held-out error is {plain(facts['heldout_ratio'])} times what noise leaves")
+        because.append(f"its held-out error is {plain(facts['heldout_ratio'])} times the noise floor")
     if _known(facts, "rms_pull"):
-        because.append(f"its rms pull {plain(facts['rms_pull'])} (about 1 where tolerances explain the geometry)")
+        because.append(f"its rms pull is {plain(facts['rms_pull'])} (about 1 if tolerances explain the geometry)")
     reasons = " and ".join(because)
     text += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
     left = int(facts.get("poses_downweighted", 0.0) or 0)
-    who = f"{count(left, 'pose')} that {'disagrees' if left == 1 else 'disagree'} with all others"
+    who = f"{count(left, 'pose')} that {'contradicts' if left == 1 else 'contradict'} all others"
     return f"{text} {who} {'was' if left == 1 else 'were'} left out." if left else text
 
 
@@ -234,12 +232,12 @@ def _doubts(facts: pd.Series) -> str:
     texts = []
     if _known(facts, "misfit_p_value") and facts["misfit_p_value"] < _UNLIKELY:
         times = plain(np.sqrt(facts["chi_square"] / facts["freedom"]))
-        missing = "there is more noise, or a cause is missing"
-        texts.append(f"Yet its misfit is {times} times what the declared noise leaves: {missing}.")
+        missing = "the noise is larger than declared, or a cause is missing"
+        texts.append(f"However, its residuals are {times} times the declared noise: {missing}.")
     if _known(facts, "pull_p_value") and facts["pull_p_value"] < _UNLIKELY:
         texts.append(
-            "Yet parts are further from nominal than their tolerances allow: these are too small, and with them the "
-            "uncertainties told here, or a cause is missing."
+            "However, parts are farther from nominal than tolerances allow: a cause is missing, or the tolerances are "
+            "too small, and with them the uncertainties on this page."
         )
     return " ".join(texts)
 
@@ -253,28 +251,28 @@ def _tests_of_chosen(tables: Tables) -> list[ModelTest]:
     def p(figure: str) -> float | None:
         return float(facts[figure]) if facts is not None and _known(facts, figure) else None
 
-    misfit = "its misfit is what the declared noise leaves"
+    misfit = "its residuals agree with the declared noise"
     return [
         _too_small(misfit, facts)
         or by_p(
             misfit,
             p("misfit_p_value"),
             _UNLIKELY,
-            ("Noise explains it.", "There is more noise than declared, or a cause is missing."),
-            none or "Nothing is left free that could tell.",
+            ("Noise explains them.", "The noise is larger than declared, or a cause is missing."),
+            none or "The fit has no degrees of freedom left.",
         ),
         by_p(
-            "parts are where tolerances let them be (pulls)",
+            "parts are within their tolerances (pulls)",
             p("pull_p_value"),
             _UNLIKELY,
             ("Tolerances explain the geometry.", "Tolerances are too small, or a cause is missing."),
             none or "No tolerance was declared.",
         ),
         by_p(
-            "held-out poses are missed by what noise leaves",
+            "errors on held-out poses agree with the noise",
             p("p_value"),
             _UNLIKELY,
-            ("It predicts what it has not seen.", "It fails at what it was not fitted to."),
+            ("It predicts poses that the fit did not use.", "It does not predict poses that the fit did not use."),
             none or "No pose was held out (role verification).",
         ),
     ]
@@ -285,7 +283,10 @@ def _too_small(asked: str, facts: pd.Series | None) -> ModelTest | None:
     if facts is None or not (_known(facts, "chi_square") and _known(facts, "freedom")):
         return None
     return below_noise(
-        asked, float(facts["chi_square"]), float(facts["freedom"]), "noise is declared too large, or over-fitted"
+        asked,
+        float(facts["chi_square"]),
+        float(facts["freedom"]),
+        "the declared noise is too large, or the model is over-fitted",
     )
 
 
@@ -299,7 +300,7 @@ def _known(facts: pd.Series, figure: str) -> bool:
 
 
 def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
-    """What calibrating brings over the numbers of the drawing, and over what the telescope report did."""
+    """What calibrating brings over nominal parameters, and over a fit by the implicit objectives."""
     texts = []
     nominal, reported = (figures_by_calibration(tables, estimator) for estimator in (NOMINAL, IMPLICIT))
     if not _known(facts, _HELD_OUT):
@@ -307,10 +308,10 @@ def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
     if nominal is not None and _HELD_OUT in nominal and nominal[_HELD_OUT].notna().any():
         before = nominal.dropna(subset=_HELD_OUT).iloc[0]
         times = plain(before[_HELD_OUT] / facts[_HELD_OUT])
-        texts.append(f"The nominal numbers miss by {_missed_by(before, 'verification')} there, {times} times as far.")
+        texts.append(f"The nominal parameters give {_missed_by(before, 'verification')} there, {times} times as much.")
     if reported is not None and chosen in reported.index and _known(reported.loc[chosen], _HELD_OUT):
         size = _missed_by(reported.loc[chosen], "verification")
-        texts.append(f"The same model by the implicit objectives of the telescope report: {size}.")
+        texts.append(f"The same model, fitted by the implicit objectives, gives {size}.")
     return " ".join(texts)
 
 
@@ -321,12 +322,13 @@ def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
     texts = []
     if equal.any():
         named = " and ".join(called((str(m), str(d))) for m, d in others.index[equal])
-        texts.append(f"The data cannot tell {named} from it; the simpler one is taken.")
+        texts.append(f"The data cannot distinguish {named} from it; the simpler one is chosen.")
     rest = others[~equal]
     if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
-        pulls = f", with rms pulls of {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
+        pulls = f", rms pull {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
         who = "The other calibration is" if len(rest) == 1 else f"The {len(rest)} other calibrations are"
-        texts.append(f"{who} less probable or worse: {_from_to(rest['heldout_ratio'])} times the noise{pulls}.")
+        ratios = _from_to(rest["heldout_ratio"])
+        texts.append(f"{who} less probable or less accurate: held-out error {ratios} times the noise floor{pulls}.")
     return " ".join(texts)
 
 
@@ -335,7 +337,7 @@ def _extended(tables: Tables) -> str:
     figures = figures_by_calibration(tables, TO_POINTS)
     if figures is None or not _known(figures.iloc[0], _HELD_OUT):
         return ""
-    return f"The extended model of the diagnosis misses by {_missed_by(figures.iloc[0], 'verification')} there."
+    return f"The extended model of the diagnosis gives {_missed_by(figures.iloc[0], 'verification')} there."
 
 
 def _from_to(values: pd.Series) -> str:
@@ -347,14 +349,14 @@ def _failures(fitted: pd.DataFrame) -> str:
     if "status" not in fitted:
         return ""
     bad = fitted[~fitted["status"].isin(GOOD)]
-    return f"{count(len(keys_of(bad)), 'calibration')} did not come to an end." if len(bad) else ""
+    return f"{count(len(keys_of(bad)), 'calibration')} did not converge." if len(bad) else ""
 
 
 def _free(fitted: pd.DataFrame) -> str:
     """Why no errors of poses are told, where there are too few legs."""
     if fitted["leg"].nunique() >= _LEAST_LEGS:
         return ""
-    return "Fewer than six legs leave the platform free: no error of a pose can be told from readings."
+    return "Fewer than six legs do not constrain the platform: readings predict no pose, so no pose error is stated."
 
 
 def _cost_of_models(tables: Tables) -> str:
@@ -368,8 +370,7 @@ def _cost_of_models(tables: Tables) -> str:
     apart = same[(same["chosen"] != 1.0) & (same.get("indistinguishable", 0.0) != 1.0)]
     if not len(apart):
         return text
-    reported = ", other than the telescope report concludes" if "6-pus" in same.index else ""
-    return f"{text} Over this range the models are not alike{reported}."
+    return f"{text} Over this range the models are not equivalent."
 
 
 def _departures(tables: Tables) -> str:
@@ -379,7 +380,7 @@ def _departures(tables: Tables) -> str:
         return ""
     own = nominal[_DEPARTS].dropna()
     sizes = ", ".join(f"{model} {quantity(size, 'um')}" for (model, _), size in own.items())
-    return f" At the same poses they ask for readings that depart from those of rigid legs, rms: {sizes}."
+    return f" At the same poses, their readings differ from those of rigid legs by (rms): {sizes}."
 
 
 def _method_words(tables: Tables) -> str:

@@ -11,9 +11,9 @@ from truing.report.page import Listing, Verdict
 from truing.report.tables import Tables, cell, filled
 
 _RECORDED = "as recorded"
-_CAPTION = "Calibrations of the data as recorded and with findings applied: errors of what was held out, rms / largest"
-_OF_FITTED = " (here of the poses that were fitted: none was held out)"
-_NO_EFFECT = "no calibration depends on what it changes, so that it changes no result"
+_CAPTION = "Calibrations of the data as recorded and with findings applied: errors on held-out data, rms / largest"
+_OF_FITTED = " (here on the fitted poses: none was held out)"
+_NO_EFFECT = "no calibration depends on it, so no result changes"
 
 
 def compared_calibrations(tables: Tables) -> list[Listing]:
@@ -40,11 +40,11 @@ def _rows(own: pd.DataFrame, columns: list[tuple[str, str]]) -> list[tuple[str, 
     for tested_on, part in own.groupby("tested_on", sort=False):
         first, by = part.iloc[0], part.set_index("quantity")
         model = " ".join(filter(None, (first["model"], cell(first.get("deformation")))))
-        names = "main" if first["is_main"] else "beside it"
+        names = "main" if first["is_main"] else "for comparison"
         head = (f"{first['data']}, {names}", cell(first["findings"]) or "none", model)
         found.append((*head, str(tested_on), *(_size(by, name) for name, _ in columns)))
         if part["rms_unchanged"].notna().any() and not part["rms_unchanged"].equals(part["rms_error"]):
-            unchanged = f"{tested_on}, those that no finding changes"
+            unchanged = f"{tested_on} that no finding changes"
             found.append((*head, unchanged, *(plain(by["rms_unchanged"].get(name)) for name, _ in columns)))
     return found
 
@@ -63,9 +63,9 @@ def data_words(tables: Tables) -> str:
         return ""
     found = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0]) + _doubted(tables)
     if table.loc[table["is_main"], "data"].iloc[0] == _RECORDED:
-        return f"The main calibration is of the data as recorded; the one with {found} applied stands beside it."
-    asked = f"The main calibration holds {found}, as [diagnosis] apply asks"
-    return f"{asked}; the one of the data as recorded stands beside it."
+        return f"The main calibration uses the data as recorded; one with {found} applied is given for comparison."
+    asked = f"The main calibration includes {found}, as [diagnosis] apply asks"
+    return f"{asked}; one of the data as recorded is given for comparison."
 
 
 def _doubted(tables: Tables, names: Sequence[str] | None = None) -> str:
@@ -87,7 +87,7 @@ def choice_verdicts(tables: Tables) -> list[Verdict]:
     reported: list[Verdict] = []
     if missed := names.get("not found"):
         which = f"{count(len(missed), 'cause')} that the diagnosis did not find"
-        reported.append(("warn", f"[diagnosis] apply names {which}: {listed(missed)}. Nothing of it is applied."))
+        reported.append(("warn", f"[diagnosis] apply names {which}: {listed(missed)}. It was not applied."))
     if idle := names.get("no effect"):
         reported.append(("warn", f"[diagnosis] apply names {listed(idle)}: found, but {_NO_EFFECT}."))
     if applied := names.get("applied"):

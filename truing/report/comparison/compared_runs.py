@@ -115,10 +115,10 @@ def quality_words(found: RunComparison) -> list[tuple[str, str]]:
     looks = [f"{run.label} ({own['warn']})" for run, own in zip(found.runs, counts, strict=True) if own["warn"]]
     texts = []
     if bad:
-        texts.append(("fail", f"Quality checks failed in {', '.join(bad)}: look there before believing a change."))
+        texts.append(("fail", f"Quality checks failed in {', '.join(bad)}: check these before trusting a change."))
     if looks:
-        texts.append(("warn", f"Quality checks that call for a look: {', '.join(looks)}."))
-    return texts or [("pass", "No quality check failed or calls for a look in any run.")]
+        texts.append(("warn", f"Quality checks with a warning: {', '.join(looks)}."))
+    return texts or [("pass", "No quality check failed or gave a warning in any run.")]
 
 
 def _counts(tables: Tables) -> dict[str, int]:
@@ -145,9 +145,9 @@ def quality(found: RunComparison) -> ReportSection:
     labels = tuple(run.label for run in found.runs)
     listings = (
         Listing(("verdict", *labels), tuple(totals), _ORDER, "Checks of each verdict"),
-        Listing(("check", "subject", *labels), tuple(rows), tuple(marks), "Checks that call for a look in some run"),
+        Listing(("check", "subject", *labels), tuple(rows), tuple(marks), "Checks with a warning in some run"),
     )
-    lead = "Each run's checks, by its own limits; its own page says what each one means."
+    lead = "Checks of each run by its own limits; the page of each run explains them."
     return ReportSection("quality", "Quality side by side", lead, listings=tuple(x for x in listings if x.rows))
 
 

@@ -31,14 +31,14 @@ from truing.report.tables import cell, filled
 _NAMED = 3
 
 _HELD_BY = "compared.parquet"
-_SERIES = {"z": "each by itself", "jump": "the fewest changes that explain all of them"}
-_RATE = "Where nothing changed, a change is told in 5 of 100 comparisons at most, however many numbers are compared."
+_SERIES = {"z": "each number separately", "jump": "the fewest changes that explain all of them"}
+_RATE = "If nothing changed, at most 5 of 100 comparisons report a change, for any number of compared values."
 _JUDGED = {
     True: (
-        "all numbers at once, with their correlations: tolerances, and a survey that both rest on, draw both runs the "
-        "same way and are not counted twice"
+        "all numbers together, with their correlations; tolerances and a survey that both runs share are not counted "
+        "twice"
     ),
-    False: "each number by itself",
+    False: "each number separately",
 }
 
 _MOST = 12  # figures of a page
@@ -84,7 +84,7 @@ def _change_verdicts(found: RunComparison) -> list[Verdict]:
 
 def _why_words(found: RunComparison, step: int) -> str:
     """Why numbers of a step were not judged."""
-    what = "some numbers were not judged" if len(found.assessed(step)) else "no number was judged"
+    what = "some numbers were not compared" if len(found.assessed(step)) else "no number was compared"
     return f"{what}: {'; '.join(found.between[step].why)}."
 
 
@@ -98,8 +98,8 @@ def _step_words(found: RunComparison, step: int) -> str:
     assessed = found.assessed(step)
     changed = _largest_first(assessed[assessed["changed"]])
     if found.between[step].rebuilt:
-        more = f" Beyond chance by themselves: {_named(changed)}." if len(changed) else ""
-        what = "changed in more places than can be named one by one: it was rebuilt, or is another machine."
+        more = f" Beyond chance individually: {_named(changed)}." if len(changed) else ""
+        what = "changed in too many places to name: it was rebuilt, or is another machine."
         return f"{found.pair(step)}: {what}{more}"
     return f"{found.pair(step)}: {len(changed)} of {count(len(assessed), 'number')} changed: {_named(changed)}."
 
@@ -116,14 +116,14 @@ def _named(changed: pd.DataFrame) -> str:
 
 def _instead(row: object) -> str:
     others = cell(getattr(row, "instead", None))
-    return f" (or {others}, which the campaigns cannot tell from it)" if others else ""
+    return f" (or {others}, which the campaigns cannot distinguish)" if others else ""
 
 
 def _effect_verdicts(found: RunComparison, step: int) -> list[Verdict]:
     """Effects that one of two runs found and the other did not."""
     before, now = (_effects_found(found, place) for place in (step, step + 1))
     texts = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
-    words = {"new": "found for the first time", "gone": "found no longer"}
+    words = {"new": "found for the first time", "gone": "no longer found"}
     return [("warn", f"{found.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
 
 
@@ -148,14 +148,14 @@ def comparison_sections(found: RunComparison) -> list[ReportSection]:
 
 def _changes(found: RunComparison) -> ReportSection:
     steps = range(len(found.between))
-    lead = f"Each run against the one before, {_JUDGED[_is_mechanism(found)]}. {_RATE}"
+    lead = f"Each run is compared with the previous one: {_JUDGED[_is_mechanism(found)]}. {_RATE}"
     rows = [(step, r) for step in steps for r in found.assessed(step).itertuples() if r.changed]
     listing = Listing(
         ("from, to", "number", "changed by", "in sigma", "or instead", "value now"),
         tuple(
             (found.pair(step), called(r), change_text(r), _jump(r), cell(r.instead), value_text(r)) for step, r in rows
         ),
-        ("fail",) * len(rows),
+        ("changed",) * len(rows),
         "What changed: the fewest numbers whose changes explain all differences" if _is_mechanism(found) else "",
         held_by=_HELD_BY,
     )
@@ -179,7 +179,7 @@ def _pulls(found: RunComparison) -> Iterator[tuple[object, str]]:
             assessed = found.assessed(step)
             jumps = assessed.assign(jump=assessed["change"] / assessed["sigma_change"])
             title = label(f"{found.pair(step)}, in standard deviations")
-            caption = "Numbers that are told only together may change without leaving the band each by itself."
+            caption = "Correlated parameters may change together while each stays inside its own band."
             series = _SERIES if jumps["jump"].notna().any() else {"z": _SERIES["z"]}
             yield pull_figure(jumps, series, title, "change / its standard deviation"), caption
 
@@ -211,8 +211,8 @@ def _trends(found: RunComparison) -> ReportSection | None:
     if not figures:
         return None
     lead = (
-        "Every kind of number over the runs, in the order in which they were named; kinds with a change come first. "
-        "A bar holds what was known beforehand, too, in which all runs err alike: the judgement is that above."
+        "Every kind of number over the runs, in the given order; kinds with a change come first. "
+        "Bars include prior knowledge, which is common to all runs; the section above decides on changes."
     )
     more = f" {count(left, 'kind')} more, which differ less, are in {_HELD_BY}." if left else ""
     return ReportSection("trends", "Trends", lead + more, figures)
@@ -227,8 +227,8 @@ def _effects(found: RunComparison) -> ReportSection:
         return ReportSection("effects", "Effects side by side", "No run found an effect.", state="pass")
     marks = tuple("none" if all(name in own for own in names) else "warn" for name in every)
     lead = (
-        "What the diagnosis of each run found. An effect that one run found and its neighbour did not may be there in "
-        "both: numbers are judged with that left open. Sizes stand among the numbers."
+        "Findings of each run. An effect found in one run may be present in the next one too; the comparison of "
+        "numbers allows for both. The sizes are in the table of numbers."
     )
     return ReportSection("effects", "Effects side by side", lead, listings=(Listing(("effect", *labels), rows, marks),))
 
@@ -243,10 +243,10 @@ def _numbers(found: RunComparison) -> ReportSection | None:
         first = next(iter(by_place.values()))
         cells = [value_text(by_place[k]) if k in by_place else "–" for k in range(1, len(found.runs) + 1)]
         rows.append((called(first), *cells, _largest(own), _reasons(own)))
-        marks.append("fail" if own["changed"].any() else "")
+        marks.append("changed" if own["changed"].any() else "")
     heads = ("number", *(run.label for run in found.runs), "largest z", "left out")
     listing = Listing(heads, tuple(rows), tuple(marks), f"All {len(rows)} numbers", True, _HELD_BY)
-    lead = "Values with one standard deviation; z is the difference from the run before over its own sigma."
+    lead = "Values with one standard deviation; z is the difference from the previous run over its standard deviation."
     return ReportSection("numbers", "Every number", lead, listings=(listing,))
 
 
@@ -261,7 +261,7 @@ def _reasons(own: pd.DataFrame) -> str:
 
 def _provenance(found: RunComparison) -> ReportSection:
     rows = tuple((run.label, run.folder, run.version) for run in found.runs)
-    lead = "The runs in the order in which they were named. Nothing in their folders was changed."
+    lead = "The runs in the given order. Their folders were not changed."
     listing = Listing(("run", "folder", "version"), rows)
     return ReportSection("provenance", "Provenance", lead, listings=(listing,))
 
@@ -288,7 +288,7 @@ def _caption(changed: pd.DataFrame) -> str:
     texts = []
     for r in changed.itertuples():
         together = cell(r.instead)
-        why = f": told only together with {together}, so that the change is surer than its bar" if together else ""
+        why = f": correlated with {together}, so that the change is more certain than its bar shows" if together else ""
         texts.append(f"{called(r)} changed by {change_text(r)}{why}.")
     return f"Ringed: {' '.join(texts)}" if texts else ""
 

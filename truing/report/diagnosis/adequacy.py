@@ -17,21 +17,21 @@ from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
-_TITLE = "Does the model hold as a whole?"
+_TITLE = "Does the model fit as a whole?"
 CAUSES_LEFT, _UNNAMED = "causes-left", "unnamed-effects"
 _LOOKED_FOR = {
-    "observation-noise": "noise of what was measured",
+    "observation-noise": "noise of the measurements",
     "input-noise": "noise of the inputs",
-    "like-neighbours": "residuals that resemble their neighbours",
-    "pure-error": "a mean of repeats, beyond their scatter",
-    "by-region": "a mean of regions, beyond the scatter within",
+    "like-neighbours": "correlation of neighbouring residuals",
+    "pure-error": "lack of fit, by repeated measurements",
+    "by-region": "mean residual of a region",
     CAUSES_LEFT: "further causes",
 }
-_WHY_UNTESTED = {"too-few": "for too few data", "no-repeats": "since no command was repeated"}
+_WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeated"}
 _UNITS = {
-    "like-neighbours": "correlation of neighbours",
-    **dict.fromkeys(("pure-error", "by-region"), "of means over scatter (F)"),
-    **dict.fromkeys(("observation-noise", "input-noise"), "of declared"),
+    "like-neighbours": "(correlation)",
+    **dict.fromkeys(("pure-error", "by-region"), "(F)"),
+    **dict.fromkeys(("observation-noise", "input-noise"), "times declared"),
 }
 
 
@@ -43,12 +43,12 @@ def adequacy(tables: Tables) -> ReportSection | None:
     rows = list(table.itertuples())
     tested = [row for row in rows if row.state != "not tested" and row.test != CAUSES_LEFT]
     failed = shortcoming(tables)
-    lead = f"{count(len(tested), 'test')} of what the final model leaves, against plain noise: "
+    lead = f"{count(len(tested), 'test')} of the residuals of the final model: "
     lead += f"{failed}." if failed else "none finds more than noise."
     lead += "".join(_untested(rows, why, words) for why, words in _WHY_UNTESTED.items())
     cells = tuple((_LOOKED_FOR[row.test], _along(row), _value(row), p_value(row.p_value), row.state) for row in rows)
     marks = tuple({"fails": "fail", "ok": "pass"}.get(row.state, "none") for row in rows)
-    heads = ("looked for", "along", "value", "p (corrected)", "state")
+    heads = ("test", "along", "value", "p (corrected)", "state")
     listing = Listing(heads, cells, marks, "All tests", len(cells) > 8, "adequacy.parquet")
     return ReportSection("adequacy", _TITLE, lead, (), (listing,))
 
@@ -60,7 +60,7 @@ def _untested(rows: list[Any], why: str, words: str) -> str:
         for row in rows
         if row.state == "not tested" and cell(getattr(row, "why_untested", None) or "too-few") == why
     ]
-    return f" Not tested, {words}: {', '.join(_LOOKED_FOR[row.test] for row in own)}." if own else ""
+    return f" Not tested ({words}): {', '.join(_LOOKED_FOR[row.test] for row in own)}." if own else ""
 
 
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -71,30 +71,30 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     found = [row for row in accepted_of(rows) if not row.is_noise]
     missed = [one for one in missed_by(rows, found, tables) if one.floor]
     beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
-    none = "" if found else f"none of {count(len(rows), 'candidate')} was found, and yet "
+    none = "" if found else f"none of {count(len(rows), 'candidate')} was found, but "
     if beyond:
         return _beyond(max(beyond, key=_times_noise), none, shortcoming(tables))
     if short := shortcoming(tables):
-        text = f"The picture is incomplete: {none}{short}."
+        text = f"The model is incomplete: {none}{short}."
         p, limit = _least_likely(tables)
         return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.LACK_OF_FIT, text, p, "1", limit)
     if below:
         return _below(below[0], none)
     if not missed:
-        text = "Nothing says how far noise alone would let predictions miss: declare [noise]."
+        text = "No noise is declared, so errors of predictions cannot be compared with it: declare [noise]."
         return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     one = max([one for one in missed if not one.held_out] or missed, key=_times_noise)
     ratio, size = _times_noise(one), f"{rough(one.after)} {sign(one.unit)}"
-    text = f"Predictions miss by {size} rms, and noise alone leaves {rough(one.floor or 0.0)}."
-    text += " So few numbers may miss by as much by chance." if ratio > AT_THE_FLOOR else ""
+    text = f"The rms error of predictions is {size}; noise alone gives {rough(one.floor or 0.0)} {sign(one.unit)}."
+    text += " With so few data, the difference may be chance." if ratio > AT_THE_FLOOR else ""
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
 def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
     """Errors beyond noise: by a factor they fail, for no declared noise is wrong by so much unnoticed."""
     ratio, unit, also = _times_noise(one), sign(one.unit), f"; {short}" if short else ""
-    text = f"The picture is incomplete: {none}predictions miss by {rough(one.after)} {unit} rms where noise alone "
-    text += f"would leave {rough(one.floor or 0.0)}{also}. Look at how they miss, under Diagnosis."
+    text = f"The model is incomplete: {none}the rms error of predictions is {rough(one.after)} {unit}, where noise "
+    text += f"alone gives {rough(one.floor or 0.0)} {unit}{also}. Look at the pattern of the errors under Diagnosis."
     if ratio > BY_A_FACTOR:
         return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, text, ratio, "1", BY_A_FACTOR)
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, text, ratio, "1", AT_THE_FLOOR)
@@ -102,8 +102,9 @@ def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
 
 def _below(one: Overall, none: str) -> SectionVerdict:
     size = f"{rough(one.after)} {sign(one.unit)}"
-    text = f"{none}predictions miss by only {size} rms where noise alone would leave {rough(one.floor or 0.0)}, less "
-    text += f"than chance explains: {one.why_below}. Causes that hide in such noise cannot show: correct [noise]."
+    text = f"{none}the rms error of predictions is only {size}, significantly less than noise alone gives "
+    text += f"({rough(one.floor or 0.0)} {sign(one.unit)}): {one.why_below}. Correct [noise]: effects below the "
+    text += "declared noise cannot be found."
     text = text[:1].upper() + text[1:]
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, text, _times_noise(one), "1")
 
@@ -138,21 +139,22 @@ def shortcoming_words(worst: Any) -> str:
     if worst.test == CAUSES_LEFT:
         return _ended(worst)
     if worst.test == "like-neighbours":
-        return f"residuals resemble each other where {_along(worst)} is alike (correlation {rough(worst.value)})"
+        return f"neighbouring residuals along {_along(worst)} are correlated (correlation {rough(worst.value)})"
     if worst.test == "pure-error":
-        return f"the means of repeats miss by more than the repeats scatter (F = {rough(worst.value)})"
+        return f"mean errors of repeated measurements exceed what their scatter explains (F = {rough(worst.value)})"
     if worst.test == "by-region":
-        return f"residuals have a mean of their own in regions of {_along(worst)} (F = {rough(worst.value)})"
-    return f"{_LOOKED_FOR[worst.test]} is {rough(worst.value)} times what was declared"
+        return f"mean residuals differ between regions of {_along(worst)} (F = {rough(worst.value)})"
+    return f"the {_LOOKED_FOR[worst.test]} is {rough(worst.value)} times the declared noise"
 
 
 def _ended(row: Any) -> str:
     """That the search was ended, after what, and what remains, without a full stop."""
     of = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
-    why = " (a machine with so many effects without a name is none it knows)" if row.search_end == _UNNAMED else ""
+    why = " because too many effects match no catalogued cause," if row.search_end == _UNNAMED else ""
     accepted = count(round(row.value), "accepted cause")
     return (
-        f"the search was ended after {accepted}{why}, and more is left: next would be {cause_words(row.left_cause)}{of}"
+        f"the search ended after {accepted},{why} but another effect remains; its best candidate is "
+        f"{cause_words(row.left_cause)}{of}"
     )
 
 

@@ -17,6 +17,8 @@ from truing.schemas.covariates import named
 
 FOUND, SUSPECTED, RIVAL = "found", "suspected", "indistinguishable"
 REJECTED, NOT_TESTABLE = "rejected", "not testable"
+# Whether a cause keeps its rank where assumed effect sizes are tripled: values of the column scale_holds.
+HOLDS, CHANGES = "holds", "changes"
 # The reason code of inputs that predict what is missed where no model of causes holds.
 REMAINDER = "remainder"
 # Odds below which two causes count as explaining the data equally well.
@@ -67,7 +69,7 @@ class AssessedCause(Claim):
         if self.is_noise and not self.is_remainder and self.cause == "unexplained":
             kind = "noise not as declared"
         elif self.cause == "unexplained" and self.follows:
-            kind = f"unexplained, follows {columns_words(self.follows)}"
+            kind = f"{kind} of {columns_words(self.follows)}"
         return f"{kind}, {subject_words(self.subject)}" if self.subject else kind
 
 

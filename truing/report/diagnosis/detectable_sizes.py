@@ -24,7 +24,7 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     """Smallest detectable sizes, cause by cause, and every subject below."""
     table = filled(tables, "detectable")
     if table is None:
-        why = "How large an effect must be to be found was not computed in this run."
+        why = "The smallest detectable sizes were not computed in this run."
         reported = _in_words(rows)
         return ReportSection(
             "hidden", _TITLE, why, listings=(reported,) if reported.rows else (), state="not evaluated"
@@ -47,8 +47,8 @@ def size_words(table: pd.DataFrame) -> list[str]:
 
 def _lead(table: pd.DataFrame) -> str:
     power = float(table["power"].median())
-    text = f"An effect of the size told here would have been found with a probability of {100 * power:.0f} %; smaller "
-    text += "ones may be there all the same."
+    text = f"An effect of the size shown would have been found with a probability of {100 * power:.0f} %; smaller "
+    text += "effects may be present."
     never = [cause for cause, own in table.groupby("cause", sort=False) if (own["told"] == _NEVER).all()]
     if never:
         text += f" This campaign cannot show {', '.join(cause_words(str(c)) for c in never)} at any plausible size."
@@ -62,9 +62,9 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
         (cause_words(str(cause)), str(parameter), _concerns(own), *_from_to(own), verdicts.get(str(cause), "–"))
         for (cause, parameter), own in _kinds(table)
     )
-    heads = ("cause", "parameter", "concerns", "found from", "wherever it is", "here")
-    caption = "The smallest size that would have been found: at the subject that shows it best, and wherever it is"
-    marks = tuple("fail" if row[-1] == "found" else "none" for row in cells)
+    heads = ("cause", "parameter", "concerns", "found from, best subject", "worst subject", "result")
+    caption = "The smallest size that would have been found, of the subjects that show it best and worst"
+    marks = tuple("found" if row[-1] == FOUND else "none" for row in cells)
     return Listing(heads, cells, marks, caption, held_by="detectable.parquet")
 
 

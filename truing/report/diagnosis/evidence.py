@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 from truing.report.diagnosis.assessed_causes import (
     EQUAL_ODDS,
     FOUND,
+    HOLDS,
     NOT_TESTABLE,
     REJECTED,
     RIVAL,
@@ -27,11 +28,11 @@ _PALE = "#C8C8C8"
 _VERDICTS = {
     FOUND: ("found", BLUE),
     SUSPECTED: ("suspected", GREEN),
-    RIVAL: ("explains the data as well", ORANGE),
+    RIVAL: ("equally good", ORANGE),
     REJECTED: ("rejected", GREY),
-    NOT_TESTABLE: ("not testable here", _PALE),
+    NOT_TESTABLE: ("not testable", _PALE),
 }
-_MARKS = {FOUND: "fail", SUSPECTED: "warn", RIVAL: "warn", REJECTED: "none", NOT_TESTABLE: "none"}
+_MARKS = {FOUND: "found", SUSPECTED: "warn", RIVAL: "warn", REJECTED: "none", NOT_TESTABLE: "none"}
 # Candidates that a figure shows; the table has them all.
 _SHOWN = 16
 _RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
@@ -45,14 +46,14 @@ _DECADES = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000, 100000)
 def evidence(rows: list[AssessedCause]) -> ReportSection:
     """How strongly the data speak for each candidate, with rivals of what was found marked."""
     causes = [row for row in rows if not row.is_noise]
-    title = "Evidence against every rival" if accepted_of(causes) else "Evidence, cause by cause"
+    title = "Evidence against every alternative" if accepted_of(causes) else "Evidence for each cause"
     return ReportSection("evidence", title, _lead(causes), tuple(_figures(causes)), (_candidates(rows),))
 
 
 def _figures(causes: list[AssessedCause]) -> list[tuple[object, str]]:
     known = [row for row in causes if row.evidence is not None]
     if known:
-        return [(_odds_figure(known), f"To the left the data speak against it. {_shown(causes)}")]
+        return [(_odds_figure(known), f"Left of the line: evidence against the cause. {_shown(causes)}")]
     known = [row for row in causes if row.probability is not None]
     return [(_probability_figure(known), _shown(causes))] if known else []
 
@@ -62,15 +63,20 @@ def _lead(rows: list[AssessedCause]) -> str:
     rivals = [row for row in rows if row.verdict == RIVAL]
     found = accepted_of(rows)
     if not found:
-        return "No candidate beats chance by more than the rate of false alarms allows."
-    text = f"{count(len(rivals), 'candidate')} within a factor {EQUAL_ODDS:g} of what was found" if rivals else ""
-    text = text or f"No candidate comes within a factor {EQUAL_ODDS:g} of what was found"
-    text += _next_best(rows, found)
+        return "No candidate is significant at the chosen rate of false alarms."
+    nearest = _next_best(rows, found)
+    if rivals:
+        lies = "lies" if len(rivals) == 1 else "lie"
+        text = f"{count(len(rivals), 'alternative')} {lies} within a factor of {EQUAL_ODDS:g} in probability."
+    else:
+        which = "alternative" if nearest and len(found) == 1 else "alternative that passes the other tests"
+        text = f"Every {which} is at least {EQUAL_ODDS:g} times less probable."
+    text += nearest
     assessed = [row for row in found if row.holds]
-    changed = [row.name for row in assessed if row.holds != "holds"]
+    changed = [row.name for row in assessed if row.holds != HOLDS]
     if changed:
-        return f"{text}. With plausible scales tripled the ranking changes: {', '.join(changed)}."
-    return f"{text}. The ranking holds with plausible scales tripled." if assessed else f"{text}."
+        return f"{text} The ranking changes if assumed effect sizes are tripled: {', '.join(changed)}."
+    return f"{text} The ranking is unchanged if assumed effect sizes are tripled." if assessed else text
 
 
 def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
@@ -83,7 +89,7 @@ def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
     gap = first - (best.evidence or 0.0)
     if gap < math.log(EQUAL_ODDS):
         return ""
-    return f"; the nearest of the rejected ({_kind(best)}) is {_times(gap)} times less probable than {found[0].name}"
+    return f" The best rejected cause ({_kind(best)}) is {_times(gap)} times less probable than {found[0].name}."
 
 
 def _times(gap: float) -> str:
@@ -95,7 +101,7 @@ def _times(gap: float) -> str:
 def _shown(rows: list[AssessedCause]) -> str:
     if len(rows) > _SHOWN:
         return f"The {_SHOWN} candidates with most evidence; the table has all {len(rows)}."
-    return "Every cause that was judged is shown, at its best subject."
+    return "Each cause is shown for the leg, target or axis that it fits best."
 
 
 def _position(evidence: float) -> float:
@@ -115,9 +121,9 @@ def _odds_figure(rows: list[AssessedCause]) -> go.Figure:
     shown = _best(rows)
     figure = _bars(shown, [_position(row.evidence or 0.0) for row in shown], [_odds(row) for row in shown])
     positions = np.array([_position(row.evidence or 0.0) for row in shown])
-    subtitle = "To the right of the line: the data speak for it, with these odds. Hatched: depends on plausible scales"
+    subtitle = "Right of the line: evidence for the cause, with its odds. Hatched: depends on the assumed effect size"
     _finish(figure, "Odds of the model with each cause over the model without it", subtitle, len(shown))
-    figure.update_xaxes(title_text="odds for it (powers of ten, compressed)", **_axis(positions))
+    figure.update_xaxes(title_text="odds (powers of ten, compressed scale)", **_axis(positions))
     figure.add_vline(x=0.0, line={"color": GREY, "width": 1})
     return figure
 
@@ -232,7 +238,7 @@ def _finish(figure: go.Figure, title: str, subtitle: str, count_of_rows: int) ->
 
 
 _HEADS = (
-    *("rank", "cause", "verdict", "p", "signal / noise", "log10 odds", "probability", "scales × 3"),
+    *("rank", "cause", "verdict", "p", "signal / noise", "log10 odds", "probability", "ranking, sizes × 3"),
     *("rms", "held-out rms", "unit"),
 )
 

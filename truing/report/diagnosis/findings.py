@@ -12,26 +12,25 @@ from truing.report.numbers import plain, two_decimals, with_uncertainty
 UNNAMED = ", and no cause of the catalogue explains it"
 # Why a cause is suspected and not found, by its reason code.
 DOUBTS = {
-    "inadequate": "the model with everything that was accepted leaves more than noise, so the picture is incomplete",
-    "unnamed": "something that no cause of the catalogue explains acts here as well, so this may be a part of that",
-    "held-out": "it predicts what was held out worse than the model without it",
-    "elsewhere": "parts of the campaign that were left out as a whole, predicted from the others, are less probable "
-    "with it",
-    "unpaid": "with it the simulation misses the measurement by no less",
+    "inadequate": "the model with all accepted causes leaves more than noise, so it is incomplete",
+    "unnamed": "an effect that no catalogued cause explains acts as well, and this may be a part of it",
+    "held-out": "it predicts held-out data worse than the model without it",
+    "elsewhere": "it predicts left-out parts of the campaign (runs, days, regions) worse than the model without it",
+    "unpaid": "it does not reduce the error of the simulation",
 }
 # What a cause needs to be tested, by the reason code of a row that says it was not.
 NEEDS = {
     "no-temperature": "a temperature (temperature_c) that changes in the course of the campaign",
     "no-time": "the times of the measurements (time_s)",
     "no-approach": "the same positions, approached from both directions, in a known order (time_s)",
-    "no-drives": "what the body may follow: columns of configurations.csv that [campaign] drives names",
+    "no-drives": "inputs that may deform the body: columns of configurations.csv named in [campaign] drives",
     "no-up": 'the direction of gravity ([measurement] up) in one frame ([bodies] reference, or frame = "campaign") in '
     "which bodies turn over",
     "no-still": "a body that should stand still ([bodies] still)",
     "few-poses": "12 poses or more, in a known order",
     "no-turns": "loads that are raised and lowered again, step by step",
     "no-payload": "six legs, what they carry (payload_kg), and which way is up ([measurement] up)",
-    "no-tilt": "which way is up ([measurement] up), and a platform that tilts by a tenth of a radian",
+    "no-tilt": "which way is up ([measurement] up), and poses that tilt the platform by 0.1 rad",
 }
 # What an empty subject stands for, beside one of this kind.
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
@@ -120,15 +119,15 @@ def _share(facts: Facts) -> str:
     """What a name leaves to effects without a name, where that is worth a sentence."""
     if facts.share is None or facts.share >= _ALL_OF_IT:
         return ""
-    return f" It explains {100.0 * facts.share:.0f} % of it; the rest follows no cause of the catalogue."
+    return f" It explains {100.0 * facts.share:.0f} % of the effect; no catalogued cause explains the rest."
 
 
 def _found(facts: Facts) -> str:
     unnamed = UNNAMED if facts.unnamed else ""
     return (
         f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_reach(facts)}{_share(facts)} "
-        f"{_improvement(facts)} By chance this happens with a probability of at most {facts.p_value:.2g}, "
-        f"all {facts.candidates} candidates counted.{_elsewhere(facts)}"
+        f"{_improvement(facts)} Probability by chance: at most {facts.p_value:.2g}, "
+        f"corrected for {facts.candidates} candidates.{_elsewhere(facts)}"
     )
 
 
@@ -138,49 +137,50 @@ def _elsewhere(facts: Facts) -> str:
         return ""
     whole = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole")
     texts = [f"{subject_words(subject) or whole} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
-    return f" That it concerns {' or '.join(texts)} instead is less probable by these odds only."
+    return f" Other possible subjects, with the odds against each: {', '.join(texts)}."
 
 
 def _suspected(facts: Facts) -> str:
     return (
         f"It may be that {facts.clause}{_sizes(facts)}.{_reach(facts)}{_share(facts)} "
-        f"This is suspected, and not found: {DOUBTS[facts.reason_code]}. {_improvement(facts)}{_elsewhere(facts)}"
+        f"This is suspected, not confirmed: {DOUBTS[facts.reason_code]}. {_improvement(facts)}{_elsewhere(facts)}"
     )
 
 
 def _indistinguishable(facts: Facts) -> str:
     odds = f" (odds of {facts.odds:.2g} to 1 against this one)" if facts.odds is not None else ""
     return (
-        f"It may be that {facts.clause}{_sizes(facts)}; that explains the data as well as {facts.rival} does{odds}, "
-        f"and this campaign cannot separate the two. {_improvement(facts)}"
+        f"It may be that {facts.clause}{_sizes(facts)}. This explains the data as well as {facts.rival}{odds}, "
+        f"and this campaign cannot distinguish the two. {_improvement(facts)}"
     )
 
 
 def _rejected(facts: Facts) -> str:
     if facts.reason_code == "held-out":
         return (
-            f"The data do not bear out that {facts.clause}; it fits {facts.fitted_words} but predicts "
+            f"The data do not confirm that {facts.clause}: this fits {facts.fitted_words}, but predicts "
             f"{facts.held_out_words} worse. "
             f"{_improvement(facts)}"
         )
     if facts.reason_code == "contained":
         sizes = _sizes(facts)
         alone = f"; alone{sizes}" if sizes else ""
-        return f"The data show that {facts.clause}, which is part of what is accepted and explains less{alone}."
+        return f"The data show that {facts.clause}. This is part of an accepted cause and explains less{alone}."
     if facts.reason_code == "ended":
-        return f"Whether {facts.clause} was not decided: the search was ended before (p = {facts.p_value:.2g})."
+        return f"It is undecided whether {facts.clause}: the search ended before (p = {facts.p_value:.2g})."
     shown = (
-        f"The data do not show that {facts.clause} (p = {facts.p_value:.2g}, all {facts.candidates} candidates counted)"
+        f"The data do not show that {facts.clause} "
+        f"(p = {facts.p_value:.2g}, corrected for {facts.candidates} candidates)"
     )
     if facts.detectable:
-        return f"{shown}; {facts.detectable} would have been found with 80 % probability."
+        return f"{shown}; {facts.detectable} would have been found with a probability of 80 %."
     return f"{shown}."
 
 
 def _hidden(facts: Facts) -> str:
     """A candidate that could not have been seen: no word on whether it is there."""
-    text = f"Whether {facts.clause} is not testable here: this campaign would have shown it at no plausible size"
-    return f"{text}, only from {facts.detectable} on." if facts.detectable else f"{text}."
+    text = f"These data cannot test whether {facts.clause}: they would not show it at any plausible size"
+    return f"{text}, only from {facts.detectable} upwards." if facts.detectable else f"{text}."
 
 
 def missing_explanation(cause: str, reason_code: str) -> str:
@@ -191,19 +191,19 @@ def missing_explanation(cause: str, reason_code: str) -> str:
 def _reach(facts: Facts) -> str:
     if facts.largest is None:
         return ""
-    return f" It moves what was measured by up to {plain(facts.largest)} {facts.unit}."
+    return f" It changes measured values by up to {plain(facts.largest)} {facts.unit}."
 
 
 def _improvement(facts: Facts) -> str:
     if facts.rms_before is None or facts.rms_after is None:
         return ""
     unit = facts.unit
-    missed = f"miss by {two_decimals(facts.rms_after)} {unit} rms with it, {two_decimals(facts.rms_before)} without"
-    text = f"Predictions from {facts.drive} {missed}"
+    sizes = f"{two_decimals(facts.rms_after)} {unit} with it and {two_decimals(facts.rms_before)} {unit} without"
+    text = f"The rms error of predictions from {facts.drive} is {sizes}"
     before, after = facts.held_out
     if before is not None and after is not None:
         text += f" ({facts.held_out_words}: {two_decimals(after)} and {two_decimals(before)} {unit})"
-    return f"{text}; noise alone leaves {two_decimals(facts.floor)} {unit}."
+    return f"{text}; noise alone gives {two_decimals(facts.floor)} {unit}."
 
 
 def _sizes(facts: Facts) -> str:
@@ -228,10 +228,10 @@ def _size(name: str, value: Mapping[str, Any]) -> str:
 def scatter_explanation(clause: str, p_value: float, doubt: str = "") -> str:
     """The sentences on a cause that moves nothing on average; ``doubt``: the reason code where it is only suspected."""
     text = f"It may be that {clause}" if doubt else f"The data show that {clause}"
-    doubted = f" This is suspected, and not found: {DOUBTS[doubt]}." if doubt else ""
+    doubted = f" This is suspected, not confirmed: {DOUBTS[doubt]}." if doubt else ""
     return (
-        f"{text} (p = {p_value:.1g}, corrected for all groups that were tried).{doubted} It moves nothing "
-        "on average: what was measured there counts the less in all other findings, and no model predicts it."
+        f"{text} (p = {p_value:.1g}, corrected for all groups that were tried).{doubted} It causes no mean shift: "
+        "these measurements have less weight in all other findings, and no model predicts the scatter."
     )
 
 
@@ -239,16 +239,15 @@ def noise_explanation(
     ratio: float, sigma: float, rms: float | None, floor: float, follows: Sequence[str] = (), unit: str = "um"
 ) -> str:
     """Return what is to be said of noise that is larger than declared, or in places; rms and floor in a unit."""
-    left = f"where it would leave {two_decimals(floor)} {unit}."
-    missed = f" Predictions miss by {two_decimals(rms)} {unit} rms {left}" if rms is not None else ""
+    sizes = "" if rms is None else f"{two_decimals(rms)} {unit}; the declared noise gives {two_decimals(floor)} {unit}"
+    missed = f" The rms error of predictions is {sizes}." if sizes else ""
     size = with_uncertainty(ratio, sigma)
     if follows:
         return (
-            f"The noise is not the same everywhere: it follows {_and(follows)}, and is up to {size} times as large as "
-            f"the declared noise. What was measured there counts the less, before any effect was looked for.{missed}"
+            f"The noise is not uniform: it depends on {_and(follows)} and reaches {size} times the declared noise. "
+            f"Noisier measurements had less weight in the search for causes.{missed}"
         )
     return (
-        f"What is left is {size} times as large as the declared noise, more than can be "
-        f"put down to how well that is known: the instrument is noisier than declared, or something moves what "
-        f"was measured that nothing in the catalogue explains.{missed}"
+        f"The residuals are {size} times the declared noise, which is more than the uncertainty of that noise "
+        f"explains. Either the instrument is noisier than declared, or an effect outside the catalogue acts.{missed}"
     )

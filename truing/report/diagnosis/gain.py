@@ -9,6 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
+from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of, share_removed
 from truing.report.diagnosis.prediction_errors import (
     AT_THE_FLOOR,
@@ -22,7 +23,7 @@ from truing.report.diagnosis.prediction_errors import (
     root_mean_square,
 )
 from truing.report.diagnosis.reading_gain import by_channel, drawn_readings
-from truing.report.diagnosis.validity import elsewhere
+from truing.report.diagnosis.validity import elsewhere, not_elsewhere
 from truing.report.figure_style import (
     BLUE,
     GREY,
@@ -38,14 +39,15 @@ from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.tables import Tables, filled
 
-_NOT_FITTED = "which nothing was fitted to"
+_NOT_FITTED = "not used in any fit"
+_ALL = 0.9995  # share of the variance beyond noise that rounds to all of it
 _ERROR = "position_error_um"
 
 _ROLES = {"calibration": (POINTS.fitted, BLUE), "verification": (POINTS.held_out, ORANGE)}
 _SYMBOLS = {"calibration": "circle", "verification": "diamond"}
 _ROW, _AROUND = 55, 200
-_SERIES = (("before", "without the causes", ORANGE), ("after", "with them", BLUE))
-_AS_IT_IS = (("before", "simulation as it is", BLUE),)
+_SERIES = (("before", "without the causes", ORANGE), ("after", "with the causes", BLUE))
+_AS_IT_IS = (("before", "simulation without changes", BLUE),)
 _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
 
 
@@ -75,44 +77,65 @@ def gained(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     misses = reading_misses(tables)
     by_part = _by_role(tables) if misses is None else by_channel(misses)
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
-    title = "Before and after" if found else "How far predictions miss"
-    lead = " ".join([_lead(missed, of, rows), *elsewhere(found, of)])
-    return ReportSection("gain", title, lead, tuple(reported), tuple(listings))
+    title = "Before and after" if found else "Errors of the predictions"
+    lead = " ".join([_lead(missed, of, rows, whole=not shortcoming(tables)), *elsewhere(found, of)])
+    return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(found, of))
 
 
 def _words_of(one: Overall, of: PartNames) -> str:
-    return f"{of.held_out}, {_NOT_FITTED}" if one.held_out else of.fitted
+    return f"{of.held_out} ({_NOT_FITTED})" if one.held_out else of.fitted
 
 
-def _lead(missed: list[_Missed], of: PartNames, rows: list[AssessedCause]) -> str:
-    """What is left on what nothing was fitted to, against the noise, and the share of the excess removed."""
+def _lead(missed: list[_Missed], of: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
+    """What is left on what nothing was fitted to, against the noise, and the share of the excess removed.
+
+    ``whole``: whether no test of the final model fails.
+    """
     if not missed:
-        return "Nothing says how far predictions miss."
-    texts = [_of_role(one) for one in missed]
+        return "This run holds no errors of predictions."
+    texts, removed = [_of_role(one) for one in missed], [_removed(one, whole) for one in missed]
+    if len(set(removed)) == 1:
+        texts.append(removed[0])
+    else:
+        texts = [words for pair in zip(texts, removed, strict=True) for words in pair]
     if not any(row.held_out[0] is not None for row in rows):
-        texts.append(f"No {of.single} was held out, so nothing here was predicted before it was seen.")
-    return " ".join(texts)
+        texts.append(f"No {of.single} was held out, so no prediction was tested on data that no fit had used.")
+    return " ".join(filter(None, texts))
 
 
 def _of_role(missed: _Missed) -> str:
     one, unit = missed.of, sign(missed.of.unit)
-    instead = f" instead of {rough(one.before)}" if missed.modelled else ""
-    text = f"On the {missed.words}, predictions miss by {rough(one.after)} {unit} rms{instead}"
+    text = f"The rms error on {missed.words} is {rough(one.after)} {unit}"
+    if missed.modelled:
+        sizes = f"{rough(one.before)} {unit} without the causes and {rough(one.after)} {unit} with them"
+        text = f"The rms error on {missed.words} is {sizes}"
     if one.floor is None:
         return f"{text}."
-    floor = f"the noise floor of {rough(one.floor)} {unit}"
+    floor = f"the noise floor ({rough(one.floor)} {unit})"
     if one.is_below_noise:
-        return f"{text}; that is below {floor}, less than chance explains: {one.why_below}."
-    share = share_removed(one.before, one.after, one.floor) if missed.modelled else None
-    gone = f", so {_per_cent(share)} of what is not noise is gone" if share is not None and share > 0.0 else ""
+        return f"{text}. {'The latter' if missed.modelled else 'This'} is significantly below {floor}: {one.why_below}."
     ratio = one.after / one.floor
-    verdict = "at" if 1.0 / AT_THE_FLOOR <= ratio <= AT_THE_FLOOR else f"{rough(ratio)} times"
-    few = " Too few numbers tell whether chance leaves so little." if ratio < 1.0 / AT_THE_FLOOR else ""
-    return f"{text}; that is {verdict} {floor}{gone}.{few}"
+    against = f"consistent with {floor}" if _at_floor(one) else f"{rough(ratio)} times {floor}"
+    few = " The data are too few to tell whether this is chance." if ratio < 1.0 / AT_THE_FLOOR else ""
+    return f"{text}, {'which is ' * missed.modelled}{against}.{few}"
 
 
-def _per_cent(share: float) -> str:
-    return "all" if share > 0.9995 else f"{100.0 * share:.3g} %"
+def _at_floor(one: Overall) -> bool:
+    return bool(one.floor) and 1.0 / AT_THE_FLOOR <= one.after / (one.floor or 1.0) <= AT_THE_FLOOR
+
+
+def _removed(missed: _Missed, whole: bool) -> str:
+    """How much of the variance beyond noise the causes explain; ``whole``: whether no test of the final model fails."""
+    one = missed.of
+    if not missed.modelled or one.floor is None or one.is_below_noise:
+        return ""
+    share = share_removed(one.before, one.after, one.floor)
+    if share is None or share <= 0.0:
+        return ""
+    if share > _ALL:
+        clean = whole and _at_floor(one)
+        return "No systematic error remains detectable." if clean else "The causes explain all variance beyond noise."
+    return f"The causes explain {100.0 * share:.3g} % of the variance beyond noise."
 
 
 def _cause_by_cause(found: list[AssessedCause], of: PartNames) -> Drawn:
@@ -135,8 +158,8 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
     table = filled(tables, "prediction")
     if table is None:
         return []
-    words = "Diamonds: held out, nothing was fitted to them."
-    words = f"Each line joins a pose before and after. {words}" if modelled else words
+    words = "Diamonds: held-out poses, not used in any fit."
+    words = f"Each line connects a pose before and after. {words}" if modelled else words
     return [(_pose_by_pose(table, missed[0].floor if missed else None, modelled), words)]
 
 
@@ -156,7 +179,7 @@ def _by_role(tables: Tables) -> Listing:
         sizes = [rms_with_interval(own[f"rms_{when}"], rng) for when in ("before", "after")]
         most = [plain(own[f"largest_{when}"].max()) for when in ("before", "after")]
         rows.append((words, str(len(own)), *sizes, *most, sign(str(own["unit"].iloc[0]))))
-    caption = "Measured minus predicted over all poses; in brackets 95 % intervals from poses drawn again"
+    caption = "Measured minus predicted over all poses; in brackets 95 % intervals by bootstrap over poses"
     return Listing(heads, tuple(rows), caption=caption, held_by="prediction.parquet")
 
 
@@ -182,7 +205,7 @@ def _plain(tables: Tables) -> Drawn:
     errors = _compared(tables)
     if errors is None:
         return []
-    words = "The same measurement by calibrations that know no cause but a deforming platform, geometry fitted to each."
+    words = "Plain calibrations, for comparison: each fits the geometry and models no cause but a deforming platform."
     return [(_errors_of_calibrations(errors), words)]
 
 
@@ -205,10 +228,10 @@ def _calibrations(tables: Tables) -> Listing:
         for role, words in (("calibration", POINTS.fitted), ("verification", POINTS.held_out))
         if len(own := errors[(errors["called"] == name) & (roles == role)])
     )
-    return Listing(heads, rows, caption="Position of the platform, plain calibrations beside it", folded=True)
+    return Listing(heads, rows, caption="Position of the platform: extended model and plain calibrations", folded=True)
 
 
-def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation as it is") -> go.Figure:
+def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation without changes") -> go.Figure:
     """Measured minus predicted, rms, before and after each accepted cause of one unit, against what noise leaves."""
     stages = [f"{start} ", *(f"+ {label(row.name)} " for row in found)]
     figure = go.Figure()
@@ -221,7 +244,7 @@ def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "sim
         figure.add_trace(go.Bar(y=stages, x=heights, name=name, orientation="h", text=words, marker=marker))
     unit = sign(found[0].unit)
     subtitle = _floor_line(figure, found[-1].floor, unit, vertical=True)
-    style(figure, "How far predictions miss, cause by cause", subtitle, _AROUND + _ROW * len(stages))
+    style(figure, "Errors of the predictions, cause by cause", subtitle, _AROUND + _ROW * len(stages))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
     figure.update_xaxes(title_text=f"rms of measured − predicted ({unit})", rangemode="tozero")
     figure.update_layout(legend=_LEGEND, margin={"t": 100})
@@ -231,10 +254,10 @@ def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "sim
 def _floor_line(figure: go.Figure, floor: float | None, unit: str, vertical: bool = False) -> str:
     """Draw what noise leaves, and return the line that says so."""
     if floor is None:
-        return "What noise alone leaves is not known"
+        return "The noise floor is not known"
     draw = figure.add_vline if vertical else figure.add_hline
     draw(**{"x" if vertical else "y": floor}, line={"color": GREY, "dash": "dot", "width": 2})
-    return f"Dotted: what noise alone leaves, {plain(floor)} {unit}"
+    return f"Dotted: noise floor, {plain(floor)} {unit}"
 
 
 def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> go.Figure:
@@ -273,7 +296,7 @@ def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> g
     sizes = np.concatenate([table["rms_before"], table["rms_after"]])
     scale = size_axis(sizes)
     subtitle = _floor_line(figure, floor, unit)
-    style(figure, "How far predictions miss, pose by pose", subtitle, 420)
+    style(figure, "Errors of the predictions, pose by pose", subtitle, 420)
     figure.update_xaxes(zeroline=False, **axis)
     figure.update_yaxes(title_text=sequence_title(f"rms of measured − predicted ({unit})", "type" in scale), **scale)
     figure.update_layout(legend=_LEGEND, margin={"t": 110})
@@ -310,7 +333,7 @@ def _errors_of_calibrations(errors: pd.DataFrame) -> go.Figure:
             )
         )
     subtitle = _floor_line(figure, _noise(errors), "µm", vertical=True)
-    title = "Position: the extended model beside plain calibrations"
+    title = "Position error: extended model and plain calibrations"
     style(figure, title, subtitle, _AROUND + _ROW * len(names))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
     scale = size_axis(sizes.to_numpy())

@@ -1,4 +1,4 @@
-"""What acted beside the loads that were written down, where their line of action or their units are wrong."""
+"""Loads that acted but were not recorded, where the line of action or the unit of a recorded load is wrong."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from truing.report.tables import Tables, filled, load_steps
 from truing.report.wordings.bench_wordings import load_words
 from truing.report.wordings.claim import sure_of
 
-_TITLE = "What acted beside the loads that were written down"
+_TITLE = "Loads that acted but were not recorded"
 _MM = 1e-3
 # How much of a form's parameter acts at the largest load: half of what differs between its signs.
 _SHARE = {"": 1.0, "_asymmetry": 0.5, "_growth": 1.0}
@@ -25,28 +25,30 @@ def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection 
     if not acted or filled(tables, "sensor_matrix") is None:
         return None
     text = load_warning(rows, tables) or (
-        f"Beside {acted} acted as well. The calibration of the sensor holds it, as [diagnosis] apply asks. Whoever "
-        "takes the loads as they are written down gets another G_B, and cannot see it from errors: every run has the "
-        "same in it."
+        f"{_upper(acted)}. The calibration of the sensor includes this, as [diagnosis] apply asks. Using nominal "
+        "loads biases the calibration matrix; residuals would not reveal it, because every run has the same bias."
     )
-    return ReportSection("swallowed", _TITLE, text, see=(("calibration", "The calibration of the sensor."),))
+    return ReportSection("swallowed", _TITLE, text, see=(("calibration", "Calibration of the sensor"),))
 
 
 def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
-    """That a calibration to the loads as written down holds what acted beside them; empty where none does."""
+    """That unrecorded loads bias a calibration to the recorded ones; empty where none does."""
     acted = _acted(rows, tables)
     if not acted or filled(tables, "sensor_matrix") is None or _taken_in(tables):
         return ""
     return (
-        f"G_B is fitted to the loads as they are written down, and beside {acted} acted as well. "
-        "It takes this for the load's own: centre the load, write down what acts, or apply the finding ([diagnosis] "
-        "apply), before G_B is used."
+        f"G_B is fitted to the recorded loads, but {acted}. This biases G_B: before it is used, centre the load, "
+        "record all loads that act, or apply the finding ([diagnosis] apply)."
     )
 
 
 def _acted(rows: list[AssessedCause], tables: Tables) -> str:
     steps = load_steps(tables)
-    return "; beside ".join(beside for row in accepted_of(rows) for beside in _other_load_text(row, steps))
+    return "; ".join(beside for row in accepted_of(rows) for beside in _other_load_text(row, steps))
+
+
+def _upper(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
 
 
 def _taken_in(tables: Tables) -> bool:
@@ -56,7 +58,7 @@ def _taken_in(tables: Tables) -> bool:
 
 
 def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
-    """``the z load up to 108 N·m about y and 72 N·m about x``; nothing of other causes, or of all loads in common."""
+    """``the z load brought up to 108 N·m about y and 72 N·m about x``; nothing of other causes, or of all loads."""
     axis = re.fullmatch(r"load ([fm][xyz])", row.subject)
     if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:
         return []
@@ -77,4 +79,4 @@ def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
     if not parts:
         return []
     words = " and ".join(f"{rough(size)} {unit} {way} {c}" for size, c in parts)
-    return [f"{load_words(axis[1])} up to {words}"]
+    return [f"{load_words(axis[1])} brought up to {words}"]

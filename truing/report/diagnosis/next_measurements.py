@@ -19,7 +19,7 @@ from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, filled
 from truing.schemas.needs import Need
 
 _TITLE = "What to measure next"
-_WITHOUT_MECHANISM = "No configurations were computed: without a mechanism nothing says which there are."
+_WITHOUT_MECHANISM = "No configurations were computed: without a mechanism, possible configurations are not known."
 _TOLD = (
     *("purpose", "need", "pose", "measurements", "duration_s", "expected"),
     *("sigma_now", "sigma_expected", "unit", "odds_expected"),
@@ -28,15 +28,15 @@ _TOLD = (
 _PLACES = 4
 _CALLED = {"repeat_of": "repeats"}
 
-_HEADS = ("run", "times", "loads, step by step", "what is read", "conditions", "repeats", "what it is expected to give")
+_HEADS = ("run", "times", "loads, step by step", "channels", "conditions", "repeats", "expected result")
 _STEPS = ("run", "step", "time_s", *LOADS.values(), "channels")
 _SERVED = {
     Need.REQUIREMENT: ("requirement is undecided", "requirements are undecided"),
-    Need.RIVAL: ("explanation is open", "explanations are open"),
-    Need.PRECISION: ("finding can be confirmed or known better", "findings can be confirmed or known better"),
+    Need.RIVAL: ("question is open", "questions are open"),
+    Need.PRECISION: ("finding can be confirmed or measured better", "findings can be confirmed or measured better"),
     Need.TESTABLE: ("kind of cause could not be tested", "kinds of causes could not be tested"),
 }
-_CAPTION = "Not testable here, and what would show it"
+_CAPTION = "Not testable with these data, and what to measure for it"
 
 
 def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportSection:
@@ -58,14 +58,12 @@ def _lead(steps: list[NextStep], tables: Tables) -> str:
     """How many things are asked for, and what they serve; why no configurations were computed where none were."""
     counts = Counter(step.need for step in steps)
     served = [f"{counts[need]} {words[counts[need] > 1]}" for need, words in _SERVED.items() if counts[need]]
-    text = f"The most urgent first: {', '.join(served)}." if served else ""
+    text = f"Most urgent first: {', '.join(served)}." if served else ""
     if filled(tables, "next_loads") is not None:
-        begins = (
-            "Every run begins with a zero of its own; the CSV below each table has all steps, with times and loads."
-        )
+        begins = "Every run starts with its own zero. The CSV below each table has all steps, with times and loads."
         return f"{text} {begins}".strip()
     if filled(tables, "next_poses") is not None:
-        return f"{text} Readings stand below as the machine takes them.".strip()
+        return f"{text} The tables give readings as the machine takes them.".strip()
     legless = compared(tables) is POINTS and "pulls" not in tables
     return f"{text} {_WITHOUT_MECHANISM if legless else compared(tables).not_planned}".strip()
 
@@ -84,7 +82,7 @@ def _listing(purpose: str, own: pd.DataFrame) -> Listing:
     rows = tuple(
         (str(r["pose"]), *(_cell(r[c]) for c in columns), printed(cell(r["expected"]))) for r in own.to_dict("records")
     )
-    heads = ("pose", *(_CALLED.get(c, c) for c in columns), "what it is expected to give")
+    heads = ("pose", *(_CALLED.get(c, c) for c in columns), "expected result")
     caption = f"{purpose}: {count(len(own), 'configuration')}{_in_all(own, 'pose')}"
     bare = ((row[0], *("" if c == "–" else c for c in row[1:-1])) for row in rows[:MOST_ROWS])
     text = _csv(("pose", *columns), bare)

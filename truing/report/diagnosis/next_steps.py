@@ -79,10 +79,8 @@ def _requirements(tables: Tables) -> Iterator[NextStep]:
     for row in undecided.itertuples():
         if pd.isna(row.measurements):
             now, _, asked = interval_words(row)
-            words = (
-                f"No number of poses that can be measured decides it: the error of {row.component} lies too close to "
-            )
-            words += f"what is required. Its 95 % interval is {now}, required are {asked}."
+            words = f"No practical number of poses decides it: the error of {row.component} is too close to its limit. "
+            words += f"Its 95 % interval is {now}; the limit is {asked}."
             yield NextStep(Need.REQUIREMENT, f"requirement {row.component}", words)
         else:
             yield _deciding(row, pace_s, several)
@@ -92,12 +90,12 @@ def _deciding(row: Any, pace_s: float | None, several: int) -> NextStep:
     """The poses that decide one requirement; of ``several`` that are undecided they serve all."""
     total = int(row.measurements)
     takes = "" if pace_s is None else f" ({about(total * pace_s)} at the pace of this campaign)"
-    text = f"To decide whether {row.component} meets what is required, measure {count(total, 'further pose')} all over "
+    text = f"To decide whether {row.component} meets its requirement, measure {count(total, 'further pose')} all over "
     text += f"the workspace, with role verification{takes}."
-    text += " The same poses serve the other requirements." if several > 1 else ""
+    text += " The same poses also decide the other requirements." if several > 1 else ""
     now, then, asked = interval_words(row)
-    given = f"The 95 % interval of its error is {now} now, required are {asked}. "
-    given += f"It will be {then} if these poses miss by as much as the {int(row.poses_judged)} so far."
+    given = f"The 95 % interval of its error is now {now}; the limit is {asked}. "
+    given += f"The interval becomes {then} if errors are as large as in the {int(row.poses_judged)} poses so far."
     figures = {"measurements": float(total)} | ({} if pace_s is None else {"duration_s": total * pace_s})
     return NextStep(Need.REQUIREMENT, f"requirement {row.component}", f"{text} {given}", figures=figures)
 

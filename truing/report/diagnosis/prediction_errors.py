@@ -38,7 +38,6 @@ class PartNames:
     single: str
     fitted: str
     held_out: str
-    held_out_errors: str
     fitted_or_not: str
     not_planned: str
     built: str
@@ -50,34 +49,31 @@ POINTS = PartNames(
     "pose",
     "calibration poses",
     "held-out poses",
-    "verification errors",
-    "Calibration poses were fitted to, held-out poses were not.",
-    "No configurations were computed: nothing was found or left open that poses of this mechanism settle.",
+    "Calibration poses were used in the fit; held-out poses were not.",
+    "No configurations were computed: no finding or open question needs more poses.",
     "geometry",
-    "does the geometry return to where it was built?",
-    "The geometry is where it was built.",
+    "does the geometry agree with nominal?",
+    "The geometry agrees with its nominal values within tolerances.",
 )
 READINGS = PartNames(
     "run",
     "fitted runs",
     "held-out runs",
-    "held-out errors",
-    "Held-out runs are predicted by a fit that has not seen them.",
-    "No loads were computed: nothing was found or left open that loads on this bench settle.",
+    "Held-out runs are predicted by a fit that did not use them.",
+    "No loads were computed: no finding or open question needs more loads on this bench.",
     "lengths and stiffnesses",
-    "is the sensor what it was built to be?",
-    "Lengths and stiffnesses are what they were built to be.",
+    "does the sensor agree with nominal?",
+    "Lengths and stiffnesses agree with their nominal values within tolerances.",
 )
 _AXIS = PartNames(
     "row",
     "fitted rows",
     "held-out rows",
-    "held-out errors",
-    "Held-out rows are predicted by a fit that has not seen them.",
-    "No commands were computed: what each finding asks for is said in words.",
+    "Held-out rows are predicted by a fit that did not use them.",
+    "No commands were computed: the list says what to measure for each finding.",
     "encoders",
-    "are the encoders what they were built to be?",
-    "The encoders are what they were built to be.",
+    "do the encoders agree with nominal?",
+    "The encoders agree with their nominal values within tolerances.",
 )
 
 

@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.prediction_errors import PartNames, compared
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
-from truing.report.numbers import count, p_value, plain, rough, with_uncertainty
+from truing.report.numbers import count, p_equals, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, shown_in
 from truing.report.section_verdict import SectionVerdict
@@ -21,7 +21,7 @@ from truing.report.tables import Tables, cell, filled
 from truing.schemas.verdict import ReasonCode
 
 _BEFORE, _AFTER = "plain", "extended"
-_COLUMNS = {"pull_before": "the causes left out", "pull_after": "the causes modelled"}
+_COLUMNS = {"pull_before": "without the causes", "pull_after": "with the causes"}
 
 # Larger ones are drawn at the edge, so that the others can be seen.
 _CLIPPED = 25.0
@@ -48,18 +48,18 @@ def pulls(tables: Tables) -> ReportSection | None:
     sums = _sums(tables)
     axis = "shift / √(tolerance² − sigma²)"
     figure = pull_figure(own, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
-    words = "What a model leaves out, other numbers have to swallow: a right cause brings the pulls back."
+    words = "Effects that a model leaves out bias its other parameters; modelling the right cause lowers their pulls."
     left = len(table) - len(own)
-    words += f" {count(left, 'parameter')} that the data do not determine left out." if left else ""
+    words += f" Not shown: {count(left, 'parameter')} that the data do not determine." if left else ""
     return ReportSection("pulls", title, _lead(sums, of), ((figure, words),), (_together(sums), _all(own)))
 
 
 def _unknown(of: PartNames) -> str:
-    return f"Nothing of the {of.built} is known better from the data than from its tolerance."
+    return f"The data determine no parameter of the {of.built} better than its tolerance."
 
 
 def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether all pulls together are as small as honest tolerances let them be; None where the run left none."""
+    """Whether all pulls together are as small as realistic tolerances make them; None where the run left none."""
     if "pulls" not in tables:
         return None
     table, of = filled(tables, "pulls"), compared(tables)
@@ -70,8 +70,8 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
         return SectionVerdict("pulls", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Pulls not tested: {why}")
     last = _last(sums)
     size, limit = (_rms(chi_square, last.freedom) for chi_square in (last.chi_square, last.upper))
-    text = f"Pulls of the {of.built}: rms {rough(size)}, at most {rough(limit)} in 95 % of campaigns with honest "
-    text += f"tolerances (p = {p_value(last.p_value)}). {_verdict(last, of)}"
+    text = f"Pulls of the {of.built}: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
+    text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_verdict(last, of)}"
     if last.chi_square <= last.upper:
         return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, text, size, "1", limit)
     state = RelationState.FAILS if last.p_value < _UNLIKELY else RelationState.ATTENTION
@@ -79,7 +79,7 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
 
 
 def _sums(tables: Tables) -> dict[str, Any]:
-    """The row of each model whose pulls could be held against their band."""
+    """The row of each model whose pulls could be compared with their band."""
     table = filled(tables, "pull_sums")
     rows = {str(row.model): row for row in table.itertuples()} if table is not None else {}
     return {model: row for model, row in rows.items() if _known(row)}
@@ -99,24 +99,22 @@ def _last(sums: dict[str, Any]) -> Any:
 
 def _lead(sums: dict[str, Any], of: PartNames) -> str:
     if not sums:
-        return "All pulls together could not be held against their band: see each of them."
+        return "The sum of all pulls could not be tested: see each of them."
     last = _last(sums)
     low, high = _rms(last.lower, last.freedom), _rms(last.upper, last.freedom)
-    band = f"with honest tolerances 95 % of campaigns lie between {rough(low)} and {rough(high)}"
+    band = f"Expected range (95 %) if tolerances are realistic: {rough(low)} to {rough(high)}"
     size = _rms(last.chi_square, last.freedom)
     if _BEFORE in sums and _AFTER in sums:
         was = rough(_rms(sums[_BEFORE].chi_square, sums[_BEFORE].freedom))
-        return (
-            f"Rms pull {was} with the causes left out, {rough(size)} with them modelled; {band}. {_verdict(last, of)}"
-        )
-    return f"Rms pull {rough(size)}; {band}. {_verdict(last, of)}"
+        return f"Rms pull: {was} without the causes, {rough(size)} with them. {band}. {_verdict(last, of)}"
+    return f"Rms pull: {rough(size)}. {band}. {_verdict(last, of)}"
 
 
 def _verdict(row: Any, of: PartNames) -> str:
     if row.chi_square > row.upper:
-        return "Parts are farther from nominal than their tolerances allow: these are too small, or more is wrong."
+        return "Parts are farther from nominal than tolerances allow: tolerances are too small, or a cause is missing."
     if row.chi_square < row.lower:
-        return "Parts are closer to nominal than their tolerances ask: these are generous."
+        return "Parts are closer to nominal than tolerances suggest: tolerances may be too large."
     return of.as_built
 
 
@@ -157,7 +155,7 @@ def pull_figure(table: pd.DataFrame, columns: Mapping[str, str], title: str, axi
         figure.add_trace(_marks(shown, place, column, words, look))
     clipped = bool((shown[list(columns)].abs() > _CLIPPED).to_numpy().any())
     edge = f". Beyond {_CLIPPED:g}: drawn at the edge" if clipped else ""
-    style(figure, title, f"A mark per leg; grey: where 95 % of them lie by chance{edge}", 420)
+    style(figure, title, f"One mark per leg; grey: 95 % range by chance{edge}", 420)
     ticks = {"tickvals": list(place.values()), "ticktext": [label(kind) for kind in order]}
     figure.update_xaxes(**ticks, showgrid=False, zeroline=False, range=[-0.6, len(order) - 0.4])
     figure.update_yaxes(title_text=axis, zeroline=True, zerolinecolor=GREY)
@@ -201,7 +199,7 @@ def changes(tables: Tables) -> ReportSection | None:
     table = filled(tables, "changes")
     text = change_words(tables)
     if table is None or not text:
-        why = "The earlier model and this campaign have no number in common that both determine."
+        why = "The earlier model and this campaign determine no common parameter."
         return ReportSection("changes", _TITLE, why, state="not evaluated")
     return ReportSection("changes", _TITLE, text, tuple(_figures(table)), (_listing(table),))
 
@@ -224,16 +222,16 @@ def change_words(tables: Tables) -> str:
         return ""
     if _is_another(table):
         return (
-            "The earlier model is of another machine, or this one was rebuilt: nothing of what it knew was used, "
-            "and this campaign stands by itself."
+            "The earlier model is of another machine, or this machine was rebuilt. Nothing of the earlier model was "
+            "used: all results rest on this campaign alone."
         )
     assessed = count(int((table["z"].notna() | table["changed"]).sum()), "number")
     changed = _largest_first(table[table["changed"]])
     if not len(changed):
-        return f"Since the earlier model none of {assessed} changed beyond chance."
+        return f"Since the earlier model, none of {assessed} changed beyond chance."
     most = "; ".join(_change(r) for r in changed.head(_NAMED).itertuples())
     more = f"; and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
-    return f"Since the earlier model {len(changed)} of {assessed} changed: {most}{more}."
+    return f"Since the earlier model, {len(changed)} of {assessed} changed: {most}{more}."
 
 
 def _is_another(table: pd.DataFrame) -> bool:
@@ -246,13 +244,13 @@ def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
 
 
 def _change(r: Any) -> str:
-    """``l of leg 5 by 150 ± 2 µm (or a_z5, which this campaign cannot tell from it)``."""
+    """``l of leg 5 by 150 ± 2 µm (or a_z5, which this campaign cannot distinguish)``."""
     factor, unit = shown_in(r.parameter, r.unit)
     if r.change != r.change:
         return _name(r)
     if unit == "mm" and abs(r.change) < 1.0:
         factor, unit = 1e3 * factor, "µm"
-    instead = f" (or {cell(r.instead)}, which this campaign cannot tell from it)" if cell(r.instead) else ""
+    instead = f" (or {cell(r.instead)}, which this campaign cannot distinguish)" if cell(r.instead) else ""
     return f"{_name(r)} by {with_uncertainty(factor * r.change, factor * r.sigma_change, unit)}{instead}"
 
 
@@ -269,16 +267,16 @@ def _figures(table: pd.DataFrame) -> list[tuple[object, str]]:
     jumps = known.assign(jump=known["change"] / known["sigma_change"])
     title = "Changes since the earlier model, in standard deviations"
     figure = pull_figure(jumps, _SERIES, title, "change / its standard deviation")
-    return [(figure, "Numbers that are told only together may change without leaving the band each by itself.")]
+    return [(figure, "Correlated parameters may change together while each stays inside its own band.")]
 
 
 def _listing(table: pd.DataFrame) -> Listing:
     ordered = _largest_first(table).assign(size=table["z"].abs())
     ordered = ordered.sort_values(["changed", "jump", "size"], ascending=False, kind="stable", na_position="last")
     rows = tuple(_cells(r) for r in ordered.itertuples())
-    marks = tuple("fail" if changed else "none" for changed in ordered["changed"])
+    marks = tuple("changed" if changed else "none" for changed in ordered["changed"])
     heads = ("number", "before", "now", "difference", "in sigma", "changed by", "or instead", "unit")
-    caption = "Every number, then and as this campaign alone has it"
+    caption = "Every parameter: earlier value, and value from this campaign alone"
     return Listing(heads, rows, marks, caption, len(rows) > 12, "changes.parquet")
 
 

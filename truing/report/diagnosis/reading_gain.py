@@ -17,12 +17,12 @@ from truing.report.page import Drawn, Listing
 from truing.report.tables import LOAD_UNITS, SEVERAL, axes_of, is_unloading, loaded_by_run
 
 _HEADS = (
-    *("channel", "runs", "readings", "noise alone leaves"),
+    *("channel", "runs", "readings", "noise alone"),
     *("rms before", "rms after", "largest before", "largest after", "unit"),
 )
 
-_SERIES = (("before", "without the causes", ORANGE, "circle-open"), ("after", "with them", BLUE, "circle"))
-_AS_IT_IS = (("before", "simulation as it is", BLUE, "circle"),)
+_SERIES = (("before", "without the causes", ORANGE, "circle-open"), ("after", "with the causes", BLUE, "circle"))
+_AS_IT_IS = (("before", "simulation without changes", BLUE, "circle"),)
 _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
 # A panel for a channel under a load that is missed by so many times the noise; not more panels than that.
 _TELLING, _PANELS, _FEWEST_PANELS = 1.5, 6, 2
@@ -37,19 +37,19 @@ _DARKEST = 100.0
 def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     """Where predictions miss, how that follows the load, and how it came in time."""
     unknown = channels_of(misses[misses["noise_floor"].isna()])
-    left = "what is left with the causes modelled"
+    left = "the residual with the causes modelled"
     words = (
-        f"The noise is what that declared leaves; of {', '.join(unknown)} it is {left}"
+        f"The noise follows from the declared noise; for {', '.join(unknown)} it is {left}"
         if unknown
-        else "The noise is what that declared leaves"
+        else "The noise follows from the declared noise"
     )
     if len(unknown) == misses["channel"].nunique():
         words = f"The noise is {left}"
-    straight = "A straight line through zero is a wrong slope; what differs between up and down depends on the past."
+    straight = "A straight line through zero is a wrong slope. Loading and unloading differ by hysteresis or creep."
     found = [(where_missed(misses, modelled), f"{words}.")]
     if axes_of(misses):
         found.append((against_load(misses, modelled), straight))
-    walk = "Under each block stands its run and the axis that it loads; one zero per run and channel is taken away."
+    walk = "Each block is a run with its loaded axis. One zero per run and channel is subtracted."
     return [*found, *((figure, walk) for figure in in_order(misses, modelled))]
 
 
@@ -63,7 +63,7 @@ def by_channel(misses: pd.DataFrame) -> Listing:
         for words, chosen in ((READINGS.fitted, ~held_out), (READINGS.held_out, held_out))
         if len(own := misses[chosen & misses["channel"].eq(channel)])
     )
-    caption = "Measured minus predicted, channel by channel; in brackets 95 % intervals from runs drawn again"
+    caption = "Measured minus predicted, channel by channel; in brackets 95 % intervals by bootstrap over runs"
     return Listing(_HEADS, rows, caption=caption, held_by="reading_errors.parquet")
 
 
@@ -105,7 +105,7 @@ def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
             column,
         )
     words = "Rms of measured − predicted in units of the noise: 1 is noise; empty: not measured"
-    style(figure, "Where predictions miss: channel by channel, load by load", words, 150 + 30 * len(channels))
+    style(figure, "Errors of the predictions by channel and load", words, 150 + 30 * len(channels))
     figure.update_xaxes(title_text="load", showgrid=False)
     figure.update_yaxes(autorange="reversed", showgrid=False)
     figure.update_layout(margin={"t": 96})
@@ -140,8 +140,8 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                 )
         shapes += _band(own, place + 1)
         figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=place // 2 + 1, col=place % 2 + 1)
-    words = "Measured − predicted where it is largest beside the noise (grey: 95 % of it); pointing up: loading"
-    style(figure, "How far predictions miss, against the load", words, 160 + 270 * rows)
+    words = "Measured − predicted, where largest relative to the noise (grey: 95 %). Marks pointing up: loading"
+    style(figure, "Errors of the predictions against the load", words, 160 + 270 * rows)
     figure.update_yaxes(zeroline=True, zerolinecolor=GREY)
     figure.update_layout(legend={**_LEGEND, "y": 1.0 + 0.18 / rows}, margin={"t": 136}, shapes=shapes)
     return figure
@@ -183,8 +183,8 @@ def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], which: 
         shapes += [*_band(own, row), *_between_runs(own, row)]
         figure.update_yaxes(title_text=f"{label(channel)} ({unit})", zerolinecolor=GREY, row=row, col=1)
         figure.update_xaxes(**_run_axis(own), row=row, col=1)
-    words = "Measured − predicted, runs one after the other; grey: where 95 % of the noise lies"
-    style(figure, f"How far predictions miss, in the order taken{which}", words, 140 + 130 * len(channels))
+    words = "Measured − predicted, run after run; grey: 95 % range of the noise"
+    style(figure, f"Errors of the predictions in order of measurement{which}", words, 140 + 130 * len(channels))
     figure.update_layout(legend=_LEGEND, margin={"t": 110}, shapes=shapes)
     return figure
 

@@ -50,7 +50,7 @@ def diagnosis(tables: Tables) -> ReportSection | None:
     found = accepted_of(rows)
     rivals = [row for row in rows if row.verdict == RIVAL]
     reported = [_accepted(row, tables) for row in found]
-    reported += [("warn", f"As good, and not to be told from it: {lower(_finding(row, tables))}") for row in rivals]
+    reported += [("warn", f"Equally good explanation: {lower(_finding(row, tables))}") for row in rivals]
     listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
     parts = tuple(part for part in (adequacy(tables), *_parts(rows, found, tables)) if part is not None)
     return ReportSection(
@@ -75,21 +75,21 @@ def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables
 def _accepted(row: AssessedCause, tables: Tables) -> tuple[str, str]:
     """A finding with its mark; of what is only suspected, that and why."""
     if row.verdict == SUSPECTED:
-        return "warn", f"Suspected, not found: {lower(_finding(row, tables))} Why: {DOUBTS[row.reason_code]}."
+        return "warn", f"Suspected, not confirmed: {lower(_finding(row, tables))} Reason: {DOUBTS[row.reason_code]}."
     return "warn" if row.is_noise else "found", _finding(row, tables)
 
 
 def _finding(row: AssessedCause, tables: Tables) -> str:
     """What, where, how large; then how sure."""
     sure = certainty(row)
-    return f"{clause(row, tables)}. {sure[:1].upper()}{sure[1:]}." if sure else f"{clause(row, tables)}."
+    return f"{clause(row, tables)}. {sure}." if sure else f"{clause(row, tables)}."
 
 
 def _words(rows: list[AssessedCause]) -> Listing:
     """The full sentences, as the tables hold them."""
     reported = tuple((row.name, printed(row.explanation), printed(row.then)) for row in rows)
     heads = ("cause", "what the data say", "next measurement")
-    return Listing(heads, reported, (), "In full, as diagnosis.parquet has it", True, "diagnosis.parquet")
+    return Listing(heads, reported, (), "Full sentences, as in diagnosis.parquet", True, "diagnosis.parquet")
 
 
 def _swallowed(tables: Tables) -> ReportSection | None:
@@ -98,8 +98,8 @@ def _swallowed(tables: Tables) -> ReportSection | None:
     text = swallowed(absorbed_by(tables, shown_calibration(tables, fitted))) if fitted is not None else ""
     if not text:
         return None
-    see = (("knowledge", "The absorption map, under What can be known."),)
-    return ReportSection("swallowed", "What parameters swallow where it is left out", text, see=see)
+    see = (("knowledge", "Absorption map of all parameters"),)
+    return ReportSection("swallowed", "Bias of the parameters if the deformation is ignored", text, see=see)
 
 
 def sizes(found: list[AssessedCause]) -> ReportSection:
@@ -107,7 +107,7 @@ def sizes(found: list[AssessedCause]) -> ReportSection:
     drawn = [picture for row in found for picture in _pictures(row)]
     listings = tuple(_parameters(row) for row in found if row.sizes)
     numbers = sum(size.number is not None for row in found for size in row.sizes)
-    lead = f"{count(numbers, 'number')} of the extended model, each with one standard deviation."
+    lead = f"{count(numbers, 'parameter')} of the extended model, each with one standard deviation."
     return ReportSection("sizes", "How large", lead, tuple(drawn), listings)
 
 
@@ -122,7 +122,7 @@ def _pictures(row: AssessedCause) -> Drawn:
     return [
         (
             _parameter_bars(row, kind, several),
-            "An interval that holds the zero line is a parameter that may be nothing.",
+            "A parameter whose interval contains zero is not significant.",
         )
         for kind, several in own.items()
         if len(several) >= _WORTH_DRAWING

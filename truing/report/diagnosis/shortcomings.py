@@ -41,13 +41,13 @@ _EPOCHS = {
     Relation.LOADS_SIGNALS: _LOAD,
     Relation.COMMANDS_ENCODERS: _COMMAND,
 }
-_IF_NOISE = "If the scatter is not what [noise] says, correct [noise]. If it is, an effect is missing in the model."
+_IF_NOISE = "If the scatter differs from [noise], correct [noise]. If it agrees, an effect is missing in the model."
 # Of a model that no test finds wrong.
 _OF_VERDICT = {
-    ReasonCode.BEYOND_NOISE: ("predictions miss by more than the declared noise", _IF_NOISE),
+    ReasonCode.BEYOND_NOISE: ("the errors of predictions exceed the declared noise", _IF_NOISE),
     ReasonCode.BELOW_NOISE: (
-        "predictions miss by less than the declared noise",
-        "The scatter is the noise to declare.",
+        "the errors of predictions are smaller than the declared noise",
+        "Declare the scatter as noise.",
     ),
 }
 _LOOKS_BACK = re.compile(
@@ -84,7 +84,7 @@ def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
     if row.test == "input-noise":
         return f"{anew} {_IF_NOISE}"
     if row.test == "pure-error":  # what repeats have in common comes with the command, whatever the noise
-        return f"Measure more {several} near those that were repeated: what they all miss has a form there."
+        return f"Measure more {several} near those that were repeated: common errors show the missing effect."
     along = cell(row.along)
     return _along((along,) if _LOOKS_BACK.fullmatch(along) else named(along), several)
 
@@ -93,9 +93,8 @@ def _of_cause_left(cause: str) -> str:
     """What shows the cause that an ended search would have accepted next, where that is the same for every subject."""
     known = WORDINGS.get(cause)
     if known is not None and isinstance(known.advice, str):
-        return f"Next would be {cause_words(cause)}. {known.advice}"
-    text = "Measure a small campaign in which one thing changes at a time, and everything else is held."
-    return f"{text} Each effect then shows by itself."
+        return f"To test {cause_words(cause)}: {known.advice}"
+    return "Measure a small campaign in which one input changes at a time, so that each effect shows separately."
 
 
 def _along(columns: tuple[str, ...], several: str) -> str:
@@ -103,15 +102,14 @@ def _along(columns: tuple[str, ...], several: str) -> str:
     what = columns_words(columns)
     if set(columns) <= OF_TIME:
         text = f"Repeat five of the first {several} at the end, and measure the others in random order."
-        return f"{text} If the repeats differ, something drifts with time. If not, the error belongs to the {several}."
+        return f"{text} If the repeats differ, something drifts with time. If not, the errors depend on the {several}."
     if all(_LOOKS_BACK.fullmatch(name) for name in columns):
         return (
-            f"Measure five {several} twice from each side. What depends on how they were reached then shows by itself."
+            f"Measure five {several} twice from each side. Effects of the direction of approach then show separately."
         )
     if any("temperature" in name for name in columns):
-        return f"Repeat five {several} at two temperatures, each held until it is steady. All else stays as it was."
+        return f"Repeat five {several} at two stable temperatures, with everything else unchanged."
     if len(columns) > 1:
         text = f"Repeat the five {several} with the largest errors on another day."
-        return f"{text} If they miss by the same again, measure more {several} near them: the error has a form there."
-    text = f"Measure at five values of {what}, up and down again, with all else held."
-    return f"{text} What follows {what} then shows by itself."
+        return f"{text} If the errors are the same, measure more {several} near them, to find the form of the error."
+    return f"Measure at five values of {what}, increasing and decreasing, with everything else unchanged."

@@ -27,13 +27,13 @@ def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
     texts = [_of_blocks(row, of) for row in rows if row.left_out_gain is not None]
     if lone := [row.name for row in rows if row.left_out_by == ONE_BLOCK]:
         texts.append(
-            f"No two blocks tell of {listed(lone)}: the effect shows in one series, run, day or region alone, or too "
-            "little in each. Whether it holds elsewhere, only a repetition on another day tells."
+            f"Not cross-validated: {listed(lone)}. The effect shows in only one series, run, day or region, or too "
+            "weakly in each. A repetition on another day would test it."
         )
     if unknown := [row.name for row in rows if row.left_out_by == NONE]:
         texts.append(
-            "The campaign has no three series, runs, days or regions that could be left out as a whole, and "
-            f"{of.single}s drawn from among the others cannot tell whether {listed(unknown)} holds elsewhere. "
+            f"Not cross-validated: {listed(unknown)}. The campaign has fewer than three series, runs, days or regions "
+            f"to leave out as a whole, and single {of.single}s left out do not test whether an effect holds elsewhere. "
             f"{_to_measure(of)}"
         )
     return texts
@@ -42,25 +42,28 @@ def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
 def _of_blocks(row: AssessedCause, of: PartNames) -> str:
     """What a finding does to blocks that are predicted from the others."""
     gain = row.left_out_gain or 0.0
-    parts = f"each of the {row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.single])} that tell of it"
-    if abs(gain) < math.log(EQUAL_ODDS):
-        return f"With {parts} left out in turn, the others do not tell whether {row.name} holds there ({_odds(gain)})."
-    more = "more" if gain > 0.0 else "less"
-    text = f"{row.name} makes them {more} probable ({_odds(gain)})"
-    return f"With {parts} left out in turn and predicted from the others, {text}."
+    parts = f"{row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.single])}"
+    says = "does not decide about" if abs(gain) < math.log(EQUAL_ODDS) else "supports" if gain > 0.0 else "contradicts"
+    return (
+        f"Cross-validation {says} {row.name}, {_odds(gain)}: {parts} that are sensitive to it were left out in turn "
+        "and predicted from the others."
+    )
 
 
 def _odds(gain: float) -> str:
     """The odds that a logarithm stands for, for or against."""
     power = abs(gain) / math.log(10.0)
-    size = f"more than 10^{_MOST:.0f}" if power > _MOST else f"{10.0**power:.0f}" if power > 1.0 else plain(10.0**power)
-    return f"odds of {size} to 1 {'for' if gain >= 0.0 else 'against'} it"
+    size = "more than 1,000,000" if power > _MOST else f"{10.0**power:.0f}" if power > 1.0 else plain(10.0**power)
+    return f"with odds of {size} to 1 {'for' if gain >= 0.0 else 'against'} it"
 
 
 def _to_measure(of: PartNames) -> str:
     if of is READINGS:
-        return "To tell, apply the loads in three runs or more, or in four ranges of loads, at least four steps each."
-    return (
-        f"To tell, measure at least four {of.single}s on each of three days, or in each quarter of the workspace; "
-        "those under What to measure next serve."
-    )
+        return "To test it, apply loads in three runs or more, or in four ranges of loads, at least four steps each."
+    return f"To test it, measure at least four {of.single}s on each of three days, or in each quarter of the workspace."
+
+
+def not_elsewhere(found: Iterable[AssessedCause], of: PartNames) -> tuple[tuple[str, str], ...]:
+    """The section with measurements that would test whether a finding holds elsewhere, where none of blocks could."""
+    untested = of is not READINGS and any(row.left_out_by == NONE for row in found)
+    return (("next", "What to measure next"),) if untested else ()

@@ -9,6 +9,8 @@ import pandas as pd
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.assessed_causes import (
+    CHANGES,
+    HOLDS,
     NOT_TESTABLE,
     REJECTED,
     RIVAL,
@@ -64,15 +66,15 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
         code = ReasonCode.SUSPECTED if doubted else ReasonCode.FOUND
         return _diagnosed(RelationState.ATTENTION, code, _found_words(found, tables), len(effects))
     if found:
-        text = f"{clause(found[0], tables)}; beyond that {_none(rows)}."
+        text = f"{clause(found[0], tables)}; otherwise {_none(rows)}."
         code = ReasonCode.NOTHING_FOUND if found[0].is_remainder else ReasonCode.NOISE
         return _diagnosed(RelationState.ATTENTION, code, text)
     if not _testable(rows):
-        text = f"{_upper(tested_words(rows))}: not tested, {_none(rows)}."
+        text = f"{_upper(tested_words(rows))}: not tested, because {_none(rows)}."
         return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, text)
     adequacy = before.get("adequacy")
     if adequacy is not None and adequacy.state in (RelationState.ATTENTION, RelationState.FAILS):
-        text = f"{_upper(_none(rows))}; yet what is left is not the declared noise."
+        text = f"{_upper(_none(rows))}, but the residuals are not the declared noise."
         return _diagnosed(RelationState.ATTENTION, ReasonCode.NOTHING_FOUND, text)
     return _diagnosed(RelationState.OK, ReasonCode.AGREES, _agreement(rows, tables))
 
@@ -89,10 +91,10 @@ def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Secti
         return None
     recorded = recorded_readings(tables)
     if not recorded:
-        text = "No simulation was tested: no readings were recorded that it could relate to the measured poses."
+        text = "No simulation was tested, because no readings were recorded to compare with the measured poses."
         return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_READINGS, text)
     names = listed_shortly(recorded)
-    text = f"Whether the machine moves as its readings say was not tested: no [mechanism] relates {names} to the "
+    text = f"Not tested: whether the machine moves as its readings say. No [mechanism] relates {names} to the "
     text += f"measured poses. {_bodies_words(assessed_causes(tables))}"
     return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_MECHANISM, text)
 
@@ -121,15 +123,14 @@ def _found_words(found: list[AssessedCause], tables: Tables) -> str:
     texts = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _more_findings(sure)] if sure else []
     if doubted:
         names = "; ".join(lower(clause(row, tables)) for row in doubted[:_TOLD])
-        texts.append(f"Suspected, not found: {names}{_more_findings(doubted)}")
-    modelling = "modelling it" if len(effects) == 1 else f"modelling {'both' if len(effects) == 2 else 'all of it'}"
-    text = ". ".join(texts)
-    return f"{text}; {modelling} {brings}." if brings else f"{text}."
+        texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
+    modelling = "Modelling it" if len(effects) == 1 else f"Modelling {'both' if len(effects) == 2 else 'all of them'}"
+    return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."
 
 
 def _more_findings(rows: list[AssessedCause]) -> str:
     more = len(rows) - _TOLD
-    return f", and {count(more, 'further finding')} under Diagnosis" if more > 0 else ""
+    return f", and {count(more, 'further finding')} (see Diagnosis)" if more > 0 else ""
 
 
 def _testable(rows: list[AssessedCause]) -> list[AssessedCause]:
@@ -138,12 +139,12 @@ def _testable(rows: list[AssessedCause]) -> list[AssessedCause]:
 
 
 def _none(rows: list[AssessedCause]) -> str:
-    """``none of 9 candidates was found; not testable here: scale of the measurement, sag under gravity``."""
+    """``none of 9 candidates was found; not testable with these data: measurement scale, sag under gravity``."""
     tested, idle = len(_testable(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
     if not tested:
-        return f"none of {count(len(idle), 'candidate')} is testable here"
+        return f"none of {count(len(idle), 'candidate')} is testable with these data"
     names = list(dict.fromkeys(cause_words(row.cause) for row in idle))
-    more = f"; not testable here: {listed_shortly(names)}" if names else ""
+    more = f"; not testable with these data: {listed_shortly(names)}" if names else ""
     return f"none of {count(tested, 'candidate')} was found{more}"
 
 
@@ -172,17 +173,17 @@ def _listed(clauses: list[str], several: int) -> str:
     if len(clauses) == 1:
         return clauses[0]
     numbered = "; ".join(f"({k}) {lower(text)}" for k, text in enumerate(clauses, 1))
-    return f"{_COUNTED.get(several, several)} things are wrong: {numbered}"
+    return f"{_COUNTED.get(several, several)} effects found: {numbered}"
 
 
 def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     of = tested_words(rows)
-    text = f"{_upper(of)} agree to within the noise" if of else "What is left is noise"
+    text = f"{_upper(of)} agree to within the noise" if of else "The residuals are noise"
     text = f"{text}: {_none(rows)}."
     sizes = _hidden_sizes(filled(tables, "detectable"))
     if not sizes:
         return text
-    return printed(f"{text} From these sizes on one would have been (80 %): {', '.join(sizes)}.")
+    return printed(f"{text} Smallest sizes that would have been found (probability 80 %): {', '.join(sizes)}.")
 
 
 def _hidden_sizes(table: pd.DataFrame | None) -> list[str]:
@@ -211,8 +212,8 @@ def _rivals(found: list[AssessedCause], rows: list[AssessedCause], tables: Table
         return []
     texts = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
     more = f", or one of {len(rivals) - _TOLD} more" if len(rivals) > _TOLD else ""
-    which = "It" if len(found) == 1 else "Part of it"
-    words = f"{which} could as well be that {', or that '.join(texts)}{more}: this campaign cannot tell."
+    which = "this finding" if len(found) == 1 else "one of these findings"
+    words = f"Equally good explanation of {which}: {', or '.join(texts)}{more}. This campaign cannot distinguish them."
     return [("warn", words)]
 
 
@@ -226,26 +227,25 @@ def _next(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
     steps = [step for step in next_steps(rows, tables) if step.need != Need.TESTABLE]
     if not steps:
         return []
-    first, where = steps[0], " The table is under What to measure next." if steps[0].short else ""
-    return [("next", f"Next: {lower(first.short_text)}{where}")]
+    return [("next", f"Next: {lower(steps[0].short_text)}")]
 
 
 def certainty(row: AssessedCause) -> str:
     """How sure a finding is: chance, signal over noise, probability among the candidates, and what it predicts."""
     reported = []
     if row.p_value is not None:
-        reported.append(f"chance alone would show as much in {_share(row.p_value)} campaigns")
+        reported.append(f"chance alone gives so clear an effect in {_share(row.p_value)} campaigns")
     if row.signal_to_noise is not None:
-        reported.append(f"signal-to-noise {rough(row.signal_to_noise)}")
+        reported.append(f"signal-to-noise ratio {rough(row.signal_to_noise)}")
     if row.probability is not None and not row.is_noise:
         reported.append(f"probability among the candidates {_probability(row.probability)}")
-    if row.holds:
-        reported.append(f"with plausible scales tripled the ranking {row.holds}")
-    return "; ".join(reported)
+    ranking = {HOLDS: "is unchanged", CHANGES: "changes"}.get(row.holds)
+    unsure = [f"The ranking {ranking} if assumed effect sizes are tripled"] if ranking else []
+    return ". ".join([_upper("; ".join(reported)), *unsure] if reported else unsure)
 
 
 def _share(p: float) -> str:
-    return f"at most {100.0 * p:.2g}{UNBROKEN}% of" if p >= 1e-5 else "less than one of 100,000"
+    return f"at most {100.0 * p:.2g}{UNBROKEN}% of" if p >= 1e-5 else "fewer than 1 of 100,000"
 
 
 def _probability(p: float) -> str:
@@ -265,21 +265,21 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     accepted = [row for row in accepted_of(rows) if not row.is_noise]
     found, suspected = len(accepted), sum(row.verdict == SUSPECTED for row in accepted)
     causes = [row for row in rows if not row.is_noise]
-    judged_words = f"{count(len(causes), 'candidate cause')} judged"
+    assessed = f"{count(len(causes), 'candidate cause')} assessed"
     if not found:
         if short := shortcoming(tables):
-            return f"{judged_words}, none found; yet the model does not hold as a whole: {short}."
+            return f"{assessed}, none found, but the model does not fit as a whole: {short}."
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the noise is not as declared" if noisy else ""
-        return f"{judged_words}, held against {of}: {_none(rows)}{noise}."
-    other = f", {rivals} as good and not to be told from it" if rivals else ""
-    unseen = f", {idle} not testable here" if idle else ""
-    into = "modelled in what follows"
+        return f"{assessed} by comparing {of}: {_none(rows)}{noise}."
+    other = f", {rivals} equally good and not distinguishable from it" if rivals else ""
+    unseen = f", {idle} not testable with these data" if idle else ""
+    into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
-        into = "accepted into the extended model (model.toml)"
+        into = "added to the extended model (model.toml)"
     return (
-        f"{judged_words}: {_accepted_words(found - suspected, suspected)} and {into}{other}, {out} rejected{unseen}. "
-        f"Each is held against the others by all that was measured, with every other parameter left free."
+        f"{assessed}: {_accepted_words(found - suspected, suspected)} and {into}{other}, {out} rejected{unseen}. "
+        f"All causes were compared on the same data, re-estimating every other parameter."
     )
 
 

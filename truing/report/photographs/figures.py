@@ -219,8 +219,8 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
     more = f" The {len(images)} of {total} images with the largest residuals." if len(images) < total else ""
     style(
         figure,
-        "What the adjustment leaves of each ray",
-        f"Measured minus adjusted: {by:g} px along the axes are {by / gain:.2g} px of residual.{more}",
+        "Residuals of the rays",
+        f"Measured minus adjusted: {by:g} px on the axes = {by / gain:.2g} px of residual.{more}",
         620,
     )
     height = float(formats["height_px"].max())

@@ -28,11 +28,14 @@ def photographs(tables: Tables) -> ReportSection | None:
         return None
     points = _with_bodies(points, tables)
     figures = (
-        (network_picture(points, images, cameras), "Long ellipsoids point to the cameras where these stand too close."),
+        (
+            network_picture(points, images, cameras),
+            "A long ellipsoid points towards cameras that are too close to each other.",
+        ),
         (
             residual_picture(residuals, cameras),
-            "Noise points anywhere. Neighbours that point the same way are distortion that the camera's model does not "
-            "have; a single long vector is a target that was measured wrong.",
+            "Noise has random directions. Neighbours with equal directions show distortion that the camera model "
+            "lacks; a single long vector shows a wrong measurement.",
         ),
     )
     listings = [
@@ -131,7 +134,7 @@ def _bars(tables: Tables) -> Iterator[Listing]:
         off = (own["deviation_mm"] / own["deviation_sigma_mm"]).abs().fillna(0.0)
         worst = own.loc[off.groupby(own["bar"], sort=False).idxmax()]
         each = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
-        caption = f"{what} that give the scale ({len(each)}), each in the pose where it is furthest off"
+        caption = f"{what} that define the scale ({len(each)}), each in the pose with its largest deviation"
         yield Listing(("distance", "pose", *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)
 
 
@@ -159,7 +162,7 @@ def _noise(tables: Tables) -> Iterator[Listing]:
     )
     if rows:
         heads = ("camera, kind", "noise over stated", "redundancy")
-        yield Listing(heads, rows, caption="Noise of the image coordinates, as the residuals tell it")
+        yield Listing(heads, rows, caption="Noise of the image coordinates, from the residuals")
 
 
 def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
@@ -167,7 +170,7 @@ def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
     left = residuals[residuals["rejected"]]
     left = left.assign(size=np.hypot(left["vx_px"], left["vy_px"]), reason=left["reason"].map(cell))
     left = left.sort_values("size", ascending=False, kind="stable")
-    heads = ("pose", "image", "point", "at x, y (px)", "off by (px)")
+    heads = ("pose", "image", "point", "at x, y (px)", "residual (px)")
     for reason, count_of in left["reason"].value_counts().items():
         rows = tuple(_ray(r) for r in left[left["reason"] == reason].itertuples())
         caption = f"Rays left out ({count_of:,}): {reason}"

@@ -77,6 +77,7 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     return _template().render(
         head=head,
         sections=[_drawn(section, head.campaign) for section in sections],
+        next=next((section.title for section in all_of(sections) if section.id == "next"), ""),
         style=_package_text("page.css"),
         scripts=scripts,
         plotly=plotly,

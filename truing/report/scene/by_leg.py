@@ -11,7 +11,7 @@ from truing.report.page import Listing
 from truing.report.parameter_names import kind_of, shown_in
 from truing.report.tables import LOAD_UNITS, Tables, filled
 
-_HEADS = ("leg", "quantity", "value", "less nominal", "pull")
+_HEADS = ("leg", "quantity", "value", "minus nominal", "pull")
 _BENT = ("K", "kappa")
 
 
@@ -23,7 +23,7 @@ def by_leg(tables: Tables) -> Listing:
     if fitted is not None:
         key = shown_calibration(tables, fitted)
         rows += _numbers(rows_of(fitted, key).dropna(subset=["leg"]))
-        caption += f", and the numbers by {called(key)}. ±: one standard uncertainty"
+        caption += f", and the parameters by {called(key)}. ±: one standard uncertainty"
     rows.sort(key=lambda row: row[0])
     return Listing(_HEADS, tuple((f"leg {leg}", *cells) for leg, *cells in rows), (), caption, True, by_leg=True)
 
@@ -71,5 +71,5 @@ def by_leg_of_sensor(tables: Tables) -> Listing:
         for r in pulls.dropna(subset=["leg", "pull_after"]).itertuples():
             rows.append((int(r.leg), kind_of(r.parameter, r.leg), "–", "–", plain(r.pull_after)))
     rows.sort(key=lambda row: row[0])
-    caption = "Leg by leg: the column of G_B of its signal, and the pulls of its parts with the causes modelled"
+    caption = "Leg by leg: the column of G_B for its signal, and the pulls of its parts with the causes"
     return Listing(_HEADS, tuple((f"leg {leg}", *cells) for leg, *cells in rows), (), caption, True, by_leg=True)

@@ -204,8 +204,8 @@ def _of_leg(shifts: pd.DataFrame, pose: Any, leg: int) -> str:
     row = shifts.loc[(pose, leg)]
     shift = with_uncertainty(float(row["delta_bz_um"]), float(row["sigma_um"]), "µm")
     out = " (left out as gross error)" if bool(row.get("rejected", False)) else ""
-    drive = f"; its actuator at {row['delta_rho_mm']:+.3f} mm" if np.isfinite(row["delta_rho_mm"]) else ""
-    return f"Leg {leg}: its attachment shifts along z by {shift}{out}{drive}."
+    drive = f"; displacement of its actuator {row['delta_rho_mm']:+.3f} mm" if np.isfinite(row["delta_rho_mm"]) else ""
+    return f"Leg {leg}: shift of its attachment along z {shift}{out}{drive}."
 
 
 def load_scene(tables: Tables) -> DrawnScene | None:
@@ -305,7 +305,7 @@ def _load_captions(
     noise = _sigma_along(place, along, covariance)
     return tuple(
         tuple(
-            f"Leg {leg}: its joints move apart by {with_uncertainty(float(s), float(u), 'µm')}."
+            f"Leg {leg}: change of the distance between its joints {with_uncertainty(float(s), float(u), 'µm')}."
             for leg, s, u in zip(legs, *own, strict=True)
         )
         for own in zip(longer, noise, strict=True)

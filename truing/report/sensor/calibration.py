@@ -28,7 +28,7 @@ _WIDE = 30.0
 # By matrix and model: how it is named, and drawn.
 _SHOWN = {
     ("G", ""): ("G", GREY, "line-ew-open"),
-    ("G", "elastic joints"): ("G, joints that resist", GREEN, "square-open"),
+    ("G", "elastic joints"): ("G, elastic joints", GREEN, "square-open"),
     ("G'", ""): ("G'", ORANGE, "diamond-open"),
     ("G_B'", ""): ("G_B'", BLUE, "circle"),
 }
@@ -46,11 +46,11 @@ def calibration(tables: Tables) -> ReportSection | None:
     shown: Drawn = []
     listings: list[Listing] = []
     if choice is not None:
-        words = "By fits that have not seen the loads' own case. A term that does not help there is not taken."
+        words = "By fits without the load case itself. A term that does not reduce these errors is left out."
         shown.append((held_out_errors(choice, largest), words))
         listings += [*compared_calibrations(tables), _matrix(matrices), _choices(choice, largest)]
     if classes is not None and classes["value"].notna().any():
-        words = "Definitions: docs/error-classes.md. Wrenches by the chosen calibration, counted from each run's zero."
+        words = "Definitions: docs/error-classes.md. Loads by the chosen calibration, relative to the zero of each run."
         shown.append((error_classes(classes), words))
     if classes is not None:
         listings.append(_classes(classes))
@@ -88,15 +88,15 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
     """Whether the chosen calibration misses what it was not fitted to by no more than noise."""
-    held = "held-out loads are missed by what noise leaves"
-    verified = "the verification runs are missed by what noise leaves"
+    held = "errors of held-out loads agree with the noise"
+    verified = "errors in the verification runs agree with the noise"
     if choice is None:
         return [ModelTest(asked, None, "G_B was not evaluated.") for asked in (held, verified)]
     own = choice[choice["model"] == _chosen(choice)]
     facts = own.drop_duplicates("figure").set_index("figure")["value"]
     return [
         _missed(held, facts, "heldout", "Nothing was held out."),
-        _missed(verified, facts, "verification", "No run is for verification, or its noise is not told."),
+        _missed(verified, facts, "verification", "No run has role verification, or its noise is not known."),
     ]
 
 
@@ -105,9 +105,9 @@ def _missed(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
     if times is None:
         return ModelTest(asked, None, why_not)
     chi_square, freedom = (float(facts[f"{what}_{name}"]) for name in ("chi_square", "freedom"))
-    if (small := below_noise(asked, chi_square, freedom, "the noise is declared too large")) is not None:
+    if (small := below_noise(asked, chi_square, freedom, "the declared noise is too large")) is not None:
         return small
-    return ModelTest(asked, times <= _AT_NOISE, f"By {plain(times)} times what noise leaves, rms.")
+    return ModelTest(asked, times <= _AT_NOISE, f"The rms error is {plain(times)} times that by noise.")
 
 
 def _ratio(facts: pd.Series, what: str) -> float | None:
@@ -134,29 +134,29 @@ def _largest(tables: Tables) -> dict[str, float]:
 def _lead(tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, largest: dict[str, float]) -> str:
     if choice is None:
         why = tables["sensor_matrix"].attrs.get(WHY_NOT) or "no signals"
-        return f"G by the drawing alone. G_B is not evaluated: {why}."
+        return f"G from nominal dimensions only. G_B is not evaluated: {why}."
     chosen = _chosen(choice)
     own = choice[choice["model"] == chosen]
     held = own[own["figure"] == "heldout_rms"].set_index("subject")["value"]
     share = {load: 100.0 * float(held[load]) / largest[load] for load in largest if load in held}
     worst = max(share, key=lambda load: share[load])
     texts = [
-        f"Chosen: {chosen}. Loads that it was not fitted to it misses by {plain(min(share.values()))} to "
-        f"{plain(share[worst])} % of the largest load, rms; {worst} worst, {plain(held[worst])} {LOAD_UNITS[worst]}."
+        f"Chosen: {chosen}. The rms error on held-out loads is {plain(min(share.values()))} to {plain(share[worst])} % "
+        f"of the largest load; it is largest for {worst}, {plain(held[worst])} {LOAD_UNITS[worst]}."
     ]
     printed = choice[(choice["model"] == _AS_PRINTED) & (choice["figure"] == "heldout_rms")]
     if len(printed) and chosen != printed["model"].iloc[0]:
         other = 100.0 * float(printed.set_index("subject")["value"][worst]) / largest[worst]
         if other > 1.5 * share[worst]:
-            texts.append(f"Least squares without a zero, as the paper prints it, misses by {plain(other)} % there.")
+            texts.append(f"Least squares without a zero gives {plain(other)} % there.")
     texts += _verified(own)
     texts += filter(None, [data_words(tables)])
     equal = choice[(choice["figure"] == "indistinguishable") & (choice["value"] == 1.0)]["model"]
     if len(equal):
-        texts.append(f"The data cannot tell {' or '.join(equal)} from it; the simpler one is taken.")
+        texts.append(f"The data cannot distinguish {' or '.join(equal)} from it; the simpler one is chosen.")
     if (own["figure"] == "tared").any() and float(own.loc[own["figure"] == "tared", "value"].iloc[0]):
         texts.append(
-            "Runs differ in their unloaded signals by more than noise: signals are counted from each run's own."
+            "Unloaded signals differ between runs by more than noise, so signals are relative to each run's zero."
         )
     return " ".join(texts)
 
@@ -166,7 +166,7 @@ def _verified(own: pd.DataFrame) -> list[str]:
     if not len(checked):
         return []
     named = ", ".join(f"{r.subject} {plain(r.value)} {LOAD_UNITS[r.subject]}" for r in checked.itertuples())
-    return [f"In the verification runs: {named}, rms."]
+    return [f"The rms error in the verification runs is {named}."]
 
 
 def _chosen(choice: pd.DataFrame) -> str:
@@ -188,7 +188,7 @@ def _matrix(matrices: pd.DataFrame) -> Listing:
         rows.append((f"{load} ({LOAD_UNITS[load]})", *cells))
     heads = ("load", *(f"per mV of {column}" for column in columns))
     csv = own.drop(columns=["chosen", "matrix"]).to_csv(index=False)
-    caption = "G_B of the chosen calibration. ±: the larger of the fit's sigma and that by leaving load cases out"
+    caption = "G_B of the chosen calibration. ±: larger standard deviation, by the fit or by leaving out load cases"
     return Listing(heads, tuple(rows), (), caption, held_by="sensor_matrix.parquet", csv=csv)
 
 
@@ -216,12 +216,12 @@ def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
     heads = (
         "model",
         *(f"{load} ({LOAD_UNITS[load]})" for load in largest),
-        "error / expected",
+        "error / noise",
         "log density",
         "numbers",
         "choice",
     )
-    caption = "All calibrations by the rms error of held-out loads. Equal: the data cannot tell it from the chosen one"
+    caption = "All calibrations, rms error on held-out loads. Equal: as good as the chosen one"
     return Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > 12, "sensor_choice.parquet")
 
 
@@ -235,9 +235,11 @@ def _classes(classes: pd.DataFrame) -> Listing:
         seen = abs(r.value) > r.limit
         at = "" if r.applied != r.applied else f"{plain(r.applied)} {LOAD_UNITS[r.load]}"
         value = with_uncertainty(r.value, r.sigma)
-        rows.append((r.load, r.error_class, r.indicated, value, plain(r.limit), at, "seen" if seen else "within noise"))
+        rows.append(
+            (r.load, r.error_class, r.indicated, value, plain(r.limit), at, "significant" if seen else "within noise")
+        )
         marks.append("warn" if seen else "")
-    heads = ("load", "class", "indicated by", "%", "limit of noise, %", "at", "verdict")
+    heads = ("load", "class", "indicated by", "%", "noise limit, %", "at", "verdict")
     caption = "Error classes of every axis, per cent of the range (interpolation: of the load)"
     return Listing(heads, tuple(rows), tuple(marks), caption, True, "error_classes.parquet")
 
@@ -246,10 +248,8 @@ def _merit_drawn(merit: pd.DataFrame) -> Drawn:
     lengths = merit.loc[merit["matrix"].isin(["G", "G_B'"]), "length_m"].dropna()
     if not len(lengths) or not (merit["figure"] == "sensitivity").any():
         return []
-    words = (
-        "G: the drawing. G': with assembly errors of one sigma and the largest displacement. G_B': the calibration. "
-    )
-    words += "Joints that resist carry a part of a load past the legs' cells."
+    words = "G: nominal. G': with assembly errors of one sigma and the largest displacement. G_B': the calibration. "
+    words += "Elastic joints carry a part of a load that the cells in the legs do not measure."
     return [(_merit_figure(merit, float(lengths.min())), words)]
 
 
@@ -281,12 +281,10 @@ def _types(merit: pd.DataFrame) -> list[Listing]:
     rows = []
     for (figure, model), own in types.groupby(["figure", "model"], sort=False):
         cells = own.set_index("subject")
-        words = f"{_TYPES[figure]}{', joints that resist' if model == 'elastic joints' else ''}"
+        words = f"{_TYPES[figure]}{', elastic joints' if model == 'elastic joints' else ''}"
         rows.append((words, *(with_uncertainty(cells.loc[s, "value"], cells.loc[s, "sigma"]) for s in subjects)))
     heads = ("per cent", *(f"S {load}" for load in LOADS), "condition")
-    return [
-        Listing(heads, tuple(rows), (), "Theory against calibration, as the paper's Table 5 has it (moments in N·m)")
-    ]
+    return [Listing(heads, tuple(rows), (), "Theory compared with the calibration (moments in N·m)")]
 
 
 def held_out_errors(choice: pd.DataFrame, largest: dict[str, float]) -> go.Figure:
@@ -347,7 +345,7 @@ def error_classes(classes: pd.DataFrame) -> go.Figure:
         )
     figure.update_layout(barmode="group", bargap=0.25)
     _limits(figure, worst, names, loads)
-    subtitle = "Black line: what noise alone would exceed once in twenty times; a bar below it was not seen. Bars: 95 %"
+    subtitle = "Black line: exceeded by noise alone once in 20 times; a bar below it is not significant. Bars: 95 %"
     style(figure, "Errors by class, in per cent of the range (interpolation: of the load)", subtitle, 420)
     figure.update_yaxes(title_text="%", rangemode="tozero")
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 110})
@@ -399,7 +397,7 @@ def _merit_figure(merit: pd.DataFrame, length_m: float) -> go.Figure:
                 hovertemplate="%{x}: %{y:.4g}<extra>" + name + "</extra>",
             )
         )
-    subtitle = f"Moments over {plain(length_m)} m, at which they weigh as much as forces. Bars: 95 %"
+    subtitle = f"Moments divided by {plain(length_m)} m, which gives them the weight of forces. Bars: 95 %"
     style(figure, "Sensitivities and condition number", subtitle, 380)
     figure.update_yaxes(rangemode="tozero")
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 110})

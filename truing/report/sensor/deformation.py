@@ -13,7 +13,7 @@ from plotly.subplots import make_subplots
 from truing.belonging.relation import RelationState
 from truing.report.deformation_section import compliance_map
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
-from truing.report.model_tests import ModelTest, by_p, listing_of
+from truing.report.model_tests import FOUND, ModelTest, by_p, listing_of
 from truing.report.numbers import p_equals, p_value, plain, printed, quantity, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.scene.by_leg import by_leg_of_sensor
@@ -69,21 +69,23 @@ def _tests(tables: Tables) -> list[ModelTest]:
     """Whether the measured compliance is the simulated one, and that of something elastic."""
     facts = _facts(tables["deformation_errors"])
     agrees = by_p(
-        "the measured compliance is the simulated one",
+        "the measured compliance agrees with the simulated one",
         facts.get(("matrix", "agreement_p_value")),
         _UNCLEAR,
         (
-            "What they differ by, noise and tolerances explain.",
-            "They differ by more than these explain.",
+            "Noise and tolerances explain the differences.",
+            "Noise and tolerances do not explain the differences.",
         ),
-        "There is no simulation to hold it against, or no full matrix was measured.",
+        "There is no simulation to compare with, or no full matrix was measured.",
+        FOUND,
     )
     symmetric = by_p(
-        "the compliance is symmetric, as an elastic one is",
+        "the compliance is symmetric, as for an elastic body",
         facts.get(("matrix", "symmetry_p_value")),
         _UNCLEAR,
-        ("What it lacks of symmetry is noise.", "Loads are not what was declared, or the response is not linear."),
+        ("Noise explains the asymmetry.", "Loads differ from the recorded ones, or the response is not linear."),
         "Not every pair of entries was measured.",
+        FOUND,
     )
     return [agrees, symmetric]
 
@@ -92,9 +94,9 @@ def _view(tables: Tables) -> Drawn:
     scene = load_scene(tables)
     if scene is None:
         return []
-    words = "Upper joints where they are without load (grey) and where the measured displacement puts them (orange). "
-    words += "Blue: the load, a torque along the axis that it turns about. Legs that are chosen show their numbers."
-    subtitle = f"Each line runs from a joint's place to where the load moves it, at first {scene.gain:g} times as long"
+    words = "Upper joints without load (grey) and displaced as measured (orange). "
+    words += "Blue: the load; a torque is drawn along its axis. Selected legs show their parameters."
+    subtitle = f"Lines from the unloaded to the loaded position; initial amplification {scene.gain:g}"
     return [(picture(scene, "Displacement of the platform under load, amplified", subtitle), words)]
 
 
@@ -106,11 +108,14 @@ def _curves(tables: Tables) -> Drawn:
     drawn: Drawn = []
     if own.any():
         drawn.append(
-            (_own_axes(curves), "Up and back told apart: what lies between them is hysteresis, clearance or creep.")
+            (_own_axes(curves), "Loading and unloading: a difference between them is hysteresis, clearance or creep.")
         )
     if "simulated" in curves and curves["simulated"].notna().any():
         drawn.append(
-            (differences(curves), "The same, less the simulation, and what each load does to the other components.")
+            (
+                differences(curves),
+                "Measured minus simulated, with the effect of each load on the other components.",
+            )
         )
     return drawn
 
@@ -119,7 +124,7 @@ def _maps(compliance: pd.DataFrame) -> Drawn:
     if not (compliance["model"] == "matrix").any():
         return []
     if (compliance["model"] == "simulated").any():
-        words = "Upper number: measured, lower: simulated. Colour: difference over what noise and tolerances let it be."
+        words = "Upper number: measured; lower: simulated. Colour: difference over its standard deviation."
         return [(_comparison_map(compliance), words)]
     return [(compliance_map(compliance), "Row: displacement. Column: load.")]
 
@@ -129,8 +134,8 @@ def _lead(tables: Tables, compliance: pd.DataFrame) -> str:
     texts = []
     gain = facts.get(("matrix", "p_value_over_linear"))
     if gain is not None and gain == gain:
-        verb = "earns" if gain < _UNCLEAR else "does not earn"
-        texts.append(f"The compliance matrix {verb} its entries over the diagonal alone (p {p_equals(gain)}).")
+        verb = "fits" if gain < _UNCLEAR else "does not fit"
+        texts.append(f"The full compliance matrix {verb} significantly better than its diagonal (p {p_equals(gain)}).")
     measured = compliance[compliance["model"] == "matrix"]
     open_entries = len(CHANNELS) * len(LOADS) - len(measured)
     if open_entries:
@@ -141,7 +146,7 @@ def _lead(tables: Tables, compliance: pd.DataFrame) -> str:
 def _against(measured: pd.DataFrame) -> list[str]:
     """Which entries the simulation gets wrong, the worst first."""
     if "pull" not in measured or not measured["pull"].notna().any():
-        return ["There is no simulation to hold it against."]
+        return ["There is no simulation to compare with."]
     apart = measured[measured["verdict"] == "differs"]
     if not len(apart):
         agree = "The one measured entry agrees" if len(measured) == 1 else f"All {len(measured)} measured entries agree"
@@ -157,8 +162,8 @@ def _asymmetry(facts: dict[tuple[str, str], float]) -> list[str]:
     if p is None or p >= _UNCLEAR:
         return []
     return [
-        f"The matrix is not symmetric (p {p_equals(p)}), as an elastic one is: loads are not what was declared, "
-        "or the response is not linear."
+        f"The matrix is not symmetric (p {p_equals(p)}), unlike that of an elastic body: loads differ from the "
+        "recorded ones, or the response is not linear."
     ]
 
 

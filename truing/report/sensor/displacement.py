@@ -28,9 +28,7 @@ def displacement(tables: Tables) -> ReportSection | None:
     residuals, terms = tables["reading_residuals"], tables["run_terms"]
     drawn: tuple[tuple[go.Figure, str], ...] = ()
     if residuals["residual"].notna().any():
-        words = (
-            "What is left about a smooth curve of load and time through each run. Crosses: kept out as gross errors."
-        )
+        words = "Residuals from a smooth curve of load and time through each run. Crosses: left out as gross errors."
         drawn = ((reading_residuals(residuals), words),)
     listings = [one for one in (_known(cases), _drifts(terms)) if one is not None]
     return ReportSection("displacement", "Displacement", _lead(cases, residuals), drawn, tuple(listings))
@@ -46,7 +44,7 @@ def _lead(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     never = [channel for channel, seen in zip(_COMPONENTS, known.any(axis=0), strict=True) if not seen]
     if never:
         texts.append(f"Never measured, and therefore unknown: {', '.join(never)}.")
-    texts.append("Zeros and drifts of the runs are taken out; their uncertainty is in the covariance.")
+    texts.append("Zeros and drifts of the runs are subtracted; their uncertainty is in the covariance.")
     return " ".join(texts)
 
 
@@ -99,7 +97,12 @@ def reading_residuals(residuals: pd.DataFrame) -> go.Figure:
             grid.add_hline(y=side * BAR * sigma, line={"color": ORANGE, "width": 1, "dash": "dot"}, **place)
         edge = 1.1 * max(min(_REACH * sigma, float(part["residual"].abs().max())), 2.5 * sigma)
         grid.update_yaxes(range=[-edge, edge], **place)
-    style(grid, "Readings less their runs' curves", "Dotted: 95 % of the noise. In the order taken", 150 + 200 * rows)
+    style(
+        grid,
+        "Readings minus the curve of their run",
+        "Dotted: 95 % of the noise. In order of measurement",
+        150 + 200 * rows,
+    )
     grid.update_traces(showlegend=False)
     grid.update_xaxes(title_text="reading", row=rows)
     grid.update_layout(margin={"t": 110})

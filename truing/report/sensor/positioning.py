@@ -27,7 +27,7 @@ _MEANING = {
 _WAYS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-left"))
 _TOLD = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
 _DRAWN = 6  # runs
-_CAPTION = "Where the two lines part, the axis stands elsewhere according to the side from which it comes."
+_CAPTION = "A gap between the two lines is reversal: the position depends on the direction of approach."
 
 
 def positioning(tables: Tables) -> ReportSection | None:
@@ -38,7 +38,7 @@ def positioning(tables: Tables) -> ReportSection | None:
             ReportSection("positioning", "Positioning", " ".join(withheld), state="not evaluated") if withheld else None
         )
     axis, targets = rows[rows["subject"].isna()], rows[rows["subject"].notna()]
-    lead = "By ISO 230-2, targets approached from either side. What all targets' deviations share counts for nothing."
+    lead = "By ISO 230-2, targets approached from either side. A deviation common to all targets has no effect."
     listings = (_of_axis(axis), corrections(tables, of_axis=True), _of_targets(targets))
     shown = tuple(listing for listing in listings if listing.rows)
     drawn = tuple((deviations(own), _CAPTION) for own in _few_runs(targets))
@@ -82,7 +82,7 @@ def not_stated(tables: Tables) -> list[str]:
 
 def _not_stated(run: int | str, qa: pd.DataFrame | None) -> str:
     if qa is None:
-        return f"Run {run} is not evaluated: its quality was not judged."
+        return f"Run {run} is not evaluated: its quality was not checked."
     failed = qa[qa["subject"].eq(f"run {run}") & qa["verdict"].eq("fail")]["message"]
     return f"Run {run} is not evaluated: {failed.iloc[0] if len(failed) else 'it failed a check of its quality.'}"
 

@@ -85,17 +85,17 @@ def _direction(size: ParameterSize) -> str:
 def _eccentric(claim: Claim) -> str:
     axis, sizes = _axis(claim), sure_of(claim.sizes)
     if axis.startswith("m"):
-        return f"{load_words(axis)} brings a force along{': ' if sizes else ''}{_all_towards(sizes)}"
+        return f"{load_words(axis)} also applies a force{': ' if sizes else ''}{_all_towards(sizes)}"
     who, verb = (load_words(axis), "acts") if axis else ("the forces", "act")
     if len(sizes) == 1:
-        return f"{who} {verb} {size_in_words(positive(sizes[0]))} beside the origin, towards {_direction(sizes[0])}"
-    return f"{who} {verb} beside the origin{': ' if sizes else ''}{_all_towards(sizes)}"
+        return f"{who} {verb} {size_in_words(positive(sizes[0]))} off the origin, towards {_direction(sizes[0])}"
+    return f"{who} {verb} off the origin{': ' if sizes else ''}{_all_towards(sizes)}"
 
 
 def _shift_load(claim: Claim) -> str:
     axis = _axis(claim)
     if axis.startswith("m"):
-        return f"Measure the force beside the torque {axis} with a load cell, or turn the torque unit half round."
+        return f"Measure the force beside the torque {axis} with a load cell, or turn the torque unit by 180 degrees."
     what = f"the load {axis}" if axis else "the loading frame"
     turns = " and ".join(f"r{c}" for c in "xyz" if c != axis[1:]) if axis else "all rotations"
     return f"Shift {what} sideways by a known millimetre and repeat the run, with {turns} measured."
@@ -109,12 +109,12 @@ def _imbalance(claim: Claim) -> str:
     shown = largest(tuple(differs or claim.sizes))
     who = load_words(_axis(claim))
     if shown is None:
-        return f"the units that drive {who} are out of balance"
+        return f"the units that apply {who} are not balanced"
     what, component = shown.name.split("_")[:2]
     brought = f"a parasitic {what} {'about' if what == 'moment' else 'along'} {component}"
     size = size_in_words(positive(shown))
     if shown.name.endswith("_growth"):
-        return f"{who} brings {brought} that grows out of proportion, by {size} at the largest load"
+        return f"{who} brings {brought} that grows nonlinearly, by {size} at the largest load"
     if shown.name.endswith("_asymmetry"):
         return f"{who} brings {brought} that differs by {size} between positive and negative load"
     return f"{who} brings {brought}: {size}"
@@ -128,7 +128,7 @@ def _one_unit(claim: Claim) -> str:
 def _stiffness(claim: Claim) -> str:
     size, more = only(claim, "scale")
     if not size:
-        return f"the sensor's stiffness {_under_loads(claim)} is off by one factor"
+        return f"the sensor's stiffness {_under_loads(claim)} differs from the simulated one by a factor"
     return f"the sensor is {size} {'stiffer' if more else 'softer'} {_under_loads(claim)} than simulated"
 
 
@@ -136,58 +136,62 @@ def _soft_leg(claim: Claim) -> str:
     size, more = only(claim, "scale")
     part = claim.fact("part")
     what = f"{part} of {subject_words(claim.subject)}" if part else subject_words(claim.subject)
-    return f"{what} is {size or 'some per cent'} {'stiffer' if more else 'softer'} than simulated"
+    if not size:
+        return f"the stiffness of {what} differs from the simulated one"
+    return f"{what} is {size} {'stiffer' if more else 'softer'} than simulated"
 
 
 def _swap_legs(claim: Claim) -> str:
-    return f"Exchange {subject_words(claim.subject)} for another one and repeat the runs: the softness goes with it."
+    leg = subject_words(claim.subject)
+    return f"Exchange {leg} for another one and repeat the runs: the stiffness error should move with it."
 
 
 def _asymmetry(claim: Claim) -> str:
     size, more = only(claim, "asymmetry")
     if not size:
-        return f"the sensor gives more {_under_loads(claim)} of one sign than of the other"
+        return f"the sensor deflects more {_under_loads(claim)} of one sign than of the other"
     one, other = ("positive", "negative") if more else ("negative", "positive")
     loads = load_words(_axis(claim), "", plural=True)
-    return f"the sensor gives {size} more under {one} {loads} than under {other} ones"
+    return f"the sensor deflects {size} more under {one} {loads} than under {other} ones"
 
 
 def _nonlinear(claim: Claim) -> str:
     size, more = only(claim, "cubic")
-    gives = f": at the largest it gives {size} {'more' if more else 'less'} than in proportion" if size else ""
+    gives = f": at the largest load it deflects {size} {'more' if more else 'less'} than linear" if size else ""
     return f"the sensor is not linear {_under_loads(claim)}{gives}"
 
 
 def _hysteresis(claim: Claim) -> str:
     size, more = only(claim, "width")
     if not size:
-        return f"the deflection {_under_loads(claim)} depends on where the load came from"
-    way = "stays behind" if more else "runs ahead"
+        return f"the deflection {_under_loads(claim)} differs between loading and unloading"
+    way = "lags" if more else "leads"
     return f"the deflection {_under_loads(claim)} {way} on unloading, by {size} of the largest at half load"
 
 
 def _drag(claim: Claim) -> str:
     size, _ = only(claim, "width")
     if not size:
-        return f"the deflection {_under_loads(claim)} drags behind the load, without load too"
+        return f"the deflection {_under_loads(claim)} lags the load and keeps a remainder without load"
     turns, threshold = "", claim.size("threshold")
     if threshold is not None and threshold.number:
         width = size_in_words(ParameterSize("width", 2.0 * threshold.number, None, "1"))
-        turns = f", and turns round over {width} of the range"
+        turns = f", and reverses over {width} of the range"
     return (
-        f"the deflection {_under_loads(claim)} drags behind the load by {size} of its largest, without load too{turns}"
+        f"the deflection {_under_loads(claim)} lags the load and keeps a remainder without load, {size} of its "
+        f"largest{turns}"
     )
 
 
 def _play(claim: Claim) -> str:
     size, _ = only(claim, "clearance")
     jumps = f"jumps by {size}" if size else "jumps"
-    return f"the joints have play: the platform {jumps} as {load_words(_axis(claim))} changes its sign"
+    return f"the joints have clearance: the platform {jumps} when {load_words(_axis(claim))} changes its sign"
 
 
 def _through_zero(claim: Claim) -> str:
     axis = _axis(claim) or "the load"
-    return f"Pass {axis} through zero in ten small steps, and again with a constant load beside it."
+    return f"Pass {axis} through zero in ten small steps, and again with an additional constant load."
 
 
 def _creep(claim: Claim) -> str:
@@ -200,8 +204,8 @@ def _creep(claim: Claim) -> str:
 
 def _walk(claim: Claim) -> str:
     size, up = only(claim, "rate")
-    way = f" {'up' if up else 'down'}, by {size}" if size else " evenly with time"
-    return f"the zero of {_where(claim, 'the channels')} walks{way}"
+    way = f" {'up' if up else 'down'}, by {size}" if size else " linearly with time"
+    return f"the zero of {_where(claim, 'the channels')} drifts{way}"
 
 
 def _unloaded(claim: Claim) -> str:
@@ -212,11 +216,11 @@ def _warm(claim: Claim) -> str:
     each = [f"{_OF_COLUMN[s.name][1]} by {size_in_words(s)}" for s in claim.sizes if s.name in _OF_COLUMN]
     columns = claim.fact("columns") or ()
     plain = [words for column, words in _OF_COLUMN.values() if column in columns]
-    return f"{_where(claim, 'every linear channel')} follows {' and '.join(each or plain) or 'the temperature'}"
+    return f"{_where(claim, 'every linear channel')} depends on {' and '.join(each or plain) or 'the temperature'}"
 
 
 def _zero_against_temperature(claim: Claim) -> str:
-    return f"Read {_channel(claim)} without load while the room is warmed by a kelvin and cools down again."
+    return f"Read {_channel(claim)} without load while the room is warmed by 1 K and cools down again."
 
 
 def _tilted(claim: Claim) -> str:
@@ -225,7 +229,7 @@ def _tilted(claim: Claim) -> str:
     towards = (
         f": {' and '.join(f'{size_in_words(positive(one))} towards {_way(one)}' for one in tilts)}" if tilts else ""
     )
-    return f"the beam of {_where(claim, 'a channel')} stands{f' {size}' if size else ''} off its axis{towards}"
+    return f"the beam of {_where(claim, 'a channel')} is tilted{f' by {size}' if size else ''} from its axis{towards}"
 
 
 def _way(tilt: ParameterSize) -> str:
@@ -240,7 +244,9 @@ def _align(claim: Claim) -> str:
 def _arm(claim: Claim) -> str:
     sizes = sure_of(claim.sizes)
     arm = f": {_all_towards(sizes)}" if sizes else ""
-    return f"the beam of {_where(claim, 'every linear channel')} misses the origin{arm}, so rotation leaks into it"
+    return (
+        f"the beam of {_where(claim, 'every linear channel')} passes off the origin{arm}, so it measures rotation too"
+    )
 
 
 def _shift_beam(claim: Claim) -> str:
@@ -250,7 +256,7 @@ def _shift_beam(claim: Claim) -> str:
 def _dead_path(claim: Claim) -> str:
     size = claim.size("dead_path")
     long = f" of {size_in_words(size)}" if size is not None else ""
-    return f"{_where(claim, 'every linear channel')} carries a dead path{long} that is not compensated for the air"
+    return f"{_where(claim, 'every linear channel')} has a dead path{long} without compensation for the air"
 
 
 def _slip(claim: Claim) -> str:
@@ -259,9 +265,8 @@ def _slip(claim: Claim) -> str:
     shift = claim.size("shift")
     if shift is not None:
         who = _where(claim, "a counter")
-        return (
-            f"the zero of {who} shifts by {size_in_words(shift)}{since}, which is no whole number of half wavelengths"
-        )
+        size = size_in_words(shift)
+        return f"the zero of {who} shifts by {size}{since}, which is not a whole number of half wavelengths"
     if count is None or count.number is None:
         return f"{_where(claim, 'a counter')} jumps by whole half wavelengths{since}"
     number = int(count.number)
@@ -299,8 +304,8 @@ def _crosstalk(claim: Claim) -> str:
     size, more = only(claim, "fraction")
     source = claim.fact("source")
     other = f"signal {source}" if source else "another"
-    turned = "" if more else ", with its sign turned"
-    return f"{_where(claim, 'a signal')} carries {size or 'a fraction'} of {other}{turned}"
+    turned = "" if more else ", with the opposite sign"
+    return f"{_where(claim, 'a signal')} contains {size or 'a fraction'} of {other}{turned}"
 
 
 def _disconnect(claim: Claim) -> str:
@@ -341,15 +346,15 @@ def _rows(claim: Claim) -> str:
 
 def _exchanged(claim: Claim) -> str:
     if claim.fact("step") == "instrument":
-        return f"the signals of {_rows(claim)} stand in each other's row"
+        return f"the signals of {_rows(claim)} are exchanged"
     components = claim.fact("components") or ()
     names = components if isinstance(components, str) else " ".join(components)
     within = f", in {names}" if names else ""
-    return f"the loads of {_rows(claim)} were written down in each other's row{within}"
+    return f"the recorded loads of {_rows(claim)} are exchanged{within}"
 
 
 def _look_up(claim: Claim) -> str:
-    return f"Look up in the laboratory's notes what was applied at {_rows(claim)}, or apply both loads again."
+    return f"Look up in the laboratory's notes which loads were applied at {_rows(claim)}, or apply both loads again."
 
 
 BENCH = {
@@ -358,35 +363,35 @@ BENCH = {
     "stiffness-scale": Wording(
         "stiffness scale",
         _stiffness,
-        "Measure the same deflection with another instrument, along the very line of the load.",
+        "Measure the same deflection with another instrument, along the line of the load.",
     ),
     "stiffness-asymmetry": Wording(
         "stiffness asymmetry",
         _asymmetry,
-        "Repeat the run with the sensor turned round, or with pre-load: what belongs to the sensor turns with it.",
+        "Repeat the run with the sensor reversed, or with preload: an asymmetry of the sensor reverses with it.",
     ),
     "leg-stiffness": Wording("leg stiffness", _soft_leg, _swap_legs),
     "stiffness-nonlinear": Wording(
         "stiffness nonlinear",
         _nonlinear,
-        "Load in smaller steps up to the largest load, and beyond it where that is allowed.",
+        "Load in smaller steps up to the largest load, and above it where that is allowed.",
     ),
     "hysteresis": Wording(
         "hysteresis",
         _hysteresis,
-        "Run up and down three times without a pause: a loop of constant width is hysteresis, a fading one creep.",
+        "Load and unload three times without a pause: a loop of constant width is hysteresis, a shrinking one creep.",
     ),
     "play-hysteresis": Wording(
         "play hysteresis",
         _drag,
-        "Run up and down between growing loads, with a pause at zero: what stays there does not fade, and turns with "
-        "the load that came last.",
+        "Load and unload with increasing largest loads, with a pause at zero: a hysteresis remainder stays constant "
+        "and has the sign of the last load.",
     ),
     "joint-clearance": Wording("joint clearance", _play, _through_zero),
     "creep": Wording(
         "creep",
         _creep,
-        "Hold the largest load for ten times tau and read every tenth of it, then unload and go on reading.",
+        "Hold the largest load for ten time constants, with ten readings each, then unload and continue reading.",
     ),
     "zero-drift": Wording("zero drift", _walk, _unloaded),
     "thermal-drift": Wording("thermal drift", _warm, _zero_against_temperature),
@@ -395,7 +400,7 @@ BENCH = {
     "dead-path": Wording(
         "dead path",
         _dead_path,
-        "Measure the path from beam splitter to mirror; read it unloaded while the air's pressure changes.",
+        "Measure the path from beam splitter to mirror; read it without load while the air pressure changes.",
     ),
     "fringe-slip": Wording("fringe slip", _slip, _slowly),
     "zero-step": Wording("zero step", _shifted, _look_up_event),

@@ -8,12 +8,12 @@ from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording, by,
 from truing.report.wordings.mechanism_wordings import BODIES, MECHANISM
 from truing.report.wordings.nonparametric_wordings import FOLLOWED, PARTS_OF_AXES
 
-_STIR = "Measure the temperature of the air at three heights; stir it with a fan and repeat some poses."
+_STIR = "Measure the air temperature at three heights; mix the air with a fan and repeat some poses."
 _FORMS = {
-    "temperature": ("follows the temperature", "follow the temperature"),
-    "scatter": ("differs from pose to pose, without order", "differ from pose to pose, without order"),
-    "drift": ("drifts evenly with time", "drift evenly with time"),
-    "settles": ("drifts with time, ever more slowly", "drift with time, ever more slowly"),
+    "temperature": ("depends on the temperature", "depend on the temperature"),
+    "scatter": ("scatters from pose to pose", "scatter from pose to pose"),
+    "drift": ("drifts linearly with time", "drift linearly with time"),
+    "settles": ("drifts with time, at a decreasing rate", "drift with time, at a decreasing rate"),
 }
 
 
@@ -21,7 +21,7 @@ def _scale(claim: Claim) -> str:
     size, large = only(claim, "scale")
     verb = "travels" if claim.subject == "axis" else "reads"
     if not size:
-        return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} too far or too little by one factor"
+        return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} with a scale error"
     return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} too {'far' if large else 'little'}{by(size)}"
 
 
@@ -35,7 +35,7 @@ def _shift(claim: Claim) -> str:
     size, _ = only(claim, "shift")
     event, pose = claim.fact("event"), claim.fact("from_pose")
     since = f" after the event {event}" if event else f" from row {pose} on" if pose not in (None, "") else ""
-    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} stands off by a constant{since}{by(size)}"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a zero shift{since}{by(size)}"
 
 
 def _look_at_event(claim: Claim) -> str:
@@ -53,7 +53,7 @@ _AXIS = {
     "lost-motion": Wording(
         "lost motion",
         _lost,
-        "Approach the same commands from both sides, by movements far longer than the gap, and read both encoders.",
+        "Approach the same commands from both sides, by movements longer than the lost motion. Read both encoders.",
     ),
     "zero-shift": Wording("zero shift", _shift, _look_at_event),
 }
@@ -63,40 +63,40 @@ def _unstable(claim: Claim) -> str:
     what = set(claim.fact("what") or ("c",))
     parts = ["principal distance"] * ("c" in what) + ["principal point"] * bool(what - {"c"})
     several = len(parts) > 1
-    jumps = f"{'are others' if several else 'is another one'} from pose {claim.fact('from_pose')} on"
+    jumps = f"{'change' if several else 'changes'} at pose {claim.fact('from_pose')}"
     one, many = _FORMS.get(str(claim.fact("form")), (jumps, jumps))
     return with_sizes(f"the {' and the '.join(parts)} of {claim.subject} {many if several else one}", claim)
 
 
 def _hold_still(claim: Claim) -> str:
     return (
-        f"Photograph a field of targets that holds still with {claim.subject}, rolled by 90 degrees in every second "
-        "image, before and after what it went through, and adjust its interior orientation each time."
+        f"Photograph a fixed field of targets with {claim.subject} before and after the suspected change, rolled by "
+        "90 degrees in every second image, and adjust its interior orientation each time."
     )
 
 
 def _bent(claim: Claim) -> str:
     if claim.subject:
-        pane = "looks through a pane of glass, which shifts rays the more the more they lean"
+        pane = "looks through a pane of glass, which shifts oblique rays"
         return with_sizes(f"{claim.subject} {pane}", claim)
     if claim.fact("scale_height_m") is not None:
-        bent = "measured shapes are bent as by air whose refractive index changes evenly with height"
-        return with_sizes(f"{bent}, which rays do not show", claim)
-    return with_sizes("rays are bent: the refractive index of the air changes unevenly with height", claim)
+        bent = "measured shapes are bent as by a linear change of the refractive index of air with height"
+        return with_sizes(f"{bent}, which residuals of rays do not show", claim)
+    return with_sizes("rays are bent: the refractive index of the air changes nonlinearly with height", claim)
 
 
 def _without_pane(claim: Claim) -> str:
     if not claim.subject:
         return _STIR
-    return f"Repeat some poses without what is before the lens of {claim.subject}, at two distances."
+    return f"Repeat some poses without the pane before the lens of {claim.subject}, at two distances."
 
 
 def _warm_bars(claim: Claim) -> str:
     if claim.fact("bar"):
-        own = f"scale bar {claim.fact('bar')} grows with temperature otherwise than stated"
-        return with_sizes(f"{own}, seen beside the other bars", claim)
-    all_bars = "the scale bars grow with temperature otherwise than stated"
-    return with_sizes(f"{all_bars}, so that all that is measured shrinks by as much", claim)
+        own = f"scale bar {claim.fact('bar')} has a thermal expansion other than stated"
+        return with_sizes(f"{own}, compared with the other bars", claim)
+    all_bars = "the scale bars have a thermal expansion other than stated"
+    return with_sizes(f"{all_bars}, so that all measured lengths change by as much", claim)
 
 
 def _calibrate_bars(claim: Claim) -> str:
@@ -104,7 +104,7 @@ def _calibrate_bars(claim: Claim) -> str:
         which, it = f"bar {claim.fact('bar')}", "it"
     else:
         which, it = "the bars", "one"
-    return f"Calibrate {which} at two temperatures, or photograph {it} beside a bar of known expansion at both."
+    return f"Calibrate {which} at two temperatures, or photograph {it} together with a bar of known expansion at both."
 
 
 RAYS = {

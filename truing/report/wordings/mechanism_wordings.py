@@ -15,7 +15,7 @@ from truing.schemas.covariates import own_name
 # A shift is told with the sigma of parameters taken one by one where it is so many times that.
 _TELLING = 2.0
 _ATTACHMENTS = "Move one actuator at a time through its range and measure the targets at all attachments."
-_TWO_TEMPERATURES = "at two temperatures that lie as far apart as the room allows."
+_TWO_TEMPERATURES = "at two temperatures, as far apart as the room allows."
 
 _CAME_FROM, _TIMES, _TEMPERATURE = "approach ", "*", "temperature_c"
 
@@ -46,7 +46,7 @@ def _up_to(claim: Claim) -> str:
 def _deforms(claim: Claim) -> str:
     """The platform follows each leg's own actuator."""
     where = subject_words(claim.subject)
-    out = " out of proportion to" if claim.cause == "platform-deformation-nonlinear" else " with"
+    out = " nonlinearly with" if claim.cause == "platform-deformation-nonlinear" else " with"
     along = "" if claim.sizes else " along its z"
     if where:
         own = _verb(claim, "its own actuator", "their own actuators")
@@ -94,8 +94,8 @@ def _base_alone(claim: Claim) -> str:
 def _gain(claim: Claim) -> str:
     size, further = only(claim, "gain")
     if size and _verb(claim, "one", ""):
-        return f"{_actuators(claim)} moves {'further' if further else 'less far'} than it reads, by {size}"
-    does = _verb(claim, "does not move by what it reads", "do not move by what they read")
+        return f"{_actuators(claim)} moves {'farther' if further else 'less'} than it reads, by {size}"
+    does = _verb(claim, "has a gain error", "have gain errors")
     return f"{_actuators(claim)} {does}{by_most(claim, 'gain')}"
 
 
@@ -107,33 +107,33 @@ def _backlash(claim: Claim) -> str:
 def _periodic(claim: Claim) -> str:
     pitch = largest(claim.sizes_of("pitch"))
     over = f", with a pitch of {size_in_words(pitch)}" if pitch is not None else ""
-    return f"{_actuators(claim)} {_verb(claim, 'errs', 'err')} periodically{by_most(claim, 'amplitude')}{over}"
+    has = _verb(claim, "has a periodic error", "have periodic errors")
+    return f"{_actuators(claim)} {has}{by_most(claim, 'amplitude')}{over}"
 
 
 def _drift(claim: Claim) -> str:
     size, grows = only(claim, "drift")
     if size and _verb(claim, "one", ""):
         return f"{_legs(claim)} {'grows' if grows else 'shrinks'} by {size} over the campaign"
-    drifts = _verb(claim, "drifts", "drift")
-    return f"{_legs(claim)} {drifts} in length over the campaign{by_most(claim, 'drift')}"
+    return f"the length of {_legs(claim)} drifts over the campaign{by_most(claim, 'drift')}"
 
 
 def _warm_legs(claim: Claim) -> str:
     grow = _verb(claim, "grows", "grow")
-    return f"{_legs(claim)} {grow} with temperature and the bodies do not{by_most(claim, 'alpha')}"
+    return f"{_legs(claim)} {grow} with temperature, but the bodies do not{by_most(claim, 'alpha')}"
 
 
 def _leg_deflection(claim: Claim) -> str:
     if not claim.subject:
-        return f"the legs give way under what they carry, all alike{by_most(claim, 'compliance')}"
-    give = _verb(claim, "gives", "give")
-    return f"{_legs(claim)} {give} way under what the legs carry, and the others do not{by_most(claim, 'compliance')}"
+        return f"all legs deflect equally under the weight that they carry{by_most(claim, 'compliance')}"
+    deflect = _verb(claim, "deflects", "deflect")
+    return f"{_legs(claim)} {deflect} under the weight on the legs, but the others do not{by_most(claim, 'compliance')}"
 
 
 def _flexures(claim: Claim) -> str:
     size = largest(claim.sizes_of("flexure_length"))
-    long = f": {size_in_words(size)} long as beam theory has it" if size is not None else ""
-    return f"the flexures shift the joints as they bend{long}"
+    long = f" (flexure length by beam theory: {size_in_words(size)})" if size is not None else ""
+    return f"bending of the flexures shifts the joints{long}"
 
 
 def _scale(claim: Claim) -> str:
@@ -142,7 +142,7 @@ def _scale(claim: Claim) -> str:
         return f"measured lengths change with temperature{by(size_in_words(per_k)) if per_k is not None else ''}"
     size, large = only(claim, "scale")
     if not size:
-        return "measured lengths are off by one factor"
+        return "measured lengths have a scale error"
     return f"measured lengths are too {'large' if large else 'small'}, by {size}"
 
 
@@ -150,32 +150,31 @@ def _heat(claim: Claim) -> str:
     sizes = {size.name.removeprefix("alpha").lstrip("_"): size_in_words(size) for size in claim.sizes}
     who = "base, platform and legs grow"
     if claim.fact("form") == "bodies":
-        who = f"body {claim.subject} grows" if claim.subject else "all bodies grow alike"
+        who = f"body {claim.subject} grows" if claim.subject else "all bodies grow equally"
     if len(sizes) == 1:
         return f"{who} with temperature, by {next(iter(sizes.values()))}"
-    each = ", each by a share of its own" if claim.fact("form") == "apart" else ""
+    each = ", each by a different amount" if claim.fact("form") == "apart" else ""
     if not sizes:
         return f"{who} with temperature{each}"
     return f"bodies grow with temperature: {', '.join(f'{part} {size}' for part, size in sizes.items())}"
 
 
 def _lands(claim: Claim) -> str:
-    """Who lands elsewhere each time, when, and by how much."""
+    """Whose position scatters at each approach, when, and by how much."""
     who = f"body {claim.fact('body')}" if claim.fact("body") else _actuators(claim)
-    one = bool(claim.fact("body")) or _verb(claim, "one", "")
-    way = {1: " after coming from below", -1: " after coming from above"}.get(claim.fact("direction") or 0, "")
+    way = {1: " when approached from below", -1: " when approached from above"}.get(claim.fact("direction") or 0, "")
     poses = [claim.fact(name) for name in ("from_pose", "to_pose")]
     when = "" if poses[0] in (None, "") else f" from pose {poses[0]} to pose {poses[1]}"
     size, _ = only(claim, "scatter")
-    far = by(f"{size} (one sigma)") if size else ""
-    return f"{who} {'lands' if one else 'land'} elsewhere each time{way}{when}{far}"
+    far = by(f"{size} (standard deviation)") if size else ""
+    return f"the position of {who} scatters at each approach{way}{when}{far}"
 
 
 MECHANISM = {
     "approach-scatter": Wording(
         "scatter of approach",
         _lands,
-        "Approach one of these poses ten times, and one of the others: the scatter of the two tells it.",
+        "Approach one of these poses ten times, and one of the others, and compare their scatter.",
     ),
     "platform-deformation-linear": Wording("platform deformation linear", _deforms, _ATTACHMENTS),
     "platform-deformation-matrix": Wording("platform deformation matrix", _deforms_with_all, _ATTACHMENTS),
@@ -189,12 +188,12 @@ MECHANISM = {
     "actuator-gain": Wording(
         "actuator gain",
         _gain,
-        "Move one actuator at a time through its range and measure its carriage itself, not the platform.",
+        "Move one actuator at a time through its range and measure its carriage, not the platform.",
     ),
     "actuator-backlash": Wording(
         "actuator backlash",
         _backlash,
-        "Approach the same poses from below and from above, by movements far longer than the gap.",
+        "Approach the same poses from below and from above, by movements much longer than the backlash.",
     ),
     "actuator-periodic-error": Wording(
         "actuator periodic error",
@@ -204,7 +203,7 @@ MECHANISM = {
     "leg-drift": Wording(
         "leg drift",
         _drift,
-        "Return to one pose every quarter of an hour, nothing else moved, for as long as the campaign took.",
+        "Return to one pose every 15 minutes, for as long as the campaign took.",
     ),
     "leg-thermal": Wording(
         "leg thermal", _warm_legs, "Repeat some poses at two temperatures and measure targets along the legs."
@@ -212,10 +211,10 @@ MECHANISM = {
     "leg-compliance": Wording(
         "compliance of legs",
         _leg_deflection,
-        "Measure a few poses with the platform as it is and with a known mass on it.",
+        "Measure a few poses without and with a known mass on the platform.",
     ),
     "flexure-shift": Wording(
-        "flexure shift", _flexures, "Measure poses that tilt the platform as far as it goes, to either side."
+        "flexure shift", _flexures, "Measure poses with the largest tilts of the platform, in all directions."
     ),
     "measurement-scale": Wording(
         "measurement scale",
@@ -239,28 +238,26 @@ def _moved(claim: Claim) -> str:
     who = f"{claim.subject or 'a target'}{_on_body(claim)}"
     parts = [size for name in ("dx", "dy", "dz") if (size := claim.size(name)) is not None]
     if not parts:
-        return f"{who} sits elsewhere{_since(claim)}"
+        return f"{who} is displaced{_since(claim)}"
     apart = math.hypot(*(size.number or 0.0 for size in parts))
     sigma = max(size.sigma or 0.0 for size in parts)
-    return f"{who} sits {size_text('dx', apart, sigma or None, parts[0].unit)} from its place{_since(claim)}"
+    return f"{who} is displaced by {size_text('dx', apart, sigma or None, parts[0].unit)}{_since(claim)}"
 
 
 def _look_at_target(claim: Claim) -> str:
     body = claim.fact("body")
-    return f"Look whether {claim.subject} on {body} is loose or was touched, and survey {body} again."
+    return f"Check whether {claim.subject} on {body} is loose or was touched, and survey {body} again."
 
 
 def _swapped(claim: Claim) -> str:
     poses = claim.fact("poses") or ()
     names = poses.split() if isinstance(poses, str) else poses
     where = f" in poses {', '.join(map(str, names))}" if names else ""
-    return f"{subject_words(claim.subject) or 'two targets'}{_on_body(claim)} carry each other's label{where}"
+    return f"{subject_words(claim.subject) or 'two targets'}{_on_body(claim)} have exchanged labels{where}"
 
 
 def _look_at_images(claim: Claim) -> str:
-    return (
-        f"Look at the images of the poses named: which of {listed(claim.fact('targets') or ('the targets',))} is which?"
-    )
+    return f"Check in the images of these poses which of {listed(claim.fact('targets') or ('the targets',))} is which."
 
 
 def _body(claim: Claim) -> str:
@@ -272,12 +269,13 @@ def _body_deforms(claim: Claim) -> str:
     if not terms:
         return with_sizes(f"{_body(claim)} deforms", claim)
     if terms[0].startswith(_CAME_FROM):
-        way = f"after {own_name(terms[0].removeprefix(_CAME_FROM))} went up than after it went down (hysteresis)"
-        text = f"{_body(claim)} {'stands elsewhere' if whole else 'keeps another shape'} {way}"
+        column = own_name(terms[0].removeprefix(_CAME_FROM))
+        what = "position" if whole else "shape"
+        text = f"the {what} of {_body(claim)} depends on whether {column} went up or down before (hysteresis)"
     elif whole:
-        text = f"{_body(claim)}, which should stand still, moves as a whole with {_terms(claim)}"
+        text = f"{_body(claim)}, declared still, moves as a whole with {_terms(claim)}"
     else:
-        or_time = ", or with time, which ran along with it" if claim.fact("with_time") else ""
+        or_time = ", or with time, which changed together with it" if claim.fact("with_time") else ""
         text = f"{_body(claim)} deforms with {_terms(claim)}{or_time}"
     return with_sizes(text, claim)
 
@@ -288,46 +286,42 @@ def _terms(claim: Claim) -> str:
     columns = list(dict.fromkeys(column for term in terms for column in term.split(_TIMES)))
     placed = columns[0].removesuffix(" x")
     if columns == [f"{placed} {axis}" for axis in "xyz"]:
-        return f"where body {placed} is"
+        return f"the position of body {placed}"
     names = ["the temperature" if column == _TEMPERATURE else own_name(column) for column in columns]
     if len(terms) == 1:
         return product_words(names * (2 if _TIMES in terms[0] and len(names) == 1 else 1))
     text = " and ".join(names)
-    return f"{text}, not in proportion" if len(terms) > len(names) else text
+    return f"{text}, nonlinearly" if len(terms) > len(names) else text
 
 
 def _alone(claim: Claim) -> str:
-    column = own_name((claim.fact("columns") or ("what it follows",))[0].removeprefix(_CAME_FROM))
-    return f"Change {column} alone, up and down through its range, and measure {claim.subject} at every step."
+    column = own_name((claim.fact("columns") or ("the input",))[0].removeprefix(_CAME_FROM))
+    return f"Change only {column}, up and down through its range, and measure {claim.subject} at every step."
 
 
 def _drifts(claim: Claim) -> str:
     whole = claim.fact("whole")
     if _since(claim):
-        does = ", which should stand still, stands elsewhere" if whole else " keeps another shape"
-        return with_sizes(f"{_body(claim)}{does}{_since(claim)}", claim)
+        said = f"{_body(claim)}, declared still, is displaced" if whole else f"the shape of {_body(claim)} changed"
+        return with_sizes(f"{said}{_since(claim)}", claim)
     of_time = claim.fact("column") in (None, "time_s")
     how = (
-        ", smoothly to and fro"
-        if claim.fact("waves")
-        else ", fast at first and slower later"
-        if claim.fact("tau")
-        else ""
+        ", in smooth waves" if claim.fact("waves") else ", fast at first and slower later" if claim.fact("tau") else ""
     )
     if claim.fact("late"):
         start = claim.fact("start")
-        how = f", from {start:.0f} s on" if of_time else f", from the {start:.0f}th on"
+        how = f", from {start:.0f} s on" if of_time else f", from number {start:.0f} on"
     over = f"{'time' if of_time else 'the order of the poses'}{how}"
     if whole:
-        return with_sizes(f"{_body(claim)}, which should stand still, moves as a whole with {over}", claim)
+        return with_sizes(f"{_body(claim)}, declared still, moves as a whole with {over}", claim)
     return with_sizes(f"the shape of {_body(claim)} drifts with {over}", claim)
 
 
 def _wait(claim: Claim) -> str:
     if _since(claim):
         before = f"before pose {claim.fact('from_pose')}"
-        return f"Look whether {claim.subject} was touched {before}, and survey it again."
-    return f"Measure {claim.subject} again and again with nothing moved, until it has come to rest."
+        return f"Check whether {claim.subject} was touched {before}, and survey it again."
+    return f"Measure {claim.subject} repeatedly without moving anything, until it no longer changes."
 
 
 def _sags(claim: Claim) -> str:
@@ -340,33 +334,33 @@ def _sags(claim: Claim) -> str:
         return with_sizes(f"the targets on {body} shift with the direction of gravity in its frame", claim)
     size = largest(tuple(size for size in claim.sizes if size.name.endswith("_sag")))
     most = f", most {size.name.removesuffix('_sag')} ({size_in_words(size)})" if size is not None else ""
-    return f"the targets on {body} sag with gravity, each by its own{most}"
+    return f"the targets on {body} sag with gravity, each by a different amount{most}"
 
 
 def _turn_over(claim: Claim) -> str:
     body = claim.fact("body") or claim.subject or "the body"
-    return f"Measure {body} in a few attitudes and upside down, nothing else moved: what sags changes its sign."
+    return f"Measure {body} in a few orientations and upside down, with nothing else moved: sag changes its sign."
 
 
 def _bursts(claim: Claim) -> str:
     """When all points scattered more, and how much."""
     size = claim.size("noise_ratio")
-    more = f"{size_in_words(size)} times as much" if size is not None else "more"
+    more, like = (f"{size_in_words(size)} times as much", "as") if size is not None else ("more", "than")
     if claim.fact("run") not in (None, ""):
         own = str(claim.fact("channel"))
         several = own in ("displacements", "signals")
         read = f"all {own} scatter" if several else f"{'signal' if own[:1] == 'v' else 'channel'} {own} scatters"
-        return f"{read} {more} in run {claim.fact('run')} as in the other runs"
+        return f"{read} {more} in run {claim.fact('run')} {like} in the other runs"
     ends = [claim.fact(name) for name in ("from_pose", "to_pose")]
-    poses = "for a while" if ends[0] in (None, "") else f"from pose {ends[0]} to pose {ends[1]}"
-    return f"all points scatter {more} {poses} as in the other poses, as in vibration"
+    poses = "for some time" if ends[0] in (None, "") else f"from pose {ends[0]} to pose {ends[1]}"
+    return f"all points scatter {more} {poses} {like} in the other poses, as by vibration"
 
 
 BODIES = {
     "noise-burst": Wording(
-        "noise for a while",
+        "temporary noise",
         _bursts,
-        "Look what ran near the machine at that time, and how loads were hung; repeat some of these measurements.",
+        "Check what ran near the machine at that time and how loads were applied; repeat some of these measurements.",
     ),
     "gravity-sag": Wording("sag under gravity", _sags, _turn_over),
     "target-moved": Wording("target moved", _moved, _look_at_target),

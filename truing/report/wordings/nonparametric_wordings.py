@@ -1,4 +1,4 @@
-"""Columns as a sentence names them, what something follows in a form that nobody declared, and the wording of that."""
+"""Columns as a sentence names them, and the wording of a nonparametric effect of some of them."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _COLUMNS = {
     "relative_humidity_pct": "the humidity",
     "own drive": "the displacement of each leg's own actuator",
     "approach": "the direction from which each actuator came",
-    "last step": "how far each actuator moved last",
-    "memory": "how far each actuator moved lately",
+    "last step": "the last movement of each actuator",
+    "memory": "the recent movements of each actuator",
     "command": "the command",
     "direction of approach": "the direction of approach",
-    "travel since the turn": "how far the axis came since it turned",
+    "travel since the turn": "the travel of the axis since it reversed",
 }
 OF_TIME = {"time_s", "order", "time_in_run_s"}
 PARTS_OF_AXES = {
-    "axis": "the transmission of the axis, or an encoder that no reading here tells from it,",
+    "axis": "the transmission of the axis (or an encoder that these readings cannot distinguish from it)",
     "encoder load": "the encoder at the load",
     "encoder motor": "the encoder at the motor",
     "instrument": "the outside instrument",
@@ -62,25 +62,25 @@ def columns_words(columns: tuple[str, ...]) -> str:
 def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
     """What the model without causes misses and what predicts it, without a full stop."""
     whose = f" of {subject_words(subject)}" if subject else ""
-    text = f"What the model without causes misses{whose} follows {columns_words(columns)}"
-    return f"{text}, {'' if subject else 'up to '}{100.0 * share:.0f} % of it"
+    text = f"The residuals of the model without causes{whose} depend on {columns_words(columns)}"
+    return f"{text}, which explains {'' if subject else 'up to '}{100.0 * share:.0f} % of their variance"
 
 
 def remainder_advice(columns: tuple[str, ...]) -> str:
     """What to measure where the misfit follows columns: the same with these changed."""
     others = tuple(column for column in columns if column not in OF_TIME)
     if not others:
-        return "Repeat a part of it in another order: does the misfit go with the time, or with what was measured?"
-    return f"Repeat a part of it with {columns_words(others)} changed, everything else unchanged."
+        return "Repeat a part of the campaign in another order, to see whether the error depends on time."
+    return f"Repeat a part of the campaign with {columns_words(others)} changed and everything else unchanged."
 
 
 def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, p_value: float) -> str:
     """What is to be said of inputs that predict what the simulation misses, where no model of causes holds."""
-    where = "" if subject else " (of an actuator's reading or of a body, where it is most)"
+    where = "" if subject else " (for the actuator or body with the largest share)"
     return (
-        f"{remainder_clause(columns, subject, share)}, in squares{where}: smooth functions of this, or of its history, "
-        f"predict as much. By chance this happens with a probability of at most {p_value:.2g}, all inputs counted. "
-        "No model of causes holds as a whole, so this has no name."
+        f"{remainder_clause(columns, subject, share)}{where}, by smooth functions of this input or its history. "
+        f"Probability by chance: at most {p_value:.2g}, corrected for all inputs. "
+        "No model of causes fits as a whole, so this effect is not named."
     )
 
 
@@ -116,12 +116,12 @@ def _inputs_in_words(claim: Claim) -> str:
     size = f"{half:.4g} {_LOADS.get(columns[0], 's')}"
     forms = {
         "all drives": "the displacements of all actuators",
-        "period": f"{first}, to and fro with a period of {size}",
-        "beyond": f"{first}, by a jump beyond {size}",
-        "rest": f"{first} since the last long pause of a run, fading with some {half:.0f} s",
+        "period": f"{first}, periodically with a period of {size}",
+        "beyond": f"{first}, with a jump beyond {size}",
+        "rest": f"{first} since the last long pause of a run, decaying within about {half:.0f} s",
         "loop": f"{first} and {texts[-1]}",
-        "stretch": f"{first}, by a constant over {2.0 * half:.4g} s",
-        "gain": f"{first}, with a factor that follows {texts[-1]}",
+        "stretch": f"{first}, constant over {2.0 * half:.4g} s",
+        "gain": f"{first}, with a factor that depends on {texts[-1]}",
     }
     if claim.fact("form") == "memory":
         return f"{first} of steps before"
@@ -132,8 +132,8 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 
 def _clause(claim: Claim) -> str:
-    follows = "follows" if _is_one(claim) else "follow"
-    return f"{_whose(claim)} {follows} {_inputs_in_words(claim)}{moves(claim)}"
+    verb = "depends on" if _is_one(claim) else "depend on"
+    return f"{_whose(claim)} {verb} {_inputs_in_words(claim)}{moves(claim)}"
 
 
 def _is_one(claim: Claim) -> bool:
@@ -163,8 +163,8 @@ def _advice(claim: Claim) -> str:
     if claim.fact("element"):
         what, other = "commands", "command"
     if set(claim.fact("columns") or ()) <= OF_TIME:
-        return f"Repeat some {what} in another order: does it go with the time, or with the {other}?"
+        return f"Repeat some {what} in another order, to see whether the effect depends on time or on the {other}."
     return f"Repeat some {what} with another value of {_inputs_in_words(claim)}, everything else unchanged."
 
 
-FOLLOWED = {"unexplained": Wording("unexplained", _clause, _advice)}
+FOLLOWED = {"unexplained": Wording("nonparametric effect", _clause, _advice)}

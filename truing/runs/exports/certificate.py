@@ -59,7 +59,7 @@ _PROBABILITY = "0.95"
 _NORMS = {"positioning": "ISO 230-2"}
 # Kinds of result that are measured, and rest on no model of the machine.
 _MEASURED = ("pose", "positioning")
-_TO_DO = "Correct [noise] and tolerances or find what is missing, then run again; its numbers are not certified."
+_TO_DO = "Its results are not certified: correct [noise] and tolerances, or find the missing cause, and run again."
 _ALIKE = 2  # from so many results of one quantity on they stand as a list
 
 
@@ -190,7 +190,7 @@ def qualified(run: Run) -> _Qualified:
     strange = [unit for unit in dict.fromkeys(good["unit"].fillna("1")) if si_unit(unit) is None]
     if strange:
         good = good[~good["unit"].fillna("1").isin(strange)]
-        left_out.append(f"Results in units that the SI has no name for: {', '.join(strange)}.")
+        left_out.append(f"Results in units without an SI name: {', '.join(strange)}.")
     reported = parts[(parts["evaluation"] == "not evaluated") & parts["result"].isin(good["result"])]
     omitted = [f"{row.result}: {row.input_source} ({row.reason})." for row in reported.itertuples()]
     return _Qualified(good, tuple(left_out), tuple(dict.fromkeys(omitted)))
@@ -316,7 +316,7 @@ def _conditions(parent: Element, run: Run, document: Certificate) -> None:
         low, high, how = *recorded, "As recorded during the measurement."
     else:
         middle, half = document.temperature_c or 0.0, document.temperature_within_c or 0.0
-        low, high, how = middle - half, middle + half, "As told by the laboratory."
+        low, high, how = middle - half, middle + half, "As stated by the laboratory."
     condition = dcc(dcc(parent, "influenceConditions"), "influenceCondition")
     text(condition, "name", "Temperature")
     text(condition, "description", how)
