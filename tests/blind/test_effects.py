@@ -63,7 +63,7 @@ def shape_change(campaign: Campaign, body: str) -> float:
     [[ActuatorGain(0.01 * ONE)], [Backlash(0.01 * ONE)], [PeriodicError(0.01 * ONE, 0.7, ONE)], [LegDrift(0.1 * ONE)]],
     ids=lambda effects: effects[0].id,
 )
-def test_what_moves_the_platform_bends_no_body(effects: Sequence[Effect]) -> None:
+def test_actuator_effects_move_the_platform_and_bend_no_body(effects: Sequence[Effect]) -> None:
     changed = draw(*effects)
     assert np.abs(changed.truth.position - PLAIN.truth.position).max() > 0.005
     for body in ("base", "platform", "leg1", "leg6"):

@@ -97,7 +97,7 @@ def test_attachments_shift_as_the_displacements_say(legs: int) -> None:
 
 
 @pytest.mark.parametrize("legs", LEGS)
-def test_what_drives_wrongly_is_read_otherwise_and_leaves_the_platform(legs: int) -> None:
+def test_an_actuator_gain_changes_readings_and_no_points(legs: int) -> None:
     plain, gained = draw(legs), draw(legs, ActuatorGain(0.01 * np.ones(legs)))
     rho0 = plain.layout.geometry.rho0
     assert_close(gained.record.points, plain.record.points, atol=0.0, what="points, mm")

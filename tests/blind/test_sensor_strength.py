@@ -46,7 +46,7 @@ def test_a_drift_is_as_strong_as_its_slope() -> None:
     assert_between(measure.strength(ZeroDrift(DZ, rate)) / expected, 0.999, 1.001, what="strength over a line's")
 
 
-def test_what_is_not_known_of_legs_hides_what_looks_like_them() -> None:
+def test_uncertain_legs_and_loads_weaken_effects_that_resemble_them() -> None:
     known = Layout("known", tolerance=EXACTLY_MADE)
     unsure = replace(known, tolerance=replace(known.tolerance, stiffness=0.05))
     offset = LoadEccentricity(DZ, (0.001, 0.0, 0.0))

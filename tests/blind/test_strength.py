@@ -58,7 +58,7 @@ def test_a_trembling_target_is_as_strong_as_the_spread_of_its_points_tells() -> 
     assert_between(found / (np.log(1.5) * np.sqrt(2 * 123)), 0.97, 1.0, what="strength over that of its own points")
 
 
-def test_what_is_held_out_adds_nothing_and_what_is_fitted_does() -> None:
+def test_signal_strength_grows_with_fitted_poses_and_not_with_held_out_ones() -> None:
     moves = [at_rest(), *published_moves()]
     held = [(pose, "verification", asked) for pose, _, asked in moves[1:]]
     again = [(pose + 100, role, asked) for pose, role, asked in held]

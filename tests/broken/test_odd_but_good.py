@@ -78,7 +78,7 @@ def _run(campaign: Path, out: Path) -> None:
 
 @pytest.mark.skipif(os.name == "nt", reason="links need a privilege there, and names may not hold quotes")
 @pytest.mark.parametrize("name", CASES)
-def test_what_is_odd_is_read_as_it_is_meant(name: str, plain: Path, tmp_path: Path) -> None:
+def test_odd_spellings_give_the_tables_of_the_plain_campaign(name: str, plain: Path, tmp_path: Path) -> None:
     _run(CASES[name](telescope(tmp_path / "campaign")), tmp_path / "run")
     for file in ("observations.parquet", "qa.parquet"):
         assert pq.read_table(tmp_path / "run" / file).equals(pq.read_table(plain / file)), file

@@ -59,7 +59,7 @@ CHANGES: dict[str, tuple[str, Act, ExitCode, str]] = {
 
 @pytest.mark.skipif(sys.platform == "win32", reason="open files cannot be removed there")
 @pytest.mark.parametrize("name", CHANGES)
-def test_what_changes_under_a_run_is_told_and_the_next_run_mends_it(
+def test_a_change_during_a_run_is_named_and_mended_by_the_next_run(
     name: str, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage, act, code, says = CHANGES[name]

@@ -81,7 +81,7 @@ def test_an_archive_with_a_password_or_an_unknown_method_is_refused(tmp_path: Pa
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress, lambda content: _zip("p.csv", content)])
-def test_what_grows_out_of_all_proportion_is_not_read_to_its_end(
+def test_a_decompression_bomb_is_not_read_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pack: Callable[[bytes], bytes]
 ) -> None:
     monkeypatch.setattr(compression, "FREE", 1 << 20)

@@ -34,7 +34,7 @@ def test_a_notation_reads_what_it_writes(notation, values, variant):
 
 
 @pytest.mark.parametrize("text", ["1,23", "12,34.5", "1,2345", "1 234", "abc", "1.2.3", "--1", "1e", "0x10", "1_000"])
-def test_what_is_not_written_in_groups_of_three_is_no_number(text):
+def test_thousands_separators_off_groups_of_three_make_no_number(text):
     _, bad = Notation(".", ",").parse(pa.array([text]))
     assert bad.all()
 
@@ -64,7 +64,7 @@ def test_advice_names_the_setting_that_reads_it(text, advice):
     assert said == advice
 
 
-def test_what_means_missing_is_neither_number_nor_fault():
+def test_a_missing_value_is_neither_number_nor_fault():
     notation = Notation(missing=frozenset({"n/a", "-9999", "0 0 0"}))
     read, bad = notation.parse(pa.array(["n/a", "-9999", "", None, "1"]))
     assert read.to_pylist() == [None, None, None, None, 1.0]

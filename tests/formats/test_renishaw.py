@@ -64,7 +64,7 @@ def test_compressed_and_under_another_name(tmp_path):
         ("Targets :", "", "a list Targets :", None),
     ],
 )
-def test_what_is_no_such_file_is_a_fault(tmp_path, old, new, expected, value):
+def test_a_damaged_rtl_file_is_a_fault(tmp_path, old, new, expected, value):
     assert old in rtl()
     written(tmp_path, "x.rtl", rtl().replace(old, new, 1))
     (fault,) = read(tmp_path, "positioning", {"path": "x.rtl"}).faults

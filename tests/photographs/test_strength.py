@@ -15,7 +15,7 @@ from tests.photographs.surveyed import SurveyMeasure
 MEASURE = RayMeasure(Shooting(stations=Round(count=5)), random_moves(4, 0, np.random.default_rng(3)), 5)
 
 
-def test_what_every_pose_has_alike_is_a_lens_and_no_effect() -> None:
+def test_a_camera_change_before_all_poses_has_no_strength() -> None:
     assert MEASURE.strength(UnstableCamera("c", jump_px=0.3, from_pose=1)) < 0.02
 
 

@@ -45,7 +45,7 @@ def test_without_a_run_it_says_which_causes_are_not_judged(photographed: Campaig
         assert words in told.sentence
 
 
-def test_what_the_run_would_have_shown_of_them_is_told(photographed: CampaignFolder, tmp_path: Path) -> None:
+def test_power_of_photographs_lists_the_detectable_sizes(photographed: CampaignFolder, tmp_path: Path) -> None:
     told = of_photographs(photographed, left_by_a_run(tmp_path / "run"))
     assert told is not None
     assert told.rows == (
@@ -56,6 +56,6 @@ def test_what_the_run_would_have_shown_of_them_is_told(photographed: CampaignFol
     assert listing.rows == told.rows
 
 
-def test_of_points_that_were_measured_as_points_nothing_is_said(photographed: CampaignFolder, tmp_path: Path) -> None:
+def test_a_campaign_without_rays_has_no_power_of_photographs(photographed: CampaignFolder, tmp_path: Path) -> None:
     (photographed.folder / "image_points.csv").unlink()
     assert of_photographs(photographed, tmp_path / "none") is None

@@ -96,7 +96,7 @@ def test_ctrl_c_ends_with_130() -> None:
     assert end_all([lambda: [lose(signal.SIGINT), ExitCode.DONE][1]], Recorder()) == 130  # type: ignore[arg-type]
 
 
-def test_who_tidies_after_an_interruption_is_left_in_peace() -> None:
+def test_cleaning_up_after_an_interruption_is_not_interrupted() -> None:
     tidied = []
 
     def interrupted() -> ExitCode:

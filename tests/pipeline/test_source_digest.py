@@ -83,7 +83,7 @@ def _aged(root: Path) -> None:
         os.utime(path, ns=(path.stat().st_atime_ns, path.stat().st_mtime_ns - 60_000_000_000))
 
 
-def test_what_a_process_told_before_holds_as_long_as_the_files_stand(tmp_path: Path, monkeypatch) -> None:
+def test_digests_are_cached_until_a_file_changes(tmp_path: Path, monkeypatch) -> None:
     files_of(tmp_path)
     _aged(tmp_path)
     first = SourceTree(tmp_path, DigestCache(None)).digests("truing.stages.pose")

@@ -83,7 +83,7 @@ def test_noise_that_the_signals_of_an_interferometer_tell_themselves_is_not_aske
     assert not any("standard deviation" in one for one in answered(tmp_path).attention)
 
 
-def test_what_files_say_themselves_is_no_guess(tmp_path: Path) -> None:
+def test_columns_with_units_are_proposed_without_a_guess(tmp_path: Path) -> None:
     text = started(tmp_path, log="pose,body,target,X [mm],Y [mm],Z [mm]\n1,b,A,1.5,2.5,3.5\n1,b,B,4.5,5.5,6.5\n")
     assert "[files.points]" in text
     assert MARK not in text

@@ -44,7 +44,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_nobody_may_overwrite_is_refused(name: str, place: Path) -> None:
+def test_inputs_raw_files_and_runs_are_not_overwritten(name: str, place: Path) -> None:
     shutil.copy(place / "campaign" / "configurations.csv", place / "more.csv")
     (place / "folder.csv").mkdir()
     if "second" in REFUSED[name]:

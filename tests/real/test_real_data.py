@@ -161,7 +161,7 @@ def test_the_lever_arm_of_eccentric_loads_is_found_by_the_diagnosis(facts):
         assert own["error"] == pytest.approx(own["published"][1], abs=1.0)  # of every twentieth reading
 
 
-def test_what_random_rows_praise_fails_on_whole_runs(facts):
+def test_models_chosen_by_random_rows_fail_on_whole_runs(facts):
     models = facts["optical-ft-ur3e"]["models"]
     linear, products = (models[name] for name in (force_facts.LINEAR, force_facts.PRODUCTS))
     # 1.80 1.89 1.94 N by poses, 13.3 5.5 6.2 N quadratic (README of the data)

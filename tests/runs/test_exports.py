@@ -128,7 +128,9 @@ def test_the_command_writes_into_the_run_and_nowhere_else(run: truing.Run, tmp_p
     ("words", "said"),
     [(["--to", "docx"], "one of csv, xlsx, json, controller"), ([], "a folder that `truing run` has filled")],
 )
-def test_what_cannot_be_exported_is_told(run: truing.Run, tmp_path: Path, words: list[str], said: str) -> None:
+def test_an_export_that_cannot_be_made_is_a_fault_and_writes_nothing(
+    run: truing.Run, tmp_path: Path, words: list[str], said: str
+) -> None:
     done = CliRunner().invoke(app, ["export", str(run.folder if words else tmp_path), *words])
     assert done.exit_code == ExitCode.UNUSABLE_CAMPAIGN
     assert said in done.output

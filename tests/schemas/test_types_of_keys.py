@@ -160,7 +160,7 @@ def test_the_fault_says_what_stands_there_as_toml_writes_it(section: dict[str, A
     assert any(told in str(fault) for fault in caught.value.faults), [str(f) for f in caught.value.faults]
 
 
-def test_what_was_written_before_is_read_as_before() -> None:
+def test_older_campaign_files_are_read_unchanged() -> None:
     decided = {"by": "A. Lab", "on": "2026-11-22", "reason": "knocked over\nin the night"}
     document = {
         "campaign": {"name": "c", "kind": "photogrammetry"},

@@ -172,7 +172,7 @@ def test_many_missing_targets_fail(tmp_path):
     assert "completeness base" in said.failed_checks
 
 
-def test_what_a_person_overrules_is_counted_and_a_name_that_nothing_bears_warns(tmp_path):
+def test_overruled_points_are_counted_and_an_unknown_target_warns(tmp_path):
     by = 'by = "M. Keller"\nreason = "loose"\n'
     extra = f'\n[[exclude]]\nbody = "platform"\ntarget = "P02"\n{by}\n[[keep]]\npose = 4\ntarget = "P77"\n{by}'
     qa, said = _qa(tmp_path, extra=extra)
@@ -248,7 +248,7 @@ def test_a_single_pose_without_a_survey_fails_no_check(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("poses", "targets"), [(12, 1), (12, 2), (1, 6), (1, 2)])
-def test_what_too_few_targets_or_one_pose_cannot_tell_is_not_evaluated(tmp_path, poses, targets):
+def test_checks_with_too_few_targets_or_one_pose_are_not_evaluated(tmp_path, poses, targets):
     rng = np.random.default_rng(1)
     shape = rng.uniform(-100.0, 100.0, (targets, 3))
     lines = [

@@ -81,6 +81,6 @@ def test_projection_is_the_nearest_point(seed):
     assert beyond.max() <= 1e-7
 
 
-def test_what_leaves_no_room_is_refused():
+def test_forbidden_regions_that_cover_everything_are_refused():
     with pytest.raises(ValueError, match="forbidden regions that leave room"):
         region(lower=[[-2, -np.inf, -np.inf]], upper=[[2, np.inf, np.inf]]).draw(5, np.random.default_rng(0))

@@ -104,7 +104,7 @@ def test_polynomials_are_measured_at_the_extrema_of_legendre(degree):
         assert weights[near].sum() == pytest.approx(1 / (degree + 1), abs=2e-3)
 
 
-def test_what_is_known_already_is_taken_into_account():
+def test_pose_selection_accounts_for_earlier_poses():
     x = np.linspace(-1, 1, 5)
     rows = np.stack([np.ones_like(x), x], -1)[:, None]
     before = information_of(rows[[4] * 10])
@@ -131,7 +131,7 @@ def test_as_few_as_there_are_parameters_are_enough_to_begin_with(seed):
     assert exchange(rows, start).log_det >= sum_log_det(information_of(rows[start]))
 
 
-def test_what_does_not_determine_the_parameters_is_refused():
+def test_a_choice_that_leaves_parameters_undetermined_is_refused():
     rows = candidates(np.random.default_rng(0))
     for search in (exchange, ioops):
         with pytest.raises(ValueError, match="a choice of 2 configurations that determines every parameter"):

@@ -156,7 +156,7 @@ def test_the_odds_promised_are_those_that_simulated_measurements_give(case: Case
     assert_between(float(harder.mean()), np.log(choice.final) - error, np.log(choice.final) + error)
 
 
-def test_what_is_chosen_separates_better_than_as_many_poses_at_random(case: Case) -> None:
+def test_chosen_poses_separate_rivals_better_than_random_ones(case: Case) -> None:
     choice, rng = _apart(case, 8), np.random.default_rng(6)
     best = [case.gain(_readings(choice), 0, rng) for _ in range(80)]
     other = [case.gain(GRID[rng.integers(len(GRID), size=choice.total)], 0, rng) for _ in range(80)]

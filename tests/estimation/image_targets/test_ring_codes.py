@@ -69,7 +69,7 @@ def test_a_table_of_a_vendor_names_its_own_numbers():
     assert reading.unreadable.tolist() == [False, False, True]
 
 
-def test_what_two_families_could_say_is_not_read():
+def test_a_ring_code_of_two_families_is_not_read():
     codes = ring_code(8), ring_code(12)
     half = ring(0b0000_1111, 8)  # half a ring is a word of either
     quarter = ring(0b0001_0001, 8)

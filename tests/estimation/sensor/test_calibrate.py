@@ -242,7 +242,7 @@ def test_what_is_missing_is_named(table, words):
         (CalibrationModel(drift=True), "needs a covariate"),
     ],
 )
-def test_what_an_estimator_needs_is_named(model, words):
+def test_an_estimator_without_its_inputs_is_refused_by_name(model, words):
     with pytest.raises(ValueError, match=words):
         fit_calibration(_table(), model)
 

@@ -113,7 +113,7 @@ def test_the_noise_of_a_reading_is_found_from_repeats():
     assert_between(float(np.sqrt(np.mean(found**2))), *(3.0 * (1 + np.array([-4, 4]) / np.sqrt(12 * freedom))))
 
 
-def test_what_a_series_cannot_tell_is_left_out():
+def test_a_rising_series_has_no_error_classes_that_need_a_return():
     up = AxisSeries(ONCE[:6], ONCE[:6, None] * np.eye(6)[AXIS], AXIS, np.zeros(6, int), np.ones(6), np.full(6, FULL))
     assert {one.name for one in error_classes(up)} == {"nonlinearity", "interpolation", "crosstalk"}
     with pytest.raises(ValueError, match="cycle 0: found no unloaded reading"):

@@ -167,7 +167,7 @@ def test_all_numbers_together_are_as_far_from_the_truth_as_they_say(calibrated: 
     _as_stated(calibrated, lambda name: True)
 
 
-def test_what_all_poses_share_is_not_averaged_out(calibrated: Any) -> None:
+def test_errors_common_to_all_poses_do_not_average_out_in_a_calibration(calibrated: Any) -> None:
     """The combinations of numbers that are told best, in units of their tolerances, would be 1.3 times as far."""
     squares = []
     for off, fit in calibrated:

@@ -45,7 +45,9 @@ def _checks(tables: dict[str, Any]) -> pd.DataFrame:
     return qa[qa["check"] == "known-points"]
 
 
-def test_one_of_four_that_is_wrong_is_named_with_its_error(plain: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+def test_one_wrong_known_point_of_four_is_rejected_with_its_error(
+    plain: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
     tables = _run(plain, tmp_path / "one", KNOWN, {KNOWN[1]: OFF_MM})
     told = tables["known_point_errors"].to_pandas().set_index(["pose", "point"])
     assert set(told[told["rejected"]].index.get_level_values("point")) == {KNOWN[1]}
@@ -75,7 +77,9 @@ def test_good_known_points_pass(plain: tuple[Path, dict[str, Any]], tmp_path: Pa
     assert not tables["known_point_errors"].column("rejected").to_pandas().any()
 
 
-def test_of_three_nobody_can_say_which_is_wrong(plain: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+def test_one_wrong_known_point_of_three_fails_without_a_name(
+    plain: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
     tables = _run(plain, tmp_path / "three", KNOWN[:3], {KNOWN[0]: OFF_MM})
     checks = _checks(tables)
     assert set(checks["verdict"]) == {"fail"}

@@ -139,7 +139,7 @@ def test_ends_of_bars_are_no_targets_and_what_is_left_out_is_counted(adjusted: A
     assert row["rows"] == 12  # two ends of two bars in three poses
 
 
-def test_what_is_common_to_all_poses_is_told(adjusted: Any) -> None:
+def test_parameters_common_to_all_poses_have_sensitivities(adjusted: Any) -> None:
     _, _, tables = adjusted
     told = set(tables["pose_sensitivities"].column("parameter").to_pylist())
     assert {"camera c", "bar S", "bar T"} <= told

@@ -38,14 +38,14 @@ def _failed(tables: dict[str, Any]) -> pd.DataFrame:
     return qa[qa["verdict"].isin(["fail", "warn"])]
 
 
-def test_one_of_two_bars_is_told_by_the_survey(plain: Path, tmp_path: Path) -> None:
+def test_the_survey_decides_which_of_two_bars_is_wrong(plain: Path, tmp_path: Path) -> None:
     (row,) = _failed(_tables(plain, tmp_path / "two", "S")).itertuples()
     assert (row.check, row.verdict, row.unit) == ("scale", "fail", "mm/m")
     assert row.value == pytest.approx(1e3 * TOO_LONG, rel=0.05)
     assert row.message.startswith("bar S contradicts bar T, the survey about the scale")
 
 
-def test_of_one_bar_and_the_survey_nobody_can_say_which(plain: Path, tmp_path: Path) -> None:
+def test_one_bar_against_the_survey_fails_without_a_name(plain: Path, tmp_path: Path) -> None:
     (row,) = _failed(_tables(plain, tmp_path / "one", "S", left_out="T")).itertuples()
     assert (row.check, row.verdict) == ("scale", "fail")
     assert "One of them is wrong" in row.message

@@ -52,7 +52,7 @@ def test_an_error_of_the_scale_leaves_the_shape_as_the_poses_have_it() -> None:
     assert whole > 1.5 * own
 
 
-def test_what_all_poses_share_is_taken_off_each_covariance() -> None:
+def test_errors_common_to_all_poses_are_removed_from_each_covariance() -> None:
     _, points, along = photographed(1)
     whole = points.cov.reshape(-1, 3, 3)
     sigma = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))

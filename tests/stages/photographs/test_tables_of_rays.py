@@ -95,7 +95,7 @@ def test_a_camera_in_mm_is_one_in_pixels(tmp_path: Path) -> None:
         ({"image_targets": TARGETS + "ring12,17,base,B1,\n"}, "row 4, column code: found '17'; expected every family"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, files: dict[str, str], told: str) -> None:
+def test_faults_of_ray_tables_give_their_place(tmp_path: Path, files: dict[str, str], told: str) -> None:
     assert told in faults(write(tmp_path, **files))
 
 
@@ -170,5 +170,5 @@ def test_photographs_of_a_group_are_by_a_camera_of_their_own(tmp_path: Path) -> 
         ('[[cameras]]\nname = "a"\nposes = [1]\n', 'beside poses or images: of = "camera"'),
     ],
 )
-def test_what_is_wrong_with_a_group_is_told(tmp_path: Path, group: str, told: str) -> None:
+def test_faults_of_a_camera_group_are_named(tmp_path: Path, group: str, told: str) -> None:
     assert told in faults(write(tmp_path, TOML + group))

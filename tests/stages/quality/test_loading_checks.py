@@ -231,7 +231,7 @@ def test_every_defect_is_found_and_told_where_it_is(tmp_path, change, verdict, r
     assert message in found[row]
 
 
-def test_what_a_step_amounts_to_is_known_without_a_simulation_too(tmp_path):
+def test_wrong_steps_are_found_without_a_simulation(tmp_path):
     toml = campaign_toml().partition("[mechanism]")[0] + "[noise]\nlinear_um = 0.5\nangular_arcsec = 0.2\n"
 
     def change(readings, signals):
@@ -265,7 +265,7 @@ def test_signals_alone_are_judged_and_the_rest_is_told_as_not_evaluated(tmp_path
     assert "loads-span" in told(qa, "pass")
 
 
-def test_what_whole_runs_hide_is_not_vouched_for(tmp_path):
+def test_a_single_run_per_axis_does_not_confirm_signs_and_axes(tmp_path):
     """One run under each axis: no sign and no axis of a run is known by another."""
 
     def change(readings, signals):

@@ -155,7 +155,7 @@ def test_a_target_that_moved_is_not_mixed_with_what_it_was(tmp_path):
         ('[[exclude]]\nbody = "platform"\ntarget = "P03"\nby = "Ann"\nreason = "loose"\n', "it was excluded by Ann"),
     ],
 )
-def test_what_is_taken_into_account_passes(folder, entry, words):
+def test_a_declared_new_survey_passes_the_resurvey_check(folder, entry, words):
     surveyed_again(folder, "P03", np.array([0.3, 0.0, -0.2]))
     added(folder, "\n" + entry.format(pose=poses_of(folder)[12]))
     _, qa, said = quality(folder)

@@ -221,7 +221,7 @@ def test_a_verdict_that_a_person_accepts_states_the_accuracy(tmp_path):
     assert written(tmp_path, {"X": rows}, accept).tables["positioning"].num_rows > 0
 
 
-def test_what_was_read_is_judged_and_not_what_the_temperature_makes_of_it(tmp_path):
+def test_copied_positions_are_found_before_temperature_correction(tmp_path):
     """Copied readings differ once each is brought to 20 degrees by a temperature of its own."""
     rows = approaches(0)
     copied(3)(rows)

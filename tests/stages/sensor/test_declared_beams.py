@@ -53,7 +53,7 @@ def test_displacements_and_compliance_are_the_platform_s_where_beams_are_declare
     assert np.abs(entry_errors(plain)).max() > 30.0
 
 
-def test_what_no_channel_read_is_taken_from_the_simulation_for_the_geometry_alone(tmp_path):
+def test_the_geometry_of_beams_takes_unread_components_from_the_simulation(tmp_path):
     declared = _bench(tmp_path / "declared", "own", BEAMS)
     errors = case_errors(declared)
     assert np.isfinite(errors).sum(0).min() > 0

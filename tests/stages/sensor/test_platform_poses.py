@@ -67,7 +67,7 @@ def test_gross_errors_are_kept_out_and_counted(faulty):
     assert abs(_mean_square(np.concatenate([case_errors(one) for one in faulty])) - 1.0) < 0.2
 
 
-def test_what_was_never_measured_stays_unknown_and_says_so(faulty):
+def test_a_component_without_readings_has_no_value_and_no_covariance(faulty):
     cases = faulty[0].frame("displacement")
     assert cases["rz_rad"].isna().all()
     assert cases["cov_5_5"].isna().all()
