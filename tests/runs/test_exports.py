@@ -19,7 +19,7 @@ import truing
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
 from truing.runs.exports import tables as workbook_module
-from truing.runs.exports.controller import controller
+from truing.runs.exports.controller import cautions, controller
 from truing.runs.exports.summary import summary
 from truing.runs.exports.tables import text_tables, workbook
 
@@ -114,6 +114,33 @@ def test_a_controller_gets_the_identified_machine(run: truing.Run) -> None:
     assert (table.loc["leg3"].loc[["a_x", "b_z", "length"], "sigma"] > 0).all()
     for cause in run["diagnosis"].query("verdict == 'found' and cause != 'unexplained'")["cause"]:
         assert any(str(of).startswith(cause) for of in table.index.get_level_values("of"))
+
+
+def test_a_controller_is_told_which_numbers_are_no_physics(run: truing.Run) -> None:
+    pulls = run["pulls"].assign(pull_after=0.5, identifiable=True)
+    pulls.loc[(pulls["leg"] == 2) & (pulls["parameter"] == "l"), "pull_after"] = -4.0
+    pulls.loc[(pulls["leg"] == 5) & (pulls["parameter"] == "a_x"), "identifiable"] = False
+    diagnosis = run["diagnosis"].head(1).assign(cause="actuator-gain", subject="leg3", verdict="suspected")
+    adequacy = run["adequacy"].head(1).assign(state="fails")
+    assert cautions({"pulls": pulls, "diagnosis": diagnosis, "adequacy": adequacy}) == {
+        ("leg2", "length"): "far-from-nominal",
+        ("leg5", "a_x"): "not-determined",
+        ("actuator-gain leg3", ""): "suspected",
+        ("model", ""): "inadequate",
+    }
+    assert cautions({"pulls": pulls.assign(pull_after=1.9, identifiable=True)}) == {}
+
+
+def test_cautions_stand_beside_their_numbers(run: truing.Run) -> None:
+    files = dict(controller(run))
+    expected = cautions(run)
+    told = tomllib.loads(files["controller.toml"].decode()).get("caution", [])
+    assert {(one["of"], one.get("name", "")): one["reason_code"] for one in told} == expected
+    table = pd.read_csv(io.BytesIO(files["controller.csv"]), keep_default_na=False)
+    marked = {
+        (row.of, row.name_): row.caution for row in table.rename(columns={"name": "name_"}).itertuples() if row.caution
+    }
+    assert set(marked.items()) == {(of, code) for of, code in expected.items() if of[1]}
 
 
 def test_the_command_writes_into_the_run_and_nowhere_else(run: truing.Run, tmp_path: Path) -> None:

@@ -6,15 +6,27 @@ import csv
 import io
 import json
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from scipy.stats import norm
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.runs.recorded_run import Run
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.model_text import toml_key, toml_value
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
+_UNLIKELY = 0.05  # that any pull of all parameters is as large, if tolerances and model hold
+_CAUTIONS = {
+    "not-determined": "the measurements do not determine it: it stands near its nominal value, or trades with others",
+    "far-from-nominal": "it is farther from nominal than its tolerance explains: it takes up what the model misses",
+    "suspected": "its cause is only suspected",
+    "inadequate": "the model does not hold as a whole: something acts that none of its numbers describes",
+}
 _LENGTHS, _XYZ = ("a_mm", "b_mm"), "xyz"
 _OF_MECHANISM = ("reference_temperature_c", "kind", "loop")
 
@@ -27,12 +39,48 @@ def controller(run: Run) -> Iterator[tuple[str, bytes]]:
     """
     yield from _logger(run)
     path = run.folder / ARTIFACTS["model"].file
+    warned = cautions(run)
     document = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     if "model" not in document:
         return
     matrix = _matrix(run)
-    yield "controller.toml", "\n".join([*_text(document), *_matrix_text(matrix), ""]).encode()
-    yield "controller.csv", _csv([*_leg_numbers(document), *_compliance(document), *_effects(document), *matrix])
+    yield "controller.toml", "\n".join([*_text(document), *_matrix_text(matrix), *_caution_text(warned), ""]).encode()
+    numbers = [*_leg_numbers(document), *_compliance(document), *_effects(document), *matrix]
+    yield "controller.csv", _csv(numbers, warned)
+
+
+def cautions(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str], str]:
+    """Numbers that are no physics of the machine, by what they are of and their name, with the reason's code.
+
+    They reproduce poses together with all others, and mislead where one is used alone, as masses and stiffnesses of a
+    dynamic controller are. A name of "" concerns all numbers of an effect, or of the model.
+    """
+    found: dict[tuple[str, str], str] = {}
+    if "pulls" in run:
+        pulls = run["pulls"].dropna(subset=["leg"])
+        limit = float(norm.isf(_UNLIKELY / 2 / max(len(pulls), 1)))
+        for row in pulls.itertuples():
+            of = f"leg{int(row.leg)}", "length" if row.parameter == "l" else str(row.parameter)
+            if not row.identifiable:
+                found[of] = "not-determined"
+            elif abs(row.pull_after) > limit:
+                found[of] = "far-from-nominal"
+    if "diagnosis" in run:
+        rows = run["diagnosis"]
+        for row in rows[rows["verdict"] == "suspected"].itertuples():
+            found[f"{row.cause} {row.subject or ''}".strip(), ""] = "suspected"
+    if "adequacy" in run and (run["adequacy"]["state"] == "fails").any():
+        found["model", ""] = "inadequate"
+    return found
+
+
+def _caution_text(warned: dict[tuple[str, str], str]) -> Iterator[str]:
+    if warned:
+        yield "\n# Use these numbers only together with all others, for poses: not as physics, not in dynamic control."
+    for (of, name), code in warned.items():
+        yield from ("", "[[caution]]", f"of = {toml_value(of)}")
+        yield from (f"name = {toml_value(name)}",) if name else ()
+        yield from (f"reason_code = {toml_value(code)}", f"reason = {toml_value(_CAUTIONS[code])}")
 
 
 def _logger(run: Run) -> Iterator[tuple[str, bytes]]:
@@ -124,9 +172,12 @@ def _matrix_text(matrix: list[_Number]) -> Iterator[str]:
         yield f"{json.dumps(name)} = {toml_value({'value': value, 'sigma': sigma, 'unit': unit})}"
 
 
-def _csv(numbers: list[_Number]) -> bytes:
-    rows = [[of, name, repr(float(v)), "" if s is None else repr(float(s)), unit] for of, name, v, s, unit in numbers]
-    return _csv_bytes([["of", "name", "value", "sigma", "unit"], *rows])
+def _csv(numbers: list[_Number], warned: dict[tuple[str, str], str]) -> bytes:
+    rows = [["of", "name", "value", "sigma", "unit", "caution"]]
+    for of, name, value, sigma, unit in numbers:
+        caution = warned.get((of, name)) or warned.get((of, "")) or ""
+        rows.append([of, name, repr(float(value)), "" if sigma is None else repr(float(sigma)), unit, caution])
+    return _csv_bytes(rows)
 
 
 def _csv_bytes(rows: Iterable[Sequence[str]]) -> bytes:
