@@ -183,7 +183,7 @@ def test_readings_that_no_simulation_relates_to_poses_are_not_tested():
     assert "rho1_mm" in whole.explanation
     mark, said = build_head("c", tables).verdicts[0]
     assert mark == "none"
-    assert "no [mechanism] relates" in said
+    assert "No [mechanism] relates" in said
     assert "simulation" not in said
     tables["configurations"] = tables["configurations"][["pose", "role", "time_s"]]
     assert section_verdicts(tables)["simulation"].reason_code == ReasonCode.NO_READINGS

@@ -84,14 +84,14 @@ def test_the_section_is_no_pass_and_gives_the_reason() -> None:
     (mark, said), *_ = section.statements
     assert mark == "warn"
     assert DOUBTS["unnamed"] in said
-    assert ": 1 suspected and accepted" in section.lead
+    assert ": 1 suspected and added" in section.lead
 
 
 def test_every_test_of_the_model_is_listed_and_what_was_not_tested_is_said() -> None:
     held = part_of("adequacy", diagnosis_tables() | {"adequacy": HOLDS})
     assert state_of("adequacy", diagnosis_tables() | {"adequacy": HOLDS}) == "ok"
     assert held.listings[0].marks == ("pass", "none")
-    assert "Not tested, for too few data: noise of the inputs" in held.lead
+    assert "Not tested (too few data): noise of the inputs" in held.lead
     failed = part_of("adequacy", diagnosis_tables() | {"adequacy": FAILS})
     assert state_of("adequacy", diagnosis_tables() | {"adequacy": FAILS}) == "attention"
     assert "neighbouring residuals" in failed.lead
@@ -157,8 +157,11 @@ def test_columns_that_predict_the_misfit_are_told_with_their_share() -> None:
     one, *_ = assessed_causes({"diagnosis": rows(REMAINDER, *rejected())})
     assert one.is_remainder
     assert one.is_noise  # no effect in the model
-    misses = "What the model without causes misses"
-    assert clause(one, {}) == f"{misses} follows actuator 3 and the temperature, up to 41 % of it"
+    what = "The residuals of the model without causes"
+    assert (
+        clause(one, {})
+        == f"{what} depend on actuator 3 and the temperature, which explains up to 41 % of their variance"
+    )
     assert "noise" not in one.name
 
 
@@ -175,4 +178,6 @@ def test_columns_that_predict_the_misfit_never_read_as_agreement() -> None:
 
 def test_advice_on_what_follows_time_alone_is_another_order() -> None:
     assert "another order" in remainder_advice(("time_s",))
-    assert remainder_advice(("time_s", "temperature_c")).startswith("Repeat a part of it with the temperature changed")
+    assert remainder_advice(("time_s", "temperature_c")).startswith(
+        "Repeat a part of the campaign with the temperature changed"
+    )
