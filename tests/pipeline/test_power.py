@@ -61,7 +61,7 @@ def test_a_planned_campaign_is_told_what_it_would_show_and_left_as_it_is(planned
     assert {line.split(",")[0].strip('"') for line in sizes[1:]} >= {"actuator-gain", "target-moved", "leg-thermal"}
     assert "actuator gain" in said
     page = (tmp_path / "made" / "power.html").read_text()
-    assert "Theory alone" in page
+    assert "By theory only" in page
     assert "http" not in page.split("<body>")[0].replace("http-equiv", "")
 
 

@@ -57,7 +57,7 @@ def test_one_wrong_known_point_of_four_is_rejected_with_its_error(
         assert np.all(np.abs(off) < 5.0 * row[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]].to_numpy(float))
     checks = _checks(tables)
     assert set(checks["verdict"]) == {"fail"}
-    assert all(f"{KNOWN[1]} is known" in said for said in checks["message"])
+    assert all(f"{KNOWN[1]} lies" in said for said in checks["message"])
     assert not any(name in said for said in checks["message"] for name in (KNOWN[0], KNOWN[2], KNOWN[3]))
 
 
