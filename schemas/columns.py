@@ -364,7 +364,7 @@ _PHOTOGRAPHED = (
 _FITTED = ("errors-in-variables", "implicit", "nominal", "points")
 _DEFORMING = ("none", "linear", "nonlinear", "matrix")
 _LOAD_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
-RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "load", "positioning")
+RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "G_B'", "load", "positioning")
 
 _CONCLUDED = (
     integer("rank", "1 is the most probable", minimum=1),

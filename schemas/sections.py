@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
@@ -74,6 +75,27 @@ class Loading(Section):
         return None if largest is None else float(largest * getattr(self.overload, load.partition("_")[0]))
 
 
+class SignalChain(Section):
+    """[signals] chain: the single-axis force cells and their amplifier, as their data sheets state them."""
+
+    rated_load_n: Positive = Field(description="load of one cell that gives its rated output")
+    output_mv_per_v: Positive = Field(description="rated output of a cell per volt of supply")
+    output_sigma_mv_per_v: NotNegative = Field(0.0, description="one sigma of it, independent from cell to cell")
+    supply_v: Positive = Field(description="supply voltage of the cells")
+    amplification: Positive = Field(1.0, description="recorded signal over the output of a cell")
+    amplification_sigma: NotNegative = Field(0.0, description="one sigma of it, relative, independent of the others")
+
+    @property
+    def sensitivity_mv_per_n(self) -> float:
+        """Recorded signal per load of one cell (force-sensor paper, eq. 33)."""
+        return self.amplification * self.output_mv_per_v * self.supply_v / self.rated_load_n
+
+    @property
+    def tolerance(self) -> float:
+        """One sigma of the sensitivity, relative."""
+        return math.hypot(self.output_sigma_mv_per_v / self.output_mv_per_v, self.amplification_sigma)
+
+
 class Signals(Section):
     """[signals]: what is known of the gain of the signal channels."""
 
@@ -85,6 +107,20 @@ class Signals(Section):
         None, description="one sigma of a signal's zero where each run was tared; absent: unknown"
     )
     range_mv: Positive | None = Field(None, description="what the amplifier passes either way; at it, a signal is cut")
+    chain: SignalChain | None = Field(
+        None, description="cells and amplifier, in place of sensitivity_mv_per_n and sensitivity_tolerance"
+    )
+
+    @model_validator(mode="after")
+    def _sensitivity_of_the_chain(self) -> Signals:
+        if self.chain is None:
+            return self
+        own = {"sensitivity_mv_per_n": self.chain.sensitivity_mv_per_n, "sensitivity_tolerance": self.chain.tolerance}
+        for name, value in own.items():
+            given = getattr(self, name)
+            if given is not None and given != value:
+                raise ValueError(f"chain alone: it gives {name} = {value:.6g}; leave {name} out")
+        return self.model_copy(update=own)
 
 
 class PoseComponents(Section):

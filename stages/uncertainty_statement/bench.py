@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 CORRECTED = Source("correction for air and material", "B")
+CELLS = Source("sensitivity of the single-axis cells, as declared", "B")
 _MODEL = "matrix"
 _CLOSES = 1e-6
 _LOAD_UNITS = ("N", "N", "N", "N m", "N m", "N m")
@@ -102,6 +103,7 @@ def state_sensor(statement: Statement, tables: Mapping[str, pa.Table], settings:
         statement.not_evaluated("G_B", "all", f"the calibration cannot be made once more: {why}")
         return
     _state_matrix(statement, made)
+    _state_leg_matrix(statement, made, settings)
     _state_loads(statement, made, ranges_of(settings, made.found))
     _state_held_out(statement, made)
     if not made.found.load_sigma.any():
@@ -128,6 +130,25 @@ def _state_matrix(statement: Statement, made: Calibrated) -> None:
     rows, columns = (index.ravel() for index in np.indices(matrix.shape))
     names = [f"{made.table.load_names[i]} per {made.table.signal_names[j]}" for i, j in zip(rows, columns, strict=True)]
     statement.state("G_B", made.fit.model.name, names, matrix.ravel(), [f"{_LOAD_UNITS[i]}/mV" for i in rows], budget)
+
+
+def _state_leg_matrix(statement: Statement, made: Calibrated, settings: Campaign) -> None:
+    """State the entries of G_B', from forces of the cells to the wrench, where their sensitivity is declared."""
+    sensitivity, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
+    if sensitivity is None:
+        return
+    matrix, budget = budget_of_matrix(made)
+    factor = np.broadcast_to(np.asarray(sensitivity, float), matrix.shape)
+    entries = (matrix * factor).ravel()
+    budget = budget.scaled(factor.ravel())
+    if tolerance:
+        budget = budget.with_source(CELLS, tolerance * np.abs(entries))
+    else:
+        statement.omitted("G_B'", CELLS.name, "[signals] declares no sensitivity_tolerance")
+    rows, columns = (index.ravel() for index in np.indices(matrix.shape))
+    names = [f"{made.table.load_names[i]} per force of cell {j + 1}" for i, j in zip(rows, columns, strict=True)]
+    units = ["1" if i < 3 else "m" for i in rows]
+    statement.state("G_B'", made.fit.model.name, names, entries, units, budget)
 
 
 def _state_loads(statement: Statement, made: Calibrated, ranges: Array) -> None:

@@ -20,6 +20,12 @@ from truing.estimation.sensor.load_table import load_table
 from truing.estimation.uncertainty_budget import Source, root_mean_square
 
 Frames = dict[str, pd.DataFrame]
+CHAIN = """[signals.chain]
+rated_load_n = 1000.0
+output_mv_per_v = 2.0
+output_sigma_mv_per_v = 0.01
+supply_v = 10.0
+"""
 
 
 def _frames(folder: Path, *stages: str) -> Frames:
@@ -35,7 +41,9 @@ def telescope(tmp_path_factory: pytest.TempPathFactory) -> Frames:
 @pytest.fixture(scope="module")
 def sensor(tmp_path_factory: pytest.TempPathFactory) -> Frames:
     folder = tmp_path_factory.mktemp("gum") / "sensor"
-    write_campaign(folder, *measured(np.random.default_rng(5)), campaign_toml(more="load_n = 2.0\nload_nm = 0.1\n"))
+    write_campaign(
+        folder, *measured(np.random.default_rng(5)), campaign_toml(more="load_n = 2.0\nload_nm = 0.1\n" + CHAIN)
+    )
     return _frames(folder, "ingest", "pose", "deformation", "calibrate")
 
 
@@ -47,7 +55,7 @@ def _of(frames: Frames, result: str) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 @pytest.mark.parametrize(
     ("campaign", "results"),
-    [("telescope", ("pose", "calibration", "accuracy")), ("sensor", ("compliance", "G_B", "load", "accuracy"))],
+    [("telescope", ("pose", "calibration", "accuracy")), ("sensor", ("compliance", "G_B", "G_B'", "load", "accuracy"))],
 )
 def test_parts_of_every_result_sum_to_its_uncertainty(request: Any, campaign: str, results: tuple[str, ...]) -> None:
     frames = request.getfixturevalue(campaign)
@@ -99,6 +107,18 @@ def test_noise_beyond_what_was_declared_is_of_type_a(tmp_path: Path) -> None:
     ratio = np.sqrt(1.0 + (beyond["contribution"].to_numpy() / declared["contribution"].to_numpy()) ** 2)
     dof = beyond["degrees_of_freedom"].iloc[0]
     assert ratio == pytest.approx(2.5, abs=2.5 * 4.0 / np.sqrt(2.0 * dof))
+
+
+def test_the_sensitivity_of_the_cells_is_a_source_of_the_matrix_of_leg_forces(sensor: Frames) -> None:
+    stated = sensor["uncertainty"].set_index("result")
+    volts, forces = stated.loc["G_B"], stated.loc["G_B'"]
+    assert np.allclose(forces["estimate"], 0.02 * volts["estimate"].to_numpy(), rtol=1e-12)
+    tolerance = 0.005 * np.abs(forces["estimate"])
+    expected = np.hypot(0.02 * volts["standard_uncertainty"].to_numpy(), tolerance.to_numpy())
+    assert np.allclose(forces["standard_uncertainty"], expected, rtol=1e-12)
+    parts = sensor["uncertainty_budget"].query('result == "G_B\'" and input_source.str.contains("cells")')
+    assert np.allclose(np.sort(parts["contribution"]), np.sort(tolerance), rtol=1e-12)
+    assert set(parts["evaluation"]) == {"B"}
 
 
 def test_entries_are_stated_with_the_sigma_of_their_tables(sensor: Frames) -> None:

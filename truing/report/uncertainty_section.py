@@ -22,6 +22,7 @@ KINDS = {
     "cause": "Sizes of the causes that were found",
     "compliance": "Compliance",
     "G_B": "Matrix of the sensor",
+    "G_B'": "Matrix from forces of the cells to the wrench",
     "load": "Loads from one reading",
     "accuracy": "Held-out accuracy",
     "positioning": "Positioning by ISO 230-2",
