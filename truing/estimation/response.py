@@ -20,6 +20,7 @@ Form = Literal["none", "linear", "matrix"]
 _NORMAL_MEDIAN = 0.6745  # median of |z| of a standard normal
 _RANK_CUTOFF = 1e-10  # relative eigenvalue below which a direction carries no information
 FALSE_ALARM = 0.05  # family-wise, over all entries of one table
+_SPANNED = 1e-9  # of the largest drive: what rounding leaves of a combination
 _EXACT = 1e-6  # residuals, in declared standard deviations, that no measurement has
 
 
@@ -32,6 +33,7 @@ class ResponseFit:
     residuals (N, L): y - fitted, NaN where y was missing. loo_residuals (N, L): each observation predicted from
     all the others (exact). chi_square, dof: of the residuals under the stated covariance. deficient:
     directions of the parameters which the data do not determine (there the shortest solution was taken).
+    offset_covariance (L, D + 1): of the first group's offset with the entries of its row of K, and with itself.
     """
 
     form: Form
@@ -44,6 +46,7 @@ class ResponseFit:
     chi_square: float
     dof: int
     deficient: int
+    offset_covariance: Array
 
     @property
     def sigma(self) -> Array:
@@ -55,6 +58,16 @@ class ResponseFit:
     def predict(self, u: Array) -> Array:
         """(N, L) response to drives (N, D), without offset."""
         return u @ self.coefficients.T
+
+    def predicted_variance(self, u: Array) -> Array:
+        """(N, L) variance of offset + K u of the first group."""
+        rows, columns = np.nonzero(self.free)
+        found = 2.0 * u @ self.offset_covariance[:, :-1].T + self.offset_covariance[:, -1]
+        for k in range(len(self.free)):
+            own = rows == k
+            drive = u[:, columns[own]]
+            found[:, k] += np.einsum("np,pq,nq->n", drive, self.covariance[np.ix_(own, own)], drive)
+        return np.maximum(found, 0.0)
 
 
 def fit_response(
@@ -111,6 +124,7 @@ def _component_by_component(
     coefficients, offset = np.zeros((width, u.shape[1])), np.zeros((groups, width))
     residuals, loo = np.full((2, n, width), np.nan)
     free, blocks, deficient, chi_square, dof = np.zeros(coefficients.shape, bool), [], 0, 0.0, 0
+    beside = np.zeros((width, u.shape[1] + 1))
     for k, own in enumerate(drives):
         free[k, own] = True
         rows = np.flatnonzero(np.isfinite(y[:, k]))
@@ -126,12 +140,13 @@ def _component_by_component(
         precision = _offset_precision(prior, len(own), 1, len(met))
         one = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
         coefficients[k, own], offset[met, k] = one.coefficients[0], one.offset[:, 0]
+        beside[k, [*own, -1]] = one.offset_covariance[0]
         residuals[rows, k], loo[rows, k] = one.residuals[:, 0], one.loo_residuals[:, 0]
         blocks.append(one.covariance)
         deficient += one.deficient + (groups - len(met) if offset_cov is None else 0)
         chi_square, dof = chi_square + one.chi_square, dof + one.dof
     return ResponseFit(
-        form, coefficients, block_diag(*blocks), free, offset, residuals, loo, chi_square, dof, deficient
+        form, coefficients, block_diag(*blocks), free, offset, residuals, loo, chi_square, dof, deficient, beside
     )
 
 
@@ -185,6 +200,10 @@ def _solve(form: Form, free: Mask, design: Array, y: Array, seen: Mask, weight: 
     n_free, width = int(free.sum()), free.shape[0]
     coefficients = np.zeros(free.shape)
     coefficients[free] = theta[:n_free]
+    at = n_free + np.arange(width)  # of the first group
+    beside = np.zeros((width, free.shape[1] + 1))
+    beside[:, :-1][free] = covariance[at[np.nonzero(free)[0]], np.arange(n_free)]
+    beside[:, -1] = np.diag(covariance)[at]
     # Residuals that are nothing but rounding leave a sum of squares that rounding may turn below zero.
     chi_square = max(float(np.einsum("nl,nlm,nm->", residuals, weight, residuals) + theta @ prior @ theta), 0.0)
     informative = _rank(weight)
@@ -200,6 +219,7 @@ def _solve(form: Form, free: Mask, design: Array, y: Array, seen: Mask, weight: 
         chi_square=chi_square,
         dof=informative - (len(theta) - deficient),
         deficient=deficient,
+        offset_covariance=beside,
     )
 
 
@@ -266,10 +286,27 @@ def keep_consistent(
 
 
 def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array) -> Array:
-    """(N, L) |residual| in units of its deviation, for rejected values as well as for kept ones."""
-    residual = np.where(np.isfinite(fit.residuals), fit.residuals, y - fit.offset[0] - fit.predict(u))
-    spread = np.sqrt(np.einsum("nll->nl", cov))
+    """(N, L) |residual| in units of its deviation, for rejected values as well as for kept ones.
+
+    A value that the fit has not seen misses by the error of K too, which is large where poses are few, and has no
+    deviation along drives that were never varied.
+    """
+    fitted = np.isfinite(fit.residuals)
+    residual = np.where(fitted, fit.residuals, y - fit.offset[0] - fit.predict(u))
+    unseen = np.where(_spanned(u, fitted), fit.predicted_variance(u), np.inf)
+    spread = np.sqrt(np.einsum("nll->nl", cov) + np.where(fitted, 0.0, unseen))
     return np.abs(np.nan_to_num(residual)) / np.where(spread > 0.0, spread, np.inf)
+
+
+def _spanned(u: Array, fitted: Mask) -> Mask:
+    """(N, L) whether drives (N, D) are combinations of those that each response was fitted to."""
+    found = np.zeros(fitted.shape, bool)
+    for k, rows in enumerate(fitted.T):
+        _, size, along = np.linalg.svd(u[rows], full_matrices=False)
+        basis = along[size > _SPANNED * size.max(initial=0.0)]
+        rest = u - u @ basis.T @ basis
+        found[:, k] = np.abs(rest).max(axis=1, initial=0.0) <= _SPANNED * np.abs(u).max(initial=0.0)
+    return found
 
 
 def _standardised_l1(u: Array, kept: Array, y: Array, cov: Array, offset_cov: Array | None) -> Array:
