@@ -1,7 +1,7 @@
-"""A cause: a way in which nature departs from the plain simulation, as one change to one step of its chain.
+"""Base class `Cause`: a physical effect that the plain simulation lacks, acting on one step of the chain.
 
-A subclass says what it is called, which parameters it has and how the state changes with them; its simulated effect,
-derivative, test, fit, place in model.toml and the facts of its sentence follow from that.
+A subclass defines an id, parameters and the derivative of the state by them. The test, the fit, the entry in model.toml
+and the row in the tables follow from these.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from truing.inference.model import ChannelCandidates, ScatterCandidate
 
 
-# The pathway by which a cause acts on what is observed itself, as `truing.inference.model` calls it.
+# Name of the pathway of causes that act directly on the observations; see `truing.inference.model`.
 OBSERVED = "observed"
 
 
 class Step(StrEnum):
-    """Where in the chain a cause acts."""
+    """Step of the simulated chain at which a cause acts."""
 
     DRIVE = "drive"
     STRUCTURE = "structure"
@@ -34,9 +34,9 @@ class Step(StrEnum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a cause: its name and unit as in the tables, how large it plausibly is (one sigma), in SI.
+    """Parameter of a cause: name and unit as in the tables, and one sigma of a plausible size, SI.
 
-    ``si`` is what one unit of the tables is in SI.
+    ``si`` is the SI value of one unit of the tables (1e-3 for mm).
     """
 
     name: str
@@ -47,7 +47,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class ReportedParameter:
-    """A parameter as the tables tell it: in its own unit; text and counts have no sigma."""
+    """Value of a parameter in the unit of the tables; ``sigma`` is None for text and counts."""
 
     name: str
     value: float | str
@@ -61,207 +61,221 @@ CauseT = TypeVar("CauseT", bound="Cause[Any]")
 
 @dataclass(frozen=True)
 class Scene(Generic[CauseT]):
-    """What a campaign offers to causes of one sort; ``seen`` (B, K): which observations there are, all where it is
-    not told.
+    """Inputs, geometry and visibility of a campaign, from which causes of one sort propose candidates.
 
-    Whoever knows causes and scenes of any sort asks the scene, which hands itself to the cause: so a cause never meets
-    a scene of another sort.
+    ``seen`` (B, K) marks the observations that exist; None means all. General code calls the methods of the scene,
+    which passes itself to the cause: thus a cause only meets scenes of its own sort.
     """
 
     seen: NDArray | None = field(default=None, kw_only=True)
 
     @property
     def inputs(self) -> Mapping[str, NDArray]:
-        """The columns (B,) of what was asked of the machine, by name: none where nothing was."""
+        """Commanded inputs (B,) by column name; empty if nothing was commanded."""
         return {}
 
     def with_seen(self, seen: NDArray) -> Self:
-        """The scene of which so many observations (B, K) were seen."""
+        """Return the scene with the mask ``seen`` (B, K) of existing observations."""
         return replace(self, seen=seen)
 
     def candidates(self, kind: CauseT) -> Sequence[CauseT]:
-        """Candidates of a kind worth testing."""
+        """Return the candidates of a kind of cause that are worth testing."""
         return kind.candidates(self)
 
     def channel_candidates(self, kind: CauseT) -> Sequence[ChannelCandidates[CauseT]]:
-        """Candidates over single channels."""
+        """Return the candidates of a kind that concern single channels."""
         return kind.channel_candidates(self)
 
     def higher_order_terms(self, cause: CauseT) -> Sequence[CauseT]:
-        """Forms that go on where a cause ends."""
+        """Return the causes that add higher-order terms to an accepted cause."""
         return cause.higher_order_terms(self)
 
     def prior(self, cause: CauseT) -> float:
-        """A candidate's share of its kind's probability beforehand."""
+        """Return the relative prior weight of a candidate within its kind."""
         return cause.prior(self)
 
     def scatters(self, kind: CauseT) -> Sequence[ScatterCandidate[CauseT]]:
-        """Candidates of a kind that make inputs or observations scatter."""
+        """Return the candidates of a kind that enlarge the scatter of inputs or observations."""
         return kind.scatters(self)
 
 
 @dataclass(frozen=True)
 class ChannelScene(Scene[CauseT]):
-    """What a campaign offers to causes that act on channels, which have no place: readings, or what rays tell."""
+    """Scene of causes that act on channels without a position: readings, or camera and scale-bar parameters."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """The number of epochs B and of channels K."""
+        """Number of epochs B and of channels K."""
         raise NotImplementedError
 
     @property
     def shape(self) -> NDArray:
-        """The places (K, 0) of the channels: they have none."""
+        """Positions (K, 0) of the channels: channels have none."""
         return np.zeros((self.size[1], 0))
 
     @property
     def recorded(self) -> NDArray:
-        """Which readings (B, K) there are: all, where it is not told."""
+        """Mask (B, K) of the existing readings: ``seen``, or all."""
         return np.ones(self.size, bool) if self.seen is None else self.seen
 
 
 @dataclass(frozen=True)
 class Cause(Generic[SceneT_contra]):
-    """A way in which nature departs from the plain simulation; a frozen dataclass per kind of cause.
+    """Physical effect that the plain simulation lacks; each kind of cause is a frozen dataclass.
 
-    The fields of an instance are its settings (which legs, which onset, which pitch): together with the values of its
-    parameters all that model.toml keeps. An instance without settings stands for the kind in the catalogue and
-    proposes candidates. ``share`` is its weight in the budget of false alarms and among the probabilities beforehand.
-    Causes of one sort have a base class of their own (`PointCause`, `ReadingCause`, ...), which says what they change.
+    The fields of an instance are its settings, such as leg, onset or pitch. model.toml keeps them with the values of
+    the parameters. The instance with default settings represents the kind in the catalogue and proposes candidates.
+    Causes of one sort share a base class (`PointCause`, `ReadingCause`, ...), which defines the quantities that they
+    change.
+
+    ``share`` is the weight of the kind in the budget of false alarms and in the prior probabilities.
     """
 
     id: ClassVar[str]
     step: ClassVar[Step]
     share: ClassVar[float] = 1.0
-    reach: ClassVar[float] = 10.0  # plausible scales that its fit is held within: its prior must not shrink it
-    catalogued: ClassVar[bool] = True  # False: a dependence in a form that nobody declared
-    lacking: ClassVar[Missing | None] = None  # without what it has no candidates
+    reach: ClassVar[float] = 10.0  # prior sigma of its fit in plausible scales; wide, to avoid shrinkage
+    catalogued: ClassVar[bool] = True  # False: a nonparametric effect
+    lacking: ClassVar[Missing | None] = None  # input without which it has no candidates
 
     @property
     def says(self) -> str:
-        """Return what nature does, in words that fit "The data show that ..."; of a lab's own cause alone, as those of
-        the catalogue have their wording in the report."""
+        """Words after "The data show that ..."; only for a lab's own cause: the catalogue is worded in
+        truing/report/wordings."""
         return ""
 
     @property
     def confirm(self) -> str:
-        """Return what to measure to confirm it; of a lab's own cause alone."""
+        """Measurement that would confirm the cause; only for a lab's own cause."""
         return ""
 
     @property
     def subject(self) -> str:
-        """Return what it concerns as the tables name it (``leg3``, ``target P07``); empty for the whole."""
+        """Leg, target or axis that the cause concerns, as in the tables (``leg3``, ``target P07``); empty for the whole
+        machine."""
         return ""
 
     @property
     def concerns_several(self) -> bool:
-        """Whether it concerns several legs or targets, named one by one, and not a single one or the whole."""
+        """Whether the subject lists several legs or targets by name."""
         return self.subject.startswith("targets ") or (self.subject.startswith("leg") and " " in self.subject.strip())
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate: id and settings."""
         text = " ".join(f"{name}={value}" for name, value in self.settings().items())
         return f"{self.id} {text}".strip()
 
     @property
     def family(self) -> str:
-        """Return what this is one of several forms of: a model takes up one of them."""
+        """Key of the family of mutually exclusive forms; a model holds at most one of them."""
         return self.key
 
     @property
     def is_higher_order(self) -> bool:
-        """Return whether it is a further form of one that has to be accepted before."""
+        """Whether this adds higher-order terms to a cause that must be accepted first."""
         return False
 
     @property
     def is_persistent(self) -> bool:
-        """Return whether it stays with the machine; what hangs on a campaign's own time or targets ends with it."""
+        """Whether the effect stays with the machine; False if it depends on the time or the targets of one campaign."""
         return True
 
     def excludes(self, other: Self) -> bool:
-        """Return whether a model that holds this cause has no place for another: the same in another form."""
+        """Whether a model that holds this cause cannot also hold the other: both are forms of one family."""
         return self.family == other.family
 
     def settings(self) -> dict[str, Any]:
-        """Return its fields, all that a model needs beside the parameters to know the cause again."""
+        """Return the fields of the cause by name, as model.toml keeps them."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def with_settings(self, **settings: Any) -> Self:
-        """Return the cause with settings as read from TOML, whose arrays are lists."""
+        """Return the cause with settings read from TOML, where tuples are lists."""
         return replace(self, **{key: tuple(v) if isinstance(v, list) else v for key, v in settings.items()})
 
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
-        """Return at which poses (B,) it claims to hold: everywhere, unless its form is known within a range only."""
+        """Return the mask (B,) of poses where the cause is valid; all, unless its form holds only within a range of
+        inputs."""
         return np.ones(poses, bool)
 
     def candidates(self, scene: SceneT_contra) -> Sequence[Self]:
-        """Return the candidates worth testing in a campaign; none where it could not show."""
+        """Return the candidates worth testing in a campaign; none if the effect could not show in it."""
         return (self,)
 
     def lacks(self, scene: SceneT_contra) -> Missing | None:
-        """What was not recorded or varied, where a campaign has no candidates of this kind; None where that is no
-        reason, as on a machine to which it does not apply."""
+        """Return the input that was not recorded or varied, if that is why the campaign has no candidates of this kind.
+
+        None if there is another reason, for example a machine to which the cause does not apply.
+        """
         return self.lacking
 
     def channel_candidates(self, scene: SceneT_contra) -> Sequence[ChannelCandidates[Self]]:
-        """Return candidates over single targets, which are too many to be told one by one; none for most causes."""
+        """Return candidates for single targets or channels, scored together because they are many; none for most
+        causes."""
         return ()
 
     def scatters(self, scene: SceneT_contra) -> Sequence[ScatterCandidate[Self]]:
-        """Return what may scatter more than the rest by it, where it moves nothing on average; none for most causes."""
+        """Return candidates that enlarge the scatter of inputs or observations without moving their mean; none for most
+        causes."""
         return ()
 
     def higher_order_terms(self, scene: SceneT_contra) -> Sequence[Self]:
-        """Return forms that go on where this one ends: what it leaves once it is accepted is as likely theirs as that
-        of any other form of its kind."""
+        """Return the causes that add higher-order terms to this one after its acceptance.
+
+        They share the prior probability of their kind with its other forms.
+        """
         return ()
 
     def prior(self, scene: SceneT_contra) -> float:
-        """Return this candidate's share of its kind's probability beforehand; 1 where alike ones share evenly."""
+        """Return the relative prior weight of this candidate within its kind; 1 if all are equally probable."""
         return 1.0
 
     def alike(self, legs: int) -> tuple[int, ...]:
-        """Return the positions of parameters that are of like size: those of parts that were made alike; or none."""
+        """Return the positions of parameters of like size, such as those of legs of one design; empty if there are
+        none."""
         return ()
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the positions of parameters that nature makes no less than zero: a gap, a loss; or none."""
+        """Return the positions of parameters that cannot be negative, such as a clearance or a loss; empty if there are
+        none."""
         return ()
 
     def inputs(self, legs: int) -> tuple[str, ...]:
-        """Return the columns that it follows where it is no cause of the catalogue; else none."""
+        """Return the input columns that a nonparametric effect depends on; empty for a cause of the catalogue."""
         return ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the columns of configurations, beside the readings, without which it cannot be predicted."""
+        """Return the columns of configurations, except the readings, that a prediction needs."""
         return self.inputs(legs)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the parameters for a mechanism with that many legs; none for a discrete cause."""
+        """Return the parameters for a mechanism with ``legs`` legs; empty for a discrete cause."""
         raise NotImplementedError
 
     def refined(self) -> Self:
-        """Return the form that is fitted once it is chosen, with its shape (pitch, time constant) among the parameters.
+        """Return the form that is fitted after selection, with its shape (pitch, time constant) among the parameters.
 
-        The first parameters are those of this form; further ones start from zero.
+        The parameters of this form come first; the added ones start from zero.
         """
         return self
 
     def with_fixed_shape(self, shape: NDArray) -> Self | None:
-        """Return the form with its shape held where the further parameters (P - p,) of a refined one have it.
+        """Return the form with its shape fixed at values (P - p,) of the parameters that `refined` adds.
 
-        By it is asked how surely data tell a shape that is far from linear; None where that need not be asked.
+        It serves to find the uncertainty of a shape that acts far from linearly; None if linearisation suffices.
         """
         return None
 
     def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
-        """Return the cause without the parts that clearly do nothing once it is fitted, from values (P,) and covariance
-        (P, P) in SI: where an effect is large, what is linear in it only nearly needs them to be chosen."""
+        """Return the fitted cause without parts whose parameters are clearly zero, from values (P,) and covariance (P,
+        P), SI.
+
+        A large effect may need such parts while it is selected, because linearised effects only approximate it.
+        """
         return self
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the parameters as the tables name them, from values (P,) and covariance (P, P) in SI."""
+        """Return the parameters in the units of the tables, from values (P,) and covariance (P, P), SI."""
         sigma = np.sqrt(np.diag(covariance))
         named = zip(self.parameters(legs), values, sigma, strict=True)
         return tuple(ReportedParameter(p.name, float(v / p.si), float(s / p.si), p.unit) for p, v, s in named)
@@ -269,7 +283,7 @@ class Cause(Generic[SceneT_contra]):
 
 @dataclass(frozen=True)
 class Effect(Generic[CauseT]):
-    """A cause with the values of its parameters, in their units' SI form."""
+    """A cause with the values of its parameters, SI."""
 
     cause: CauseT
     values: NDArray  # (P,)

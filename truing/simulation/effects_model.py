@@ -1,4 +1,4 @@
-"""What every model shares: effects among its unknowns, and what a prior campaign says of them."""
+"""Base classes `EffectsModel` and `ChannelModel`: layout of the unknowns, effects among them, and the prior campaign."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a model predicts at shared and local unknowns, with derivatives per prior sigma.
+    """Predicted observations at shared and local unknowns, with derivatives per prior sigma.
 
-    Observations are of d dimensions: points of three, in m, readings and numbers of rays of one. Rows of knowledge
-    concern no epoch (survey, a prior campaign).
+    The dimension d is 3 for points (m) and 1 for readings and camera parameters. Rows of prior knowledge (survey, prior
+    campaign) belong to no epoch.
     """
 
     values: NDArray  # (B, K, d)
@@ -31,115 +31,116 @@ class Prediction:
     by_local: NDArray  # (B, K, d, H)
     known_residual: NDArray  # (E,) whitened, measured - predicted
     known_by_shared: NDArray  # (E, G) whitened
-    shared_known: NDArray  # (G,) whose prior is knowledge, and not merely wide
+    shared_known: NDArray  # (G,) whether the prior is knowledge, not a wide default
     local_known: NDArray  # (H,)
 
 
 @dataclass(frozen=True)
 class EffectsModel(ABC, Generic[CauseT]):
-    """Observations as a function of unknowns that all epochs share (G,) and of each one's own (B, H), with effects."""
+    """Observations as a function of G unknowns shared by all epochs and H unknowns of each epoch, with effects."""
 
     causes: tuple[CauseT, ...] = field(default=(), kw_only=True)
     prior_campaign: CampaignPrior[CauseT] | None = field(default=None, kw_only=True)
 
-    # What one channel is called: a target, an encoder.
+    # Word for one channel in tables: target, encoder.
     channel_word: ClassVar[str]
 
     @property
     @abstractmethod
     def channel_names(self) -> tuple[str, ...]:
-        """The names (K,) of what is measured, as tables have them."""
+        """Names (K,) of the measured channels, as in the tables."""
 
     @property
     def channel_kinds(self) -> tuple[str, ...]:
-        """What tells (K,) channels of one name apart: the body of each, or what sort of channel it is."""
+        """Body or sort of each channel (K,), which distinguishes channels of the same name."""
         return (self.channel_word,) * len(self.channel_names)
 
     @property
     @abstractmethod
     def scene(self) -> Scene[CauseT]:
-        """What the campaign offers to causes when they propose candidates."""
+        """Scene from which causes propose candidates."""
 
     @property
     def survey(self) -> slice:
-        """Where the unknowns of the channels' survey stand: nowhere."""
+        """Slice of the shared unknowns that describe the survey of the channels: empty here."""
         return slice(0)
 
     @property
     @abstractmethod
     def _sizes(self) -> dict[str, int]:
-        """Return how many shared unknowns there are of each kind, but for those of effects."""
+        """Number of shared unknowns by kind, without those of effects."""
 
     @cached_property
     def layout(self) -> dict[str, slice]:
-        """Return where each kind of shared unknown stands in the vector."""
+        """Slice of each kind of shared unknown in their vector; effects by their key."""
         return laid_out({**self._sizes, **{cause.key: len(cause.parameters(self.part_count)) for cause in self.causes}})
 
     @property
     def part_count(self) -> int:
-        """Return the number of like parts, legs, that some causes have parameters of their own for: none."""
+        """Number of like parts (legs) for which a cause may have separate parameters: none here."""
         return 0
 
     @property
     @abstractmethod
     def unpredicted(self) -> NDArray:
-        """Return which local unknowns (H,) the model does not claim to predict."""
+        """Mask (H,) of the local unknowns that the model does not predict."""
 
     @property
     @abstractmethod
     def _shared_known(self) -> NDArray:
-        """Return which shared unknowns (G,) have a prior that is knowledge, and not merely wide."""
+        """Mask (G,) of the shared unknowns whose prior is knowledge, not a wide default."""
 
     @property
     def _local_known(self) -> NDArray:
-        """Return which local unknowns (H,) have a prior that is knowledge."""
+        """Mask (H,) of the local unknowns whose prior is knowledge."""
         return np.asarray(~self.unpredicted)
 
     @property
     def zero_groups(self) -> NDArray | None:
-        """Return which readings share a zero: none, since points have frames."""
+        """Group number (B, K) of the readings that share an unknown zero; None here, since points have frames."""
         return None
 
     @property
     def error_groups(self) -> NDArray | None:
-        """Return which poses err together: each stands for itself."""
+        """Group number (B,) of the epochs with a common error; None if all epochs are independent."""
         return None
 
     @property
     def input_scale(self) -> NDArray:
-        """Return one prior sigma of each input (H,), SI: there are none."""
+        """Prior sigma of each input (H,), SI; empty here."""
         return np.zeros(0)
 
     def with_input_factor(self, factor: NDArray) -> Self:
-        """Return the model with other prior sigmas of inputs: there are none."""
+        """Return the model with the prior sigmas of the inputs multiplied by a factor; unchanged here, without inputs."""
         return self
 
     @property
     def split(self) -> Split | None:
-        """Return how parameters split into what is common to all legs and each leg's own: none do."""
+        """Parameters that split into a common part and one part per leg; None here."""
         return None
 
     def with_share(self, share: float) -> Self:
-        """Return the model with another share in common, of parameters that split."""
+        """Return the model with another common share of the variance of split parameters."""
         return self
 
     def with_causes(self, causes: Sequence[CauseT]) -> Self:
-        """Return the model with these effects among its unknowns, and those that a prior campaign found."""
+        """Return the model with the effects of these causes, and those of the prior campaign, among its unknowns."""
         given = () if self.prior_campaign is None else self.prior_campaign.causes
         keys = {cause.key for cause in given}
         return replace(self, causes=(*given, *(cause for cause in causes if cause.key not in keys)))
 
     def scale_of(self, name: str) -> NDArray:
-        """Return what a unit of the unknowns of a part of the layout is in SI: (n,) or ()."""
+        """Return the SI value of one unit of the unknowns of a part of the layout, (n,) or ()."""
         return self.effect_sigma(next(cause for cause in self.causes if cause.key == name))
 
     def _known_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
-        """Return what a prior campaign says beforehand: whitened residual and derivative."""
+        """Return the knowledge of the prior campaign as whitened residuals (E,) and derivatives (E, G)."""
         prior = self.prior_campaign
         return (np.empty(0), np.empty((0, self.shared_size))) if prior is None else prior.rows(self, shared)
 
     def _prediction(self, shared: NDArray, values: NDArray, by_shared: NDArray | None, by_local: NDArray) -> Prediction:
-        """Return a prediction with what is known beforehand; without derivatives by shared unknowns where none are."""
+        """Return the prediction with the rows of prior knowledge; without derivatives by shared unknowns if none are
+        given."""
         residual, rows, slopes = np.empty(0), np.empty((0, 0)), np.empty((*values.shape, 0))
         if by_shared is not None:
             (residual, rows), slopes = self._known_rows(shared), by_shared
@@ -147,11 +148,11 @@ class EffectsModel(ABC, Generic[CauseT]):
 
     @property
     def shared_size(self) -> int:
-        """Return the number of shared unknowns G."""
+        """Number of shared unknowns G."""
         return max(part.stop for part in self.layout.values())
 
     def embedded(self, shared: NDArray, model: Self) -> NDArray:
-        """Return shared unknowns of this model as those of another, zero where this one has none."""
+        """Return shared unknowns of this model in the layout of another model; zero for those that this model lacks."""
         wide = np.zeros(model.shared_size)
         if len(shared):
             for name in self.layout.keys() & model.layout.keys():
@@ -159,11 +160,11 @@ class EffectsModel(ABC, Generic[CauseT]):
         return wide
 
     def effects(self, shared: NDArray) -> tuple[Effect[CauseT], ...]:
-        """Return the effects with the values that shared unknowns (G,) stand for."""
+        """Return the effects with their values, SI, at shared unknowns (G,)."""
         return tuple(Effect(cause, shared[self.layout[cause.key]] * self.effect_sigma(cause)) for cause in self.causes)
 
     def set_effects(self, shared: NDArray, effects: Iterable[Effect[CauseT]]) -> None:
-        """Put the values of effects among shared unknowns (G,)."""
+        """Write the values of effects into the shared unknowns (G,), in place."""
         for effect in effects:
             shared[self.layout[effect.cause.key]] = effect.values / self.effect_sigma(effect.cause)
 
@@ -172,36 +173,38 @@ class EffectsModel(ABC, Generic[CauseT]):
         return np.array([parameter.scale for parameter in cause.parameters(self.part_count)])
 
     def effect_sigma(self, cause: CauseT) -> NDArray:
-        """Return the prior sigma (P,) that a cause's parameters are fitted with, SI."""
+        """Return the prior sigma (P,) in the fit of a cause's parameters, SI: ``reach`` times the plausible scale."""
         return cause.reach * self.effect_scale(cause)
 
 
 def laid_out(sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Return where parts of given sizes stand, one after the other."""
+    """Return consecutive slices of the given sizes."""
     ends = np.cumsum(list(sizes.values())).tolist()
     return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
 class ChannelModel(EffectsModel[CauseT]):
-    """Channels of one dimension each, seen from no place: readings, or what rays tell.
+    """Model of channels with one dimension and no position: readings, or camera and scale-bar parameters.
 
-    Causes act on what is observed itself, whatever it depends on.
+    Causes act directly on the observations.
     """
 
     @property
     def local_size(self) -> int:
-        """Return the number of local unknowns."""
+        """Number of local unknowns H: none."""
         return 0
 
     @property
     def unpredicted(self) -> NDArray:
-        """Return which local unknowns the model says nothing of: none."""
+        """Mask (H,) of the local unknowns that the model does not predict: none."""
         return np.zeros(self.local_size, bool)
 
     @property
     def channel_groups(self) -> NDArray:
-        """Return the number of each channel's noise (K,): one for all, since a single channel has too few readings to
-        tell its noise from an effect on most of them."""
+        """Noise group (K,) of each channel: one for all.
+
+        A single channel has too few readings to distinguish its noise from an effect on most of them.
+        """
         return np.zeros(len(self.channel_names), int)
 
     @abstractmethod
@@ -210,18 +213,18 @@ class ChannelModel(EffectsModel[CauseT]):
 
     @abstractmethod
     def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[CauseT, NDArray], NDArray]:
-        """Return what tells how channels (B, K, P) follow a cause's parameters at values (P,), SI."""
+        """Return the function from a cause and values (P,), SI, to the derivative of the channels (B, K, P)."""
 
     def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how channels follow shifts of them, (B, K, 1, 1): by one."""
+        """Return the derivatives (B, K, 1, 1) of the observations by shifts of the channels: one."""
         return np.ones((len(local), len(self.channel_names), 1, 1))
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return no pathway beside what is observed."""
+        """Return the derivatives of the observations by pathway: none, since causes act on the observations directly."""
         return {}
 
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[CauseT], dict[str, NDArray]]:
-        """Return what tells a cause's change of the pathway ``observed``, (B, K, P), per plausible scale."""
+        """Return the function from a cause to its change of the pathway ``observed``, (B, K, P), per plausible scale."""
         slopes = self._slopes_at(shared, local)
 
         def found(cause: CauseT) -> dict[str, NDArray]:
@@ -231,7 +234,7 @@ class ChannelModel(EffectsModel[CauseT]):
         return found
 
     def _fill_effects(self, by_shared: NDArray, shared: NDArray, slopes: Callable[[CauseT, NDArray], NDArray]) -> None:
-        """Fill in the derivatives (B, K, G) by the parameters of effects, of which ``slopes`` tells."""
+        """Fill the derivatives (B, K, G) by the parameters of effects, given the function ``slopes``."""
         for effect in self.effects(shared):
             own = slopes(effect.cause, effect.values) * self.effect_sigma(effect.cause)
             by_shared[..., self.layout[effect.cause.key]] = own

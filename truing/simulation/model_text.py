@@ -1,8 +1,7 @@
-"""An identified model as text: TOML for people and for the program, every number to full precision.
+"""Writing and reading of model.toml: an identified model as TOML, with all numbers in full precision.
 
-What all models share: the head, the effects (what people read of their parameters, in the tables' units, and what tells
-them to the model: settings, and values in SI) and the covariance of all unknowns. What is identified beside the effects
-(a mechanism, a sensor) has tables of its own.
+All models share the head, the effects and the covariance of all unknowns. An effect has its settings and SI values for
+the program, and its parameters in the units of the tables for people. A mechanism or sensor adds tables of its own.
 """
 
 from __future__ import annotations
@@ -26,19 +25,19 @@ Read = TypeVar("Read")
 
 
 class IdentifiedModel(Protocol[CauseT]):
-    """What every identified model brings: effects, and the covariance of all unknowns."""
+    """An identified model that can be written: its effects, and the covariance of all unknowns."""
 
     @property
     def context(self) -> dict[str, str]:
-        """Return what the model was made from, for people."""
+        """Origin of the model, in words for people."""
 
     @property
     def covariance(self) -> NDArray:
-        """Return the covariance (G, G) of all unknowns; effects come last."""
+        """Covariance (G, G) of all unknowns; effects come last."""
 
     @property
     def effects(self) -> tuple[Effect[CauseT], ...]:
-        """Return the effects that were found."""
+        """Effects that were found."""
 
     def covariance_of(self, cause: CauseT) -> NDArray:
         """Return the covariance (P, P) of an effect's parameters, SI."""
@@ -46,9 +45,9 @@ class IdentifiedModel(Protocol[CauseT]):
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifiedInSI(Generic[CauseT]):
-    """Numbers of its own and effects, as identified, with the covariance (G, G) of both in that order, SI.
+    """Identified numbers and effects with their joint covariance (G, G) in this order, SI, at the estimated noise.
 
-    ``context`` says, for people, what the model was made from. The covariance is that at the noise found.
+    ``context`` says where the model comes from, in words for people.
     """
 
     effects: tuple[Effect[CauseT], ...]
@@ -57,17 +56,17 @@ class IdentifiedInSI(Generic[CauseT]):
 
     @property
     def causes(self) -> tuple[CauseT, ...]:
-        """Return the causes of the effects."""
+        """Causes of the effects."""
         return tuple(effect.cause for effect in self.effects)
 
     @cached_property
     def layout(self) -> dict[str, slice]:
-        """Return where its own numbers and the parameters of each effect, by its key, stand in the covariance."""
+        """Slices of the covariance: ``own`` for the identified numbers, then one per effect by its key."""
         sizes = {effect.cause.key: len(effect.values) for effect in self.effects}
         return laid_out({"own": len(self.covariance) - sum(sizes.values()), **sizes})
 
     def places(self, causes: Sequence[CauseT]) -> NDArray:
-        """Return where its own numbers and the parameters of some effects stand in the covariance."""
+        """Return the indices of the identified numbers and of the parameters of some effects in the covariance."""
         return np.concatenate([np.r_[self.layout[name]] for name in ("own", *(cause.key for cause in causes))])
 
     def covariance_of(self, cause: CauseT) -> NDArray:
@@ -86,9 +85,9 @@ def model_text(
     units: str,
     legs: int,
 ) -> str:
-    """Return a model as TOML: numbers of its head, lines of its own tables before and after the effects.
+    """Return a model as TOML; ``tables`` and ``after`` are lines before and after the effects.
 
-    names: of the unknowns before those of the effects, all of which are counted in units.
+    ``names`` are the unknowns before those of the effects; ``units`` is the unit of all unknowns.
     """
     about = [f"{toml_key(key)} = {toml_value(value)}" for key, value in {**found.context, **numbers}.items()]
     lines = [f"format = {FORMAT}", "", "[model]", *about, *tables]
@@ -99,7 +98,7 @@ def model_text(
 
 
 def read_document(text: str, made: Callable[[dict[str, Any]], Read]) -> Read:
-    """Return what is made of a model's text; raises ValueError where it does not describe one."""
+    """Parse the text of a model and return ``made(document)``; raises ValueError if the text is no model."""
     try:
         document = parsed_toml(text)
         if document["format"] != FORMAT:
@@ -110,24 +109,24 @@ def read_document(text: str, made: Callable[[dict[str, Any]], Read]) -> Read:
 
 
 def describes(document: dict[str, Any], mechanism: str) -> bool:
-    """Return whether a parsed text is that of a kind of mechanism."""
+    """Whether a parsed model.toml describes this kind of mechanism."""
     about = document.get("model", {})
     return isinstance(about, dict) and about.get("mechanism") == mechanism
 
 
 def effects_of(document: dict[str, Any], known: Mapping[str, CauseT]) -> tuple[Effect[CauseT], ...]:
-    """Return the effects that a text describes; raises ValueError where no installed package brings a cause."""
+    """Return the effects of a parsed model; raises ValueError if no installed package defines a cause."""
     reported = document.get("effects", [])
     return tuple(Effect(_cause_of(effect, known), np.array(effect["values"], float)) for effect in reported)
 
 
 def context_of(document: dict[str, Any], numbers: Collection[str]) -> dict[str, str]:
-    """Return what a model was made from: its head without its numbers."""
+    """Return the origin of a model: its head without ``numbers``."""
     return {key: str(value) for key, value in document["model"].items() if key not in numbers}
 
 
 def _effect_lines(effect: Effect[CauseT], covariance: NDArray, legs: int) -> list[str]:
-    """Return an accepted effect: what people read of its parameters, and what tells it to the model."""
+    """Return the TOML lines of an effect: settings and SI values for the program, parameters for people."""
     cause = effect.cause
     settings = {name: value for name, value in cause.settings().items() if value is not None}
     lines = ["", "[[effects]]", f"cause = {toml_value(cause.id)}", f"subject = {toml_value(cause.subject)}"]
@@ -144,21 +143,21 @@ def _effect_lines(effect: Effect[CauseT], covariance: NDArray, legs: int) -> lis
 
 
 def _cause_of(effect: dict[str, Any], known: Mapping[str, CauseT]) -> CauseT:
-    """Return the cause that a text describes; raises ValueError where no installed package brings it."""
+    """Return the cause with its settings; raises ValueError if no installed package defines it."""
     if effect["cause"] not in known:
         raise ValueError(f"model: found cause {effect['cause']!r}, expected one of {', '.join(known)}")
     return known[effect["cause"]].with_settings(**{name: _frozen(v) for name, v in effect["settings"].items()})
 
 
 def _covariance_lines(names: Sequence[str], covariance: NDArray, units: str) -> list[str]:
-    """Return the covariance of unknowns, in units of which ``units`` tells, as lines of a table."""
+    """Return the covariance of the unknowns, in the given units, as lines of a TOML table."""
     head = f"[covariance]  # of the unknowns in {units}, lower triangle"
     rows = [f"  {toml_value(row[: i + 1])}," for i, row in enumerate(covariance)]
     return ["", head, f"names = {toml_value(list(names))}", "rows = [", *rows, "]"]
 
 
 def covariance_from(document: dict[str, Any], size: int) -> NDArray:
-    """Return the covariance (size, size) that a text holds; raises ValueError where it is another."""
+    """Return the covariance (size, size) of a parsed model; raises ValueError if it has another size."""
     table = document["covariance"]
     lower = np.zeros((size, size))
     if len(table["rows"]) != size:
@@ -169,7 +168,7 @@ def covariance_from(document: dict[str, Any], size: int) -> NDArray:
 
 
 def exact(values: NDArray) -> list[float]:
-    """Return numbers without the digit that changes when they are scaled and scaled back."""
+    """Round numbers to 15 digits, which survive scaling to other units and back."""
     return [float(f"{value:.15g}") for value in values]
 
 
@@ -178,7 +177,7 @@ def toml_key(name: str) -> str:
 
 
 def toml_value(value: Any) -> str:
-    """Return a value as TOML."""
+    """Return a value as TOML text."""
     if isinstance(value, bool | np.bool_):
         return str(bool(value)).lower()
     if isinstance(value, str):

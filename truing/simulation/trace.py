@@ -1,4 +1,4 @@
-"""How a state passes the simulated chain drive -> structure -> instrument, whatever is simulated."""
+"""Class `Trace`: a state on its way through the chain drive -> structure -> instrument, with all intermediate states."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ S = TypeVar("S")
 
 @dataclass(frozen=True)
 class Trace(Generic[CauseT, S]):
-    """A state as far as it has passed the chain, and how it came about.
+    """State after some steps of the chain, with its history.
 
-    ``met`` is every effect so far, in the order in which they acted, with the state that it met; ``after`` the state
-    that each step left.
+    ``effects`` holds every effect in order of action, with the state that it acted on; ``after`` the state after each
+    step.
     """
 
     state: S
@@ -25,7 +25,7 @@ class Trace(Generic[CauseT, S]):
     after: dict[Step, S]
 
     def through(self, step: Step, effects: Sequence[Effect[CauseT]], applied: Callable[[Effect[CauseT], S], S]) -> Self:
-        """Return the trace after the effects of a step, each of which acts on what those before it left."""
+        """Return the trace after the effects of one step, applied one after the other."""
         state, met = self.state, list(self.effects)
         for effect in effects:
             if effect.cause.step is step:
@@ -34,17 +34,20 @@ class Trace(Generic[CauseT, S]):
         return replace(self, state=state, effects=tuple(met), after={**self.after, step: state})
 
     def entering(self, state: S) -> Self:
-        """Return the trace with the state that the next step meets."""
+        """Return the trace with another state as the input of the next step."""
         return replace(self, state=state)
 
     def at(self, cause: CauseT) -> S:
-        """Return the state that a cause meets, the last of its step where it is not in force."""
+        """Return the state that a cause acts on; the state after its step if the cause is not in force."""
         return (
             self._state_by_key[cause.key] if cause.key in self._state_by_key else self.after.get(cause.step, self.state)
         )
 
     def subsequent_effects(self, cause: CauseT | None, *steps: Step) -> tuple[tuple[Effect[CauseT], S], ...]:
-        """Return the effects of some steps: all, or those after a cause, the last of its step where not in force."""
+        """Return the effects of the given steps that act after a cause, each with the state that it acts on.
+
+        All of these effects for None; a cause that is not in force counts as the last of its step.
+        """
         later = self.effects
         if cause is not None:
             order = list(Step)
