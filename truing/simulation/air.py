@@ -1,8 +1,8 @@
-"""Refractive index of moist air: Ciddor (1996) and the updated Edlén equation, and what it follows.
+"""Refractive index of moist air: Ciddor (1996), the updated Edlén equation, and their derivatives and uncertainty.
 
 P. E. Ciddor, Appl. Opt. 35 (1996) 1566; K. P. Birch and M. J. Downs, Metrologia 30 (1993) 155 and 31 (1994) 315, with
-the water vapour term of J. A. Stone and J. H. Zimmerman (NIST, Index of Refraction of Air, appendix A). Wavelengths
-are those in vacuum; all arguments broadcast.
+the water vapour term of J. A. Stone and J. H. Zimmerman (NIST, Index of Refraction of Air, appendix A). Wavelengths are
+those in vacuum; all arguments broadcast.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from truing.arrays import Array
 
 ZERO_C_K = 273.15
-_STANDARD_PA, _STANDARD_C = 101325.0, 15.0  # of the dispersion of dry air
-_VAPOUR_PA, _VAPOUR_C = 1333.0, 20.0  # of the dispersion of water vapour
+_STANDARD_PA, _STANDARD_C = 101325.0, 15.0  # reference state of the dispersion of dry air
+_VAPOUR_PA, _VAPOUR_C = 1333.0, 20.0  # reference state of the dispersion of water vapour
 _EDLEN_D, _EDLEN_E, _EDLEN_F, _EDLEN_G = 96095.43, 0.601, 0.00972, 0.003661
 _COLDEST_WATER_C = 0.0  # over ice below
 
@@ -72,7 +72,7 @@ def _wave_number_squared(wavelength_m: ArrayLike) -> Array:
 
 
 def _density(t: float, p: float, share: float) -> Any:
-    """Return the amount per volume, but for the gas constant (K and Pa): only ratios of it are needed."""
+    """Return the molar density times the gas constant; only its ratios are needed."""
     return p / (_compressibility(t, p, share) * (t + ZERO_C_K))
 
 
@@ -116,6 +116,6 @@ def _edlen_dispersion(wavelength_m: ArrayLike) -> tuple[Array, Array]:
 
 
 def index_sigma(slopes: ArrayLike, sigma: ArrayLike, equation: float = 1e-8) -> Array:
-    """Return the standard deviation of the index: of temperature, pressure and vapour pressure (..., 3), each by its
-    own, and of the equation itself (about 1e-8 in ordinary air, Stone and Zimmerman)."""
+    """Return the standard deviation of the index from independent errors of temperature, pressure and vapour pressure
+    (..., 3) and of the equation itself (about 1e-8 in ordinary air, Stone and Zimmerman)."""
     return np.sqrt(np.sum((np.asarray(slopes, float) * np.asarray(sigma, float)) ** 2, axis=-1) + equation**2)

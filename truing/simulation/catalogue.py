@@ -1,4 +1,4 @@
-"""The catalogue of causes: what can make nature depart from the plain simulation, by id."""
+"""Catalogues of all causes by id, one for each sort of model; causes of installed packages are included."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ OWN_CAUSES: tuple[PointCause, ...] = (
     NoiseBurst(),
     NonparametricMechanismEffect(),
 )
-# What is known of a sensor on its bench.
+# Causes of a sensor on its bench.
 OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     LoadEccentricity(),
     LoadImbalance(),
@@ -104,12 +104,12 @@ OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     NoisyRun(),
     NonparametricReadingEffect(),
 )
-# What is known of a single axis.
+# Causes of a single axis.
 OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (ScaleError(), LostMotion(), ZeroShift(), NonparametricAxisEffect())
-# What rays of photographs tell by themselves, and what points do that were computed from them.
+# Causes that act on rays of photographs, and on points that were computed from photographs.
 OWN_CAUSES_OF_RAYS: tuple[RayCause, ...] = (CameraInstability(), OneBar(), Refraction(), NonparametricRayEffect())
 OWN_CAUSES_OF_PHOTOGRAPHED_POINTS: tuple[PointCause, ...] = (AllBars(), EvenAir())
-# Of those of mechanisms, what a body without a mechanism knows.
+# Causes of mechanisms that also apply to a body without a mechanism.
 _OF_BODIES = (
     "thermal-expansion",
     "measurement-scale",
@@ -127,54 +127,55 @@ ENTRY_POINTS = "truing.causes"
 
 
 def catalogue() -> dict[str, PointCause]:
-    """Return all causes of points by id: the project's own, then those of installed packages.
+    """Return all causes of points by id: truing's own, then those of installed packages.
 
-    Raises ValueError where two causes have the same id.
+    Raises ValueError if two causes have the same id.
     """
     return _with_installed(OWN_CAUSES, PointCause)
 
 
 def catalogue_of_bodies() -> dict[str, PointCause]:
-    """Return all causes that bodies without a mechanism know, by id; those of installed packages are among them."""
+    """Return all causes of bodies without a mechanism, by id, with those of installed packages."""
     of_legs = {cause.id for cause in OWN_CAUSES} - set(_OF_BODIES)
     return {name: cause for name, cause in catalogue().items() if name not in of_legs}
 
 
 def catalogue_of_readings() -> dict[str, ReadingCause]:
-    """Return all causes that a sensor on its bench knows, by id; those of installed packages are among them.
+    """Return all causes of a sensor on its bench, by id, with those of installed packages.
 
-    Raises ValueError where two causes have the same id.
+    Raises ValueError if two causes have the same id.
     """
     return _with_installed(OWN_CAUSES_OF_READINGS, ReadingCause)
 
 
 def catalogue_of_axes() -> dict[str, AxisCause]:
-    """Return all causes that a single axis knows, by id; those of installed packages are among them.
+    """Return all causes of a single axis, by id, with those of installed packages.
 
-    Raises ValueError where two causes have the same id.
+    Raises ValueError if two causes have the same id.
     """
     return _with_installed(OWN_CAUSES_OF_AXES, AxisCause)
 
 
 def catalogue_of_rays() -> dict[str, RayCause]:
-    """Return all causes that rays of photographs may tell of by themselves, by id.
+    """Return all causes that act on rays of photographs, by id, with those of installed packages.
 
-    Raises ValueError where two causes have the same id.
+    Raises ValueError if two causes have the same id.
     """
     return _with_installed(OWN_CAUSES_OF_RAYS, RayCause)
 
 
 def of_photographed_points() -> dict[str, PointCause]:
-    """Return the causes, by id, that points know beside all others where they come from photographs."""
+    """Return the additional causes, by id, of points that were computed from photographs."""
     return {cause.id: cause for cause in OWN_CAUSES_OF_PHOTOGRAPHED_POINTS}
 
 
 OF_TYPES: dict[str, Callable[[], Mapping[str, Cause[Any]]]] = {"axis": catalogue_of_axes}
-"""The catalogues of mechanisms that are neither of legs nor a sensor on its bench, by type."""
+"""Catalogues by type of mechanism, for types other than legs and sensors on a bench."""
 
 
 def _with_installed(own: tuple[CauseT, ...], sort: type[CauseT]) -> dict[str, CauseT]:
-    """Our own causes of a sort and those of installed packages; raises ValueError where one of these is of no sort."""
+    """Return truing's own and the installed causes of a sort; raises ValueError if an installed cause is of no known
+    sort."""
 
     def joins(cause: Cause[Any]) -> bool:
         if not isinstance(cause, PointCause | ReadingCause | RayCause | AxisCause):

@@ -1,4 +1,4 @@
-"""Derivatives of a state, field by field: what one cause or one parameter changes."""
+"""Class `Change`: derivatives of the fields of a state by the parameters of a cause or of a model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Change:
-    """Derivatives of the state by P parameters, field by field; a field that does not change is absent.
+    """Derivatives of a state by P parameters, by field name; fields that do not change are absent.
 
     Values: (..., L, 3, P) for a, b, u; (..., L, P) for rho, indicated, l, delta_bz. Leading axes are poses, or
     broadcast against them.
@@ -20,6 +20,6 @@ class Change:
     size: int
 
     def get(self, name: str, shape: tuple[int, ...]) -> NDArray:
-        """Return a field's derivative, or zeros of the shape that it would have."""
+        """Return the derivative of a field, or zeros (*shape, P) if the field does not change."""
         found = self.fields.get(name)
         return np.zeros((*shape, self.size)) if found is None else found

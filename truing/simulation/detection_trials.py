@@ -1,4 +1,4 @@
-"""Effects of every sort and of several sizes to hide in drawn campaigns, what was found of them, and rates."""
+"""Detection trials: hide effects of several sizes in drawn campaigns, and estimate how often the diagnosis finds them."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from truing.inference.detectable import POWER, EffectSensitivity
 from truing.simulation.cause import Cause, CauseT, Effect, Scene
 
 _WHOLE = "the whole"
-# What is named by a word and its own name: ``target P07``, ``load fz``, ``run 4 channel dz``, ``camera left``.
+# Subjects of the form word and name: ``target P07``, ``load fz``, ``run 4 channel dz``, ``camera left``.
 _NAMED = ("target", "load", "channel", "signal", "run", "camera", "bar", "window")
-# Patterns of an effect's parameters, over which its size is told.
+# Number of random directions over which a reported size is averaged.
 _PATTERNS = 32
-# What grows by less than this with twice the size does not grow.
+# Least growth of a parameter, at twice the size, that counts as growth.
 _GROWN = 1.2
 
 
 @dataclass(frozen=True)
 class EffectSize:
-    """How large an effect is, as the tables tell it: the root mean square of one sort of its parameters.
+    """Size of an effect in the unit of the tables: root mean square of its parameters of one sort.
 
     ``beside`` names parameters of other units that grow with it.
     """
@@ -41,9 +41,9 @@ class EffectSize:
 
 @dataclass(frozen=True)
 class EffectKind:
-    """Effects of one sort: a kind of cause on the whole, on one leg or on one target, with the same parameters.
+    """Effects of one kind of cause on one kind of subject (the whole, one leg, one target), with the same parameters.
 
-    ``causes`` are all of them that the campaign could show, ``weights`` how probable each is beforehand.
+    ``causes`` are all members that could show in the campaign; ``weights`` are their prior probabilities.
     """
 
     kind: str
@@ -52,39 +52,39 @@ class EffectKind:
     weights: NDArray
 
     def draw(self, size: float, legs: int, rng: np.random.Generator) -> Effect:
-        """Return one of them at a size: the root mean square of its parameters, in plausible scales."""
+        """Draw a member at a size: the root mean square of its parameters, in plausible scales."""
         cause = self.causes[int(rng.choice(len(self.causes), p=self.weights))]
         return Effect(cause, _values(cause, size, legs, rng))
 
 
 def _values(cause: Cause, size: float, legs: int, rng: np.random.Generator) -> NDArray:
-    """Return parameters (P,), SI, in no particular direction, whose root mean square is a size in plausible scales."""
+    """Draw parameters (P,), SI, in a random direction, whose root mean square is ``size`` plausible scales."""
     scale = np.array([parameter.scale for parameter in cause.parameters(legs)])
     return size * scale * _normed(rng.standard_normal(len(scale)))
 
 
 def _normed(patterns: NDArray) -> NDArray:
-    """Return patterns (..., P) whose root mean square is one."""
+    """Scale patterns (..., P) to a root mean square of one."""
     return np.asarray(patterns * np.sqrt(patterns.shape[-1]) / np.linalg.norm(patterns, axis=-1, keepdims=True))
 
 
 @lru_cache(maxsize=256)
 def _patterns(parameters: int) -> tuple[NDArray, NDArray]:
-    """Return patterns (N, P) in no particular direction, and how often each was drawn: of one parameter, its signs."""
+    """Draw random directions (N, P) and count equal ones; with one parameter these are its two signs."""
     drawn = _normed(np.random.default_rng(0).standard_normal((_PATTERNS, parameters)))
     return np.unique(drawn, axis=0, return_counts=True)
 
 
 def reported_size(cause: Cause, size: float, legs: int) -> EffectSize:
-    """Return a size in plausible scales as the tables tell it.
+    """Convert a size in plausible scales to the unit of the tables.
 
-    Of the parameters that grow with it (a phase does not; the angle of a lost cosine grows with its root) it is told by
-    the last, and others of its unit.
+    Only parameters that grow with the size count: a phase does not, and the angle of a lost cosine grows with the
+    square root. The size is that of the last such parameter and of all others with its unit.
     """
     once, twice = (_root_mean_squares(cause, factor * size, legs) for factor in (1.0, 2.0))
     growing = [key for key in once if np.isclose(twice[key], 2.0 * once[key], rtol=0.05)]
     growing = growing or [key for key in once if twice[key] > _GROWN * once[key]]
-    if not growing:  # a count is told as a whole number
+    if not growing:  # a count is reported as a whole number
         first = cause.parameters(legs)[0]
         return EffectSize(first.name, size * first.scale / first.si, first.unit)
     unit = growing[-1][1]
@@ -96,7 +96,10 @@ def reported_size(cause: Cause, size: float, legs: int) -> EffectSize:
 
 
 def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, str], float]:
-    """Return, by name (without leg, where several have it) and unit, the size of what the tables tell of an effect."""
+    """Return the root mean square of each reported parameter of an effect, by name and unit.
+
+    Parameters of several legs share one entry, named without the leg.
+    """
     found: dict[tuple[str, str], list[float]] = defaultdict(list)
     names: dict[tuple[str, str], set[str]] = defaultdict(set)
     scale = np.array([parameter.scale for parameter in cause.parameters(legs)])
@@ -111,7 +114,7 @@ def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, 
 
 
 def effect_kinds(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> list[EffectKind]:
-    """Return the sorts of effect that kinds of cause could bring into a campaign, those on the whole first."""
+    """Return the kinds of effect that causes could bring into a campaign; those on the whole machine first."""
     found: dict[tuple[str, ...], list[CauseT]] = {}
     for kind in kinds:
         for cause in (*scene.candidates(kind), *_members(kind, scene)):
@@ -129,7 +132,7 @@ def _members(kind: CauseT, scene: Scene[CauseT]) -> Iterable[CauseT]:
 
 
 def concerned(subject: str) -> str | None:
-    """Return what a subject is: the whole, one leg, one target, one load; None for several of them."""
+    """Classify a subject: ``the whole``, ``one leg``, ``one target``, ``one load``, ...; None for several subjects."""
     if not subject:
         return _WHOLE
     words = subject.split()
@@ -148,54 +151,54 @@ def _weights(causes: Iterable[CauseT], scene: Scene[CauseT]) -> NDArray:
     return weights / weights.sum()
 
 
-# Sizes that are tried, in units of the one that theory expects to be found four times out of five.
+# Sizes of the trials, relative to the one that theory expects to be found with 80 % probability.
 FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
 _NOTHING = -1
 
 
 class RepeatableCampaign(Protocol):
-    """A campaign that can be drawn again."""
+    """A campaign plan from which campaigns can be drawn repeatedly."""
 
     @property
     def scene(self) -> Scene:
-        """What causes may propose candidates from."""
+        """Scene from which causes propose candidates."""
 
     @property
     def part_count(self) -> int:
-        """How many legs, or channels, parameters are numbered by."""
+        """Number of legs, or channels, by which parameters are numbered."""
 
 
 @dataclass(frozen=True)
 class DetectionQuestion:
-    """From which size on is this sort of effect found? ``seen``: how well theory expects its members to be."""
+    """Kind of effect whose detectable size is asked for; ``seen`` holds the theoretical sensitivity to its members."""
 
     kind: EffectKind
     seen: tuple[EffectSensitivity, ...]
-    unit: EffectSize  # an effect of one plausible scale, as the tables tell it
+    unit: EffectSize  # one plausible scale of the effect, in the unit of the tables
 
     def rate(self, size: float) -> float:
-        """The probability of being found that theory expects at a size."""
+        """Return the probability of detection that theory expects at a size."""
         return float(np.mean([own.power(size) for own in self.seen])) if self.seen else 0.0
 
     def signal_to_noise(self, size: float) -> float:
-        """The signal-to-noise ratio at a size, in the mean."""
+        """Return the mean signal-to-noise ratio at a size."""
         return float(np.mean([own.signal_to_noise(size) for own in self.seen])) if self.seen else 0.0
 
     def size_of(self, power: float) -> float | None:
-        """The size, in plausible scales, that theory expects to be found with a probability; None where none is."""
+        """Return the size, in plausible scales, at which theory expects this power; None if no size reaches it."""
         sizes = np.geomspace(1e-4, 1e3, 281)
         rates = np.array([self.rate(float(size)) for size in sizes])
         return float(np.interp(power, rates, sizes)) if rates[-1] >= power else None
 
     @cached_property
     def expected(self) -> float | None:
-        """The size that theory expects to be found four times out of five; None where the campaign is blind to it."""
+        """Size that theory expects to be found with 80 % probability; None if the campaign cannot show the effect."""
         return self.size_of(POWER)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One campaign to be drawn and diagnosed: the question it answers (-1: nothing hidden), the size, what to hide."""
+    """One campaign to draw and diagnose: its question (-1: nothing hidden), the size, and the hidden effects."""
 
     question: int
     factor: float
@@ -205,7 +208,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the diagnosis said of one drawn campaign."""
+    """Result of the diagnosis of one drawn campaign."""
 
     question: int
     factor: float
@@ -217,26 +220,27 @@ class Answer:
 
 @dataclass(frozen=True)
 class Rate:
-    """How often something was so, of how many."""
+    """Number of successes and of trials."""
 
     count: int
     of: int
 
     @property
     def value(self) -> float | None:
-        """The rate; None of none."""
+        """Relative frequency; None without trials."""
         return self.count / self.of if self.of else None
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Between which it lies with a probability of 95 %."""
+        """Interval of the rate with 95 % confidence."""
         return rate_bounds(self.count, self.of)
 
 
 def questions(
     plan: RepeatableCampaign, seen: Sequence[EffectSensitivity], wanted: Sequence[str], known: Iterable[Cause]
 ) -> list[DetectionQuestion]:
-    """A question per sort of effect of the wanted causes (all, where none is named), in the order of those known."""
+    """Return one question for each kind of effect of the wanted causes (all causes if none is named), in catalogue
+    order."""
     kinds: list[Cause] = [kind for kind in known if kind.catalogued]
     kinds = [kind for kind in kinds if not wanted or kind.id in wanted]
     legs = plan.part_count
@@ -265,9 +269,9 @@ def _names(cause: Any, legs: int) -> list[tuple[str, str]]:
 def trials(
     asked: Sequence[DetectionQuestion], plan: RepeatableCampaign, draws: int, nothing: int, seed: int
 ) -> list[Trial]:
-    """The campaigns to draw: ``draws`` per size of every question, and ``nothing`` without an effect.
+    """Return the campaigns to draw: ``draws`` for each size of every question, and ``nothing`` without an effect.
 
-    One of each comes before the second of any, so that what is there of an interrupted call tells of all.
+    Trials are interleaved, so that an interrupted call covers every question.
     """
     legs = plan.part_count
     listed = [Trial(_NOTHING, 0.0, (), (seed, 0, 0, number)) for number in range(nothing)]
@@ -284,7 +288,7 @@ def trials(
 
 
 def answer(trial: Trial, rows: Iterable[Mapping[str, Any]]) -> Answer:
-    """What rows of diagnosis.parquet say of what was hidden. Named, too, is what cannot be told from a found one."""
+    """Compare rows of diagnosis.parquet with the hidden effect; indistinguishable candidates count as named too."""
     listed = list(rows)
     found = [row for row in listed if row["verdict"] == "found"]
     hidden = trial.effects[0].cause if trial.effects else None
@@ -301,14 +305,14 @@ def answer(trial: Trial, rows: Iterable[Mapping[str, Any]]) -> Answer:
 
 
 def false_alarms(answers: Iterable[Answer]) -> Rate:
-    """How often something was found where nothing was hidden."""
+    """Return the rate of findings in campaigns without a hidden effect."""
     own = [given for given in answers if given.question == _NOTHING]
     return Rate(sum(given.found for given in own), len(own))
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A question with its answers: rates by size, and the sizes that are found four times and 19 times out of 20."""
+    """A question with its answers: detection rates by size, and what was found instead."""
 
     question: DetectionQuestion
     factors: tuple[float, ...]
@@ -318,7 +322,7 @@ class Curve:
     others_found: tuple[tuple[str, int], ...]  # what was found instead, and how often
 
     def size(self, power: float) -> Interval | None:
-        """The size, in plausible scales, that is found with a probability; None where nothing was drawn."""
+        """Return the size, in plausible scales, that is found with this power; None if nothing was drawn."""
         expected = self.question.size_of(0.5)
         if not self.factors or self.question.expected is None or expected is None:
             return None
@@ -328,7 +332,7 @@ class Curve:
 
 
 def curve(question: DetectionQuestion, place: int, answers: Iterable[Answer]) -> Curve:
-    """The answers to one question, by size."""
+    """Collect the answers to one question by size."""
     own = [given for given in answers if given.question == place]
     factors = tuple(sorted({given.factor for given in own}))
     by_factor = [[given for given in own if given.factor == factor] for factor in factors]

@@ -1,6 +1,6 @@
-"""Whole campaigns drawn anew: machine or sensor within tolerances, readings or loads, what is measured, gross errors.
+"""Draw whole campaigns: a machine or sensor within tolerances, its measurements with noise, gross errors and effects.
 
-The nonlinear chain itself predicts what is measured, with any effects hidden in it; nothing is linearised.
+The measurements come from the nonlinear simulation; nothing is linearised.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.point_causes import PointCause
 
-# Gross errors are some tenths of a millimetre: far beyond noise, not always beyond what an effect may do.
+# Gross errors are some tenths of a millimetre: far above the noise, but comparable with large effects.
 _GROSS_M = 5e-4
-# Those of readings are so many times the noise.
+# Gross errors of readings, as a multiple of the noise.
 _GROSS_NOISE = 100.0
 
 
 @dataclass(frozen=True)
 class CampaignLayout:
-    """How a campaign is laid out: the plain model at its poses, the noise of every point, which points are seen.
+    """Layout of a campaign: plain model at its poses, covariance of every point, and visible points.
 
-    ``rotations`` (B, 3, 3) turn from the base to each pose's measurement, in whose axes ``covariance`` (B, K, 3, 3),
-    m^2, stands; absent: drawn. ``gross`` is the share of points with gross errors.
+    ``rotations`` (B, 3, 3) turn from the base to the axes of each pose's measurement, in which ``covariance`` (B, K, 3,
+    3), m^2, is given; None: drawn at random. ``gross`` is the share of points with gross errors.
     """
 
     model: MechanismModel
@@ -41,7 +41,7 @@ class CampaignLayout:
 
 @dataclass(frozen=True)
 class DrawnPoints:
-    """What a drawn campaign measures: points (B, K, 3), m, each pose in its own frame, and the survey (K, 3), m."""
+    """Measurements of a drawn campaign: points (B, K, 3), m, each pose in its own frame, and the survey (K, 3), m."""
 
     points: NDArray
     survey: NDArray
@@ -50,9 +50,9 @@ class DrawnPoints:
 def draw_campaign(
     layout: CampaignLayout, effects: Sequence[Effect[PointCause]], rng: np.random.Generator
 ) -> DrawnPoints:
-    """Return a campaign of the layout, with effects hidden in it.
+    """Draw a campaign of the layout, with effects hidden in it.
 
-    Raises ValueError where the mechanism cannot reach what the readings ask for.
+    Raises ValueError if the drawn mechanism cannot reach the readings.
     """
     model = layout.model.with_causes([effect.cause for effect in effects])
     shared, local = _truth(model, effects, rng)
@@ -66,9 +66,9 @@ def draw_campaign(
 def _truth(
     model: MechanismModel, effects: Sequence[Effect[PointCause]], rng: np.random.Generator
 ) -> tuple[NDArray, NDArray]:
-    """Return the unknowns as they truly are: drawn where something is known of them, at the nominal value elsewhere.
+    """Draw the true unknowns from their priors; unknowns without prior knowledge stay at nominal values.
 
-    All but the effects is drawn alike whatever is hidden.
+    All but the effects is drawn independently of the effects.
     """
     plain = model.with_causes(())
     shared = plain.embedded(rng.standard_normal(plain.shared_size), model)
@@ -93,7 +93,7 @@ def _measured(points: NDArray, layout: CampaignLayout, rng: np.random.Generator)
 
 
 def _survey(model: MechanismModel, shared: NDArray, rng: np.random.Generator) -> NDArray:
-    """Return the survey of what was drawn: targets on attachments where these truly are, to within its noise."""
+    """Return the survey of the drawn machine: targets on attachments at their true positions plus noise."""
     survey, own = model.known.shape.copy(), model.targets.at_attachment
     if own.any():
         noise = model.known.survey.attachment_factor @ rng.standard_normal(3 * int(own.sum()))
@@ -104,9 +104,9 @@ def _survey(model: MechanismModel, shared: NDArray, rng: np.random.Generator) ->
 def draw_readings(
     model: BenchModel, effects: Sequence[Effect[ReadingCause]], rng: np.random.Generator, gross: float = 0.0
 ) -> NDArray:
-    """Return readings (B, K), SI, of a campaign of the plain model's layout, with effects hidden in it.
+    """Draw readings (B, K), SI, of a campaign of the plain model's layout, with effects hidden in it.
 
-    All but the effects is drawn alike whatever is hidden; ``gross`` is the share of readings with gross errors.
+    All but the effects is drawn independently of the effects; ``gross`` is the share of readings with gross errors.
     """
     hidden = model.with_causes([effect.cause for effect in effects])
     plain = model.with_causes(())

@@ -1,4 +1,4 @@
-"""Base classes `EffectsModel` and `ChannelModel`: layout of the unknowns, effects among them, and the prior campaign."""
+"""Base classes `EffectsModel` and `ChannelModel`: layout of unknowns, effects among them, and the prior campaign."""
 
 from __future__ import annotations
 
@@ -111,7 +111,8 @@ class EffectsModel(ABC, Generic[CauseT]):
         return np.zeros(0)
 
     def with_input_factor(self, factor: NDArray) -> Self:
-        """Return the model with the prior sigmas of the inputs multiplied by a factor; unchanged here, without inputs."""
+        """Return the model with the prior sigmas of the inputs multiplied by a factor; unchanged here: there are
+        none."""
         return self
 
     @property
@@ -220,11 +221,11 @@ class ChannelModel(EffectsModel[CauseT]):
         return np.ones((len(local), len(self.channel_names), 1, 1))
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return the derivatives of the observations by pathway: none, since causes act on the observations directly."""
+        """Return the derivatives of the observations by pathway: none; causes act on the observations directly."""
         return {}
 
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[CauseT], dict[str, NDArray]]:
-        """Return the function from a cause to its change of the pathway ``observed``, (B, K, P), per plausible scale."""
+        """Return the function from a cause to its change of the pathway ``observed`` (B, K, P) per plausible scale."""
         slopes = self._slopes_at(shared, local)
 
         def found(cause: CauseT) -> dict[str, NDArray]:

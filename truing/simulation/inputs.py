@@ -1,4 +1,4 @@
-"""Names of what effects depend on: columns of the campaign, and what is known of each actuator by itself."""
+"""Names of the inputs that effects may depend on, and functions that compute inputs from readings and time."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 TIME, ORDER, TEMPERATURE = "time_s", "order", "temperature_c"
 OWN_DRIVE, APPROACH, LAST_STEP, MEMORY = "own drive", "approach", "last step", "memory"
-# What is known of each actuator by itself: its own displacement, and how it came to the pose.
+# Inputs with a separate value for each actuator: its displacement, and its previous movements.
 LOOKING_BACK = (APPROACH, LAST_STEP, MEMORY)
 PER_ACTUATOR = (OWN_DRIVE, *LOOKING_BACK)
-_MOST_LACKING = 0.1  # of a column, that neighbours in time tell
+_MOST_LACKING = 0.1  # share of missing values up to which a column is interpolated
 
 
 class Missing(StrEnum):
-    """What a campaign did not record or vary, so that a cause cannot be tested."""
+    """Input that a campaign did not record or vary, so that a cause cannot be tested."""
 
     TEMPERATURE = "no-temperature"
     TIME = "no-time"
@@ -31,22 +31,22 @@ class Missing(StrEnum):
     TILT = "no-tilt"
 
 
-GRAVITY_IN = "gravity "  # before a body's name
+GRAVITY_IN = "gravity "  # prefix of a body's name
 
 
 def gravity_column(body: str) -> str:
-    """Return the covariate (B, 3) that holds the direction of gravity in a body's frame."""
+    """Return the name of the covariate (B, 3) with the direction of gravity in the frame of a body."""
     return f"{GRAVITY_IN}{body}"
 
 
 def drive_of(column: str) -> int | None:
-    """Return which leg's displacement a column is, counted from 1; none where it is another."""
+    """Return the leg, from 1, whose displacement a column holds (``rho3_mm``: 3); None for other columns."""
     number = column.removeprefix("rho").removesuffix("_mm")
     return int(number) if column == f"rho{number}_mm" and number.isdigit() else None
 
 
 def varying(covariates: Mapping[str, NDArray], seen: NDArray | None = None) -> dict[str, NDArray]:
-    """Return the columns of numbers (B,) that vary, at epochs ``seen`` (B,); the order only where there is no time."""
+    """Return the numeric columns (B,) that vary over the epochs ``seen`` (B,); the order only if there is no time."""
     own = slice(None) if seen is None else seen
     found = {
         name: values
@@ -58,7 +58,7 @@ def varying(covariates: Mapping[str, NDArray], seen: NDArray | None = None) -> d
 
 
 def between_neighbours(values: NDArray, time_s: NDArray) -> NDArray:
-    """Return a column (B,) with what a few epochs lack from their neighbours in time; as it is where many lack it."""
+    """Fill a few missing values of a column (B,) by interpolation in time; return it unchanged if many are missing."""
     lacks = ~np.isfinite(values)
     if lacks.mean() > _MOST_LACKING or not np.isfinite(time_s).all():
         return values
@@ -68,12 +68,12 @@ def between_neighbours(values: NDArray, time_s: NDArray) -> NDArray:
 
 
 def middle_and_half(values: NDArray) -> tuple[float, float]:
-    """Return the centre of values and half their range."""
+    """Return the centre of the range of values, and half the range."""
     return float(values.max() + values.min()) / 2, float(values.max() - values.min()) / 2
 
 
 def order_in_time(time: NDArray | None, poses: int) -> NDArray:
-    """Rank (B,) of each pose in time over the whole campaign; as in the table where there is no time, or none here."""
+    """Return the rank (B,) of each pose in time; in order of the table if there is no time, untimed poses last."""
     known = np.zeros(poses) if time is None else np.where(np.isfinite(time), time, np.inf)
     rank = np.empty(poses)
     rank[np.argsort(known, kind="stable")] = np.arange(poses)
@@ -81,13 +81,15 @@ def order_in_time(time: NDArray | None, poses: int) -> NDArray:
 
 
 def ranks(order: NDArray) -> NDArray:
-    """Return the rank (B,) of each epoch by its order in time (B,), from 0; of equal ones the first."""
+    """Return the rank (B,) of each epoch, from 0, by its order in time (B,); equal values keep their sequence."""
     return np.asarray(np.argsort(np.argsort(order, kind="stable")))
 
 
 def fading_sum(readings: NDArray, time: NDArray, kept: float) -> NDArray:
-    """Sum (B, L), m, of each actuator's movements up to a pose in time order, every earlier one ``kept`` times as much
-    as the next; 0 for the first."""
+    """Return the sum (B, L), m, of each actuator's movements up to a pose; 0 at the first pose in time.
+
+    Each movement is weighted by ``kept`` to the power of the number of later movements.
+    """
     order = np.argsort(time, kind="stable")
     steps = np.nan_to_num(np.diff(readings[order], axis=0))
     total = np.zeros_like(readings)
@@ -97,7 +99,7 @@ def fading_sum(readings: NDArray, time: NDArray, kept: float) -> NDArray:
 
 
 def approach(readings: NDArray, time: NDArray, least: float) -> NDArray:
-    """Direction (B, L) of each actuator's last movement larger than ``least`` (m) in time order; +1 before any."""
+    """Return the direction (B, L) of each actuator's last movement larger than ``least`` (m) in time; +1 before any."""
     order = np.argsort(time, kind="stable")
     steps = np.diff(readings[order], axis=0, prepend=readings[order][:1])
     moved = np.abs(np.nan_to_num(steps)) > least

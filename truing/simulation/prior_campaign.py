@@ -1,7 +1,7 @@
-"""What a prior campaign of the same machine or sensor has found, as rows of whitened knowledge for the next one.
+"""Class `CampaignPrior`: results of a prior campaign of the same machine or sensor, as whitened rows for the next fit.
 
-A prior model holds what was known before it (tolerances) and what its campaign has told. Only the latter is handed on,
-beside the tolerances of the next campaign: these then enter once.
+A prior model contains tolerances and the results of its campaign. Only the latter are passed on, so that tolerances
+enter the next campaign only once.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import CauseT
 
-_TOLD = 1e-9  # information below this share of the largest, or of what was known before, says nothing
+_TOLD = 1e-9  # information below this share of the largest, or of the prior's (1), counts as zero
 
 
 class PartitionedModel(Protocol):
-    """A model whose shared unknowns (G,) stand in named parts of one vector."""
+    """A model whose vector of shared unknowns (G,) consists of named parts."""
 
     @property
     def layout(self) -> dict[str, slice]:
-        """Return where each part stands."""
+        """Slice of each part."""
 
     @property
     def shared_size(self) -> int:
-        """Return the number G of shared unknowns."""
+        """Number of shared unknowns G."""
 
 
 @dataclass(frozen=True)
 class SharedUnknowns:
-    """One part of the unknowns that both campaigns have: its name in the layout, and the scale (n,) of each number."""
+    """A part of the unknowns that both campaigns have: its name in the layout, and the scale (n,) of each number."""
 
     name: str
     scale: NDArray
@@ -40,13 +40,17 @@ class SharedUnknowns:
 
 @dataclass(frozen=True)
 class CampaignPrior(Generic[CauseT]):
-    """What a prior campaign found of n numbers that the next one has too, counted from the latter's nominal, SI.
+    """Results of a prior campaign for n numbers of the next one, relative to the next one's nominal values.
 
-    ``causes`` are its persistent effects. mean (n,) and covariance (n, n): where it left the numbers; frames (n, n):
-    what another survey adds to that; shared (n, n): the information in it that the next campaign has too (tolerances,
-    and the survey where that is the same); information (n, n): what is new to the next campaign, centred at middle
-    (n,), where that alone would have put the numbers: what is shared drew the estimate away from there, and comes in
-    again with the next campaign. In units of the parts' scales.
+    All arrays are in units of the parts' scales:
+    - mean (n,), covariance (n, n): estimate of the prior campaign;
+    - frames (n, n): additional covariance by another survey;
+    - shared (n, n): part of its information that the next campaign has too (tolerances, and the survey if it is the
+      same);
+    - information (n, n), middle (n,): the new information and its centre. The centre differs from the mean, because
+      shared information enters again with the next campaign.
+
+    ``causes`` are the persistent effects of the prior campaign.
     """
 
     causes: tuple[CauseT, ...]
@@ -69,9 +73,10 @@ class CampaignPrior(Generic[CauseT]):
         nominal: NDArray | float = 0.0,
         **further: Any,
     ) -> Self:
-        """Return what an estimate (n,), (n, n) hands on, of which information (n, n) is new to the next campaign.
+        """Return the prior from an estimate (mean, covariance), with the information (n, n) that is new to the next
+        campaign.
 
-        What is shared drew the estimate towards the nominal (n,).
+        The shared information drew the estimate towards the nominal values (n,).
         """
         mean, covariance = estimate
         middle = centred(information, information @ mean + shared @ (mean - nominal))
@@ -80,11 +85,11 @@ class CampaignPrior(Generic[CauseT]):
 
     @property
     def scale(self) -> NDArray:
-        """Return what a unit of each number (n,) is in SI."""
+        """SI value of one unit of each number (n,)."""
         return np.concatenate([part.scale for part in self.parts]) if self.parts else np.zeros(0)
 
     def places(self, model: PartitionedModel) -> NDArray:
-        """Return where the numbers (n,) stand among a model's shared unknowns."""
+        """Return the indices of the numbers (n,) among a model's shared unknowns."""
         slices = [model.layout[part.name] for part in self.parts]
         return np.concatenate([np.arange(own.start, own.stop) for own in slices]) if slices else np.zeros(0, int)
 
@@ -93,11 +98,11 @@ class CampaignPrior(Generic[CauseT]):
         return shared[self.places(model)]
 
     def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
-        """Return how the numbers follow their own unknowns (n, n): they are these."""
+        """Return the derivative (n, n) of the numbers by their unknowns: the identity."""
         return np.eye(len(self.mean))
 
     def rows(self, model: PartitionedModel, shared: NDArray) -> tuple[NDArray, NDArray]:
-        """Return the knowledge as whitened rows at shared unknowns (G,): residual (E,) and derivative (E, G)."""
+        """Return the prior as whitened rows at shared unknowns (G,): residual (E,) and derivative (E, G)."""
         variances, directions = np.linalg.eigh(self.information)
         kept = variances > 0
         factor = directions[:, kept].T * np.sqrt(variances[kept])[:, None]
@@ -106,21 +111,21 @@ class CampaignPrior(Generic[CauseT]):
         return factor @ (self.middle - self.values(model, shared)), derivative
 
     def without(self, free: Sequence[int]) -> Self:
-        """Return the same where some numbers, by their places (of n), may have changed since: nothing is known then."""
+        """Return the prior without information on numbers, by index, that may have changed since."""
         return replace(self, information=marginal(self.information, np.asarray(free, int)))
 
     @property
     def nothing(self) -> Self:
-        """Return the same without its knowledge: only the effects are left."""
+        """The prior with its effects, but without its information."""
         return replace(self, information=np.zeros_like(self.information))
 
 
 def persistent_causes(
     causes: Sequence[CauseT], legs: int, covariates: Mapping[str, NDArray], given: Collection[str]
 ) -> tuple[CauseT, ...]:
-    """Return the effects that stay with the machine and that the next campaign can predict.
+    """Return the persistent causes whose input columns the next campaign has.
 
-    It has the columns that they depend on: covariates, with a number at every epoch, or ``given`` beside these.
+    A column is a covariate that is finite at every epoch, or is listed in ``given``.
     """
 
     def has(name: str) -> bool:
@@ -130,7 +135,7 @@ def persistent_causes(
 
 
 def block_diagonal(*blocks: NDArray) -> NDArray:
-    """Return the matrix that has blocks (n, m) along its diagonal."""
+    """Return the block-diagonal matrix of blocks (n, m)."""
     sizes = np.cumsum([(0, 0), *(block.shape for block in blocks)], 0)
     whole = np.zeros(tuple(sizes[-1]))
     for (row, column), block in zip(sizes[:-1], blocks, strict=True):
@@ -139,20 +144,20 @@ def block_diagonal(*blocks: NDArray) -> NDArray:
 
 
 def centred(information: NDArray, pull: NDArray) -> NDArray:
-    """Return where information (n, n) with its pull (n,), their product, is centred; zero where nothing is told."""
+    """Return the centre (n,) of information (n, n) from their product; zero in directions without information."""
     variances, directions = np.linalg.eigh(information)
     reported = variances > _TOLD * max(1.0, variances.max(initial=0.0))
     return np.asarray(directions[:, reported] @ ((directions[:, reported].T @ pull) / variances[reported]))
 
 
 def clipped(information: NDArray) -> NDArray:
-    """Return a symmetric matrix without what rounding leaves of negative information."""
+    """Return a symmetric matrix with negative eigenvalues, which stem from rounding, set to zero."""
     variances, directions = np.linalg.eigh((information + information.T) / 2)
     return np.asarray((directions * np.maximum(variances, 0.0)) @ directions.T)
 
 
 def marginal(information: NDArray, free: NDArray) -> NDArray:
-    """Return the information (n, n) on the others where numbers at ``free`` are not known; zero for these."""
+    """Return the information (n, n) with the numbers at ``free`` marginalised; zero in their rows and columns."""
     if not len(free):
         return information
     own = information[np.ix_(free, free)]

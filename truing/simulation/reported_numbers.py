@@ -1,4 +1,4 @@
-"""What a comparison of two campaigns says number by number, under the names and in the units of the tables."""
+"""Comparison of two campaigns number by number, with the names and units of the tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from truing.simulation.mechanisms.extended_model import identified_geometry, nam
 from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.prior_campaign import CampaignPrior, SharedUnknowns
 
-# A number of which the data take away less than this share of what was not known has not been measured anew.
+# Least reduction of the prior variance by the data for a number to count as measured.
 TOLD = 0.05
 _OF_SENSOR = ("geometry", "stiffness")
 _AXES = {"a": "xyz", "b": "xyz", "u": "12", "l": ("",)}
@@ -23,7 +23,7 @@ _AXES = {"a": "xyz", "b": "xyz", "u": "12", "l": ("",)}
 
 @dataclass(frozen=True)
 class Number:
-    """One number that both campaigns have: what the tables call it, what it belongs to, and its scale in their unit."""
+    """A number that both campaigns have: name in the tables, leg, unit, and its scale in this unit."""
 
     name: str
     leg: int | None
@@ -33,12 +33,12 @@ class Number:
 
     @property
     def label(self) -> str:
-        """The number as a list of several names it."""
+        """Name with the leg, for lists of several numbers."""
         return self.name if self.leg is None else f"{self.name}{self.leg}"
 
 
 def numbers_of(prior: CampaignPrior, model: Any) -> list[Number]:
-    """Return the numbers (n,) in their order; directions of actuators as tilts."""
+    """Return the n numbers in their order; directions of actuators as tilts."""
     causes, found = {cause.key: cause for cause in prior.causes}, []
     for part in prior.parts:
         if part.name in _AXES:
@@ -68,7 +68,7 @@ def _of_sensor(part: SharedUnknowns, sensor: UncertainSensor) -> list[Number]:
 
 @dataclass(frozen=True)
 class ReportedNumbers:
-    """The rows of the table: what each is called, how it follows the numbers (R, n) in its unit, nominal (R,)."""
+    """Rows of the table: their names, derivative (R, n) by the numbers, and nominal values (R,), in the rows' units."""
 
     rows: tuple[Number, ...]
     by_numbers: NDArray
@@ -76,7 +76,7 @@ class ReportedNumbers:
 
     @property
     def columns(self) -> dict[str, list[Any]]:
-        """What the rows are called, column by column."""
+        """Names of the rows, column by column."""
         return {name: [getattr(row, name) for row in self.rows] for name in ("leg", "unit", "effect_of")} | {
             "parameter": [row.name for row in self.rows]
         }
@@ -85,7 +85,7 @@ class ReportedNumbers:
 def reported_numbers(
     prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray
 ) -> ReportedNumbers:
-    """The geometry as the tables tell it, or a sensor's lengths and stiffnesses, then the effects."""
+    """Return the rows of a machine's geometry, or of a sensor's lengths and stiffnesses, followed by the effects."""
     if not isinstance(model, MechanismModel):
         rows = numbers_of(prior, model)
         return ReportedNumbers(tuple(rows), np.diag([row.scale for row in rows]), np.zeros(len(rows)))
@@ -110,7 +110,10 @@ def figures(
     covariance: NDArray,
     level: float = LEVEL,
 ) -> dict[str, Any]:
-    """Each row then and now, the difference over its sigma, and which changed; now (n,) with covariance (n, n)."""
+    """Return the columns of the table: each row then and now, the difference over its sigma, and the changed rows.
+
+    ``now`` (n,) has the covariance (n, n).
+    """
     by = reported.by_numbers
     spread = np.sqrt(np.maximum(np.diag(by @ found.covariance @ by.T), 0.0))
     beforehand = np.diag(by @ np.linalg.inv(prior.shared) @ by.T)
@@ -127,8 +130,8 @@ def figures(
 
 
 def _changed(reported: ReportedNumbers, found: NumberComparison, level: float) -> dict[str, list[Any]]:
-    """Which rows are those that changed, by how much, and which others may have done so in their place."""
-    # A direction is told by components, each of which follows one of its two tilts most.
+    """Return the columns that mark changed rows, the sizes of the changes, and rows that may have changed instead."""
+    # A direction is reported by components, each of which depends mainly on one of its two tilts.
     row_of = {int(np.abs(reported.by_numbers[row]).argmax()): row for row in range(len(reported.rows))}
     changed, count = found.changed(level), len(reported.rows)
     if changed is None:
@@ -146,5 +149,5 @@ def _changed(reported: ReportedNumbers, found: NumberComparison, level: float) -
 
 
 def alternatives(compared: NumberComparison, changed: tuple[int, ...]) -> list[tuple[int, tuple[int, ...]]]:
-    """Each changed number with those that may have changed in its place."""
+    """Return each changed number with those that may have changed instead of it."""
     return list(zip(changed, compared.instead(changed), strict=True))

@@ -1,4 +1,4 @@
-"""The course of what settles: fast at first, ever more slowly, with one time constant."""
+"""Exponential settling with one time constant, normalised to a finite interval."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 
 def settling(passed: NDArray, rate: NDArray | complex) -> tuple[NDArray, NDArray]:
-    """Return the course (1 - exp(-rate x)) / (1 - exp(-rate)), (B,), and its slope by the log of its time constant.
+    """Return the course (1 - exp(-rate x)) / (1 - exp(-rate)), (B,), and its derivative by the log of its time
+    constant.
 
-    passed: x (B,), 0 at the start and 1 at the end; rate: the time between these over the time constant.
+    passed: x (B,), 0 at the start and 1 at the end; rate: length of the interval over the time constant.
     """
     whole = -np.expm1(-rate)
     value = -np.expm1(-rate * passed) / whole

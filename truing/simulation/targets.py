@@ -1,8 +1,8 @@
-"""Targets on bodies, and what a noisy survey leaves unknown of a shape whose frame that survey defines.
+"""Targets on bodies, and the unknown errors of their survey (classes `Targets` and `ShapeUnknowns`).
 
-The frame of base and platform is by definition the least-squares frame of the body's targets that sit on no attachment,
-relative to their survey: the survey's error there has no rigid part. What would have been the rigid part is instead
-carried by whatever else was surveyed in the same frame, the attachments.
+The frame of base and platform is the least-squares frame of the body's targets that are not on attachments, relative to
+their survey; so the survey errors of these targets have no rigid part. The attachments, surveyed in the same frame,
+carry the rigid part instead.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from truing.estimation.rotation import rigid_motions
 
 BASE, PLATFORM, LEG = 0, 1, 2
-# One standard deviation of what nothing is known of: wide enough not to pull, narrow enough for well-scaled equations.
+# Standard deviation of unknowns without prior knowledge: too wide to bias them, narrow enough for good scaling.
 FREE_LENGTH_M, FREE_ANGLE_RAD, FREE_DIRECTION = 0.01, 0.1, 0.05
 
 
 @dataclass(frozen=True)
 class Targets:
-    """K targets: which kind of body carries each, and which leg it belongs to (counted from 0).
+    """K targets: the kind of body that carries each, and its leg (counted from 0).
 
-    ``leg`` is the leg that a LEG target rides on, or the attachment that a PLATFORM target sits on; -1 for none.
-    ``names`` and ``bodies`` are those of the tables, where they are told.
+    ``leg`` is the leg that carries a LEG target, or the attachment of a PLATFORM target; -1 for none. ``names`` and
+    ``bodies`` are those of the tables, if given.
     """
 
     body: NDArray  # (K,) of BASE, PLATFORM, LEG
@@ -34,16 +34,16 @@ class Targets:
 
     @property
     def at_attachment(self) -> NDArray:
-        """Return which targets (K,) sit on an attachment."""
+        """Mask (K,) of the targets on attachments."""
         return (self.body == PLATFORM) & (self.leg >= 0)
 
 
 @dataclass(frozen=True)
 class ShapeUnknowns:
-    """Unknown shape of K targets: deviation from the survey = modes @ w, w ~ N(0, 1); targets on attachments apart.
+    """Unknown shape of K targets: deviation from the survey = modes @ w, w ~ N(0, 1), except targets on attachments.
 
     ``modes`` (K, 3, W) in m; ``attachment_factor`` (3A, 3A) in m is a square root of the covariance of the surveyed
-    places of the A targets on attachments, in their order.
+    positions of the A targets on attachments, in their order.
     """
 
     modes: NDArray
@@ -67,7 +67,7 @@ def shape_unknowns(targets: Targets, survey: NDArray, covariance: NDArray) -> Sh
 
 
 def _free_factor(survey: NDArray, covariance: NDArray, own: NDArray, rigid: bool) -> NDArray:
-    """Return a square root (3n, W) of the covariance of a body's shape; without rigid part where that is its frame."""
+    """Return a square root (3n, W) of the covariance of a body's shape; without its rigid part if ``rigid``."""
     full = _block_diagonal(covariance[own])
     if not rigid or len(own) < 3:
         return np.linalg.cholesky(full)

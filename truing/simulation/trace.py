@@ -1,4 +1,4 @@
-"""Class `Trace`: a state on its way through the chain drive -> structure -> instrument, with all intermediate states."""
+"""Class `Trace`: a state in the chain drive -> structure -> instrument, with all intermediate states and effects."""
 
 from __future__ import annotations
 

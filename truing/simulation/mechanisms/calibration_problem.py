@@ -1,7 +1,7 @@
-"""What a calibration asks of a model: that its equations hold at every measured pose, up to what was mismeasured there.
+"""Calibration of a mechanism as equations: the model must hold at every measured pose, up to measurement errors.
 
-The implicit objectives of the telescope report (eq. 30-33) are the equations without any deviation; errors in variables
-lets poses and readings deviate from what was measured.
+The implicit objectives of the telescope report (eq. 30-33) are these equations without measurement errors; errors in
+variables lets poses and readings deviate from their measured values.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from truing.simulation.mechanisms.structures.structure import Closing, Machine, 
 
 @dataclass(frozen=True)
 class ShiftClosing:
-    """Measured less modelled shifts (..., A), m; derivatives by readings (..., A, L) and parameters (..., A, P)."""
+    """Measured minus modelled shifts (..., A), m; derivatives by readings (..., A, L) and parameters (..., A, P)."""
 
     value: NDArray
     by_rho: NDArray
@@ -30,7 +30,7 @@ class ShiftClosing:
 
 @dataclass(frozen=True)
 class AttachmentShifts:
-    """Measured shifts (B, A), m, of the attachments of legs (A,), from 0, off their surveyed heights (A,), m."""
+    """Measured shifts (B, A), m, of the attachments of legs (A,), from 0, relative to their surveyed heights (A,), m."""
 
     leg: NDArray
     shift: NDArray
@@ -38,11 +38,12 @@ class AttachmentShifts:
 
     @property
     def deviations(self) -> int:
-        """Return the number of deviations of a pose: A."""
+        """Number of deviations per pose: A."""
         return len(self.leg)
 
     def close(self, machine: Machine, rho: NDArray, change: Change, deviation: NDArray) -> ShiftClosing:
-        """Return the closing at readings rho (..., B, L) where the truth is off the shifts by deviation (..., B, A)."""
+        """Return measured minus modelled shifts at readings rho (..., B, L); deviation (..., B, A) is added to the
+        measured ones."""
         height = machine.legs.b[..., self.leg, 2] - self.surveyed_bz
         value = self.shift + deviation - height - machine.delta_bz(rho)[..., self.leg]
         raised = change.get("b", (machine.legs.count, 3))[..., 2, :]
@@ -53,28 +54,28 @@ class AttachmentShifts:
 
 @dataclass(frozen=True)
 class CommonErrors:
-    """K errors common to all poses, independent and of one standard deviation each: effects (B, N, K), m and rad, on
-    what was measured in each pose."""
+    """K independent errors common to all poses, of unit variance; effects (B, N, K), m and rad, on each pose's
+    measurements."""
 
     effects: NDArray
 
     @property
     def entries(self) -> tuple[LegParameter, ...]:
-        """Return the errors as numbers to identify."""
+        """The errors as parameters to identify."""
         return tuple(LegParameter(f"common{k + 1}", SHARED, "1", 1.0) for k in range(self.effects.shape[-1]))
 
     def corrected(self, deviation: NDArray, errors: NDArray) -> NDArray:
-        """Return deviations (..., B, N) of the truth from the measurement, less what errors (..., K) did to it."""
+        """Return the deviations (..., B, N) without the effects of errors (..., K)."""
         return deviation - (self.effects @ errors[..., None, :, None])[..., 0]
 
     def slopes(self, by_deviation: NDArray) -> NDArray:
-        """Return how equations follow the errors, (..., B, M, K), from how they follow deviations (..., B, M, N)."""
+        """Return the derivatives (..., B, M, K) of equations by the errors from those by deviations (..., B, M, N)."""
         return -by_deviation @ self.effects
 
 
 @dataclass(frozen=True)
 class PoseEquations:
-    """The equations of each pose, M in m, and their first derivatives; 0 where all belongs together."""
+    """The M equations of each pose, m, zero if they hold, and their first derivatives."""
 
     value: NDArray  # (..., B, M)
     by_deviation: NDArray  # (..., B, M, N)
@@ -85,8 +86,8 @@ class PoseEquations:
 class CalibrationProblem:
     """Measured poses p (B, 3) m, R (B, 3, 3), base frame, and readings rho (B, L) m, of a machine to be identified.
 
-    A reading says how far an actuator is from the reference reading of the nominal machine: where rho0 is among the
-    parameters, it is the place of that reference which they identify (report, section 7.1.2).
+    A reading is the displacement from the reference reading of the nominal machine. If rho0 is among the parameters, it
+    is the position of this reference (report, section 7.1.2).
     """
 
     structure: Structure
@@ -100,28 +101,28 @@ class CalibrationProblem:
     common: CommonErrors | None = None
 
     def __post_init__(self) -> None:
-        """Raise ValueError where the legs' own poses mean nothing to the model."""
+        """Raise ValueError if the model cannot use the legs' own poses."""
         if self.leg_bodies and not self.leg_bodies.fits(self.structure, self.nominal):
             legs = f"{self.nominal.legs.closure.name} in the model {self.structure.name}"
             raise ValueError(f"poses of legs: found {legs}, expected legs of one body each in a model of single legs")
 
     @property
     def entries(self) -> tuple[LegParameter, ...]:
-        """Return all that is identified: the machine's parameters, what places each leg in its survey frame, and the
-        errors common to all poses."""
+        """All parameters to identify: the machine's, those that place each leg in its survey frame, and the common
+        errors."""
         seats = self.leg_bodies.entries if self.leg_bodies else ()
         return self.parameters.entries + seats + (self.common.entries if self.common else ())
 
     @property
     def start(self) -> NDArray:
-        """Return the nominal values (P,), SI."""
+        """Nominal values (P,), SI."""
         own = [self.leg_bodies.start] if self.leg_bodies else []
         none = [np.zeros(len(self.common.entries))] if self.common else []
         return np.concatenate([self.parameters.values(self.nominal), *own, *none])
 
     @property
     def deviations(self) -> int:
-        """Return the number N of deviations of a pose: the platform's (v; theta), readings, each leg's, shifts."""
+        """Number N of deviations per pose: twist (v; theta) of the platform, readings, each leg's, shifts."""
         return self._before_shifts + (self.shifts.deviations if self.shifts else 0)
 
     @property
@@ -129,15 +130,15 @@ class CalibrationProblem:
         return 6 + self.rho.shape[-1] + (self.leg_bodies.deviations if self.leg_bodies else 0)
 
     def machine(self, values: NDArray) -> Machine:
-        """Return the machine that values (..., P) stand for; a batch of them leads that of the poses."""
+        """Return the machine with values (..., P); batch axes precede that of the poses."""
         return self.parameters.machine(self.nominal, _leading(values)[..., : len(self.parameters)])
 
     def readings(self, machine: Machine) -> NDArray:
-        """Return the positions of the actuators (..., B, L), m, that were read, counted as the machine counts them."""
+        """Return the measured actuator positions (..., B, L), m, relative to the machine's own reference."""
         return self.rho + (machine.legs.rho0 - self.nominal.legs.rho0)
 
     def constrain(self, values: NDArray, deviation: NDArray) -> PoseEquations:
-        """Return the equations at values (..., P), SI, where the truth is off the measurement by deviation (..., B, N).
+        """Return the equations at values (..., P), SI, and at the measurements plus deviation (..., B, N).
 
         Rotations deviate by exp(theta) R.
         """
@@ -174,7 +175,7 @@ def _leading(values: NDArray) -> NDArray:
 def _constrained(
     closing: Closing, deviation: NDArray, change: Change, carried: LegEndClosing | None = None
 ) -> PoseEquations:
-    """Join the derivatives: by the platform's pose and the readings, by the parameters, and by what the legs add."""
+    """Join the derivatives by the platform's pose and the readings, by the parameters, and by the legs' own poses."""
     by_pose = [by_deviation(closing.by_twist, deviation[..., 3:6]), closing.by_rho]
     by_values = [closing.by_parameter + _by_rho0(closing, change)]
     if carried is not None:
@@ -183,7 +184,7 @@ def _constrained(
 
 
 def _with_shifts(found: PoseEquations, shifted: ShiftClosing, change: Change) -> PoseEquations:
-    """Put the equations of the shifts below the others, and their deviations behind."""
+    """Append the equations of the shifts, and their deviations."""
     count, legs = shifted.by_rho.shape[-2:]
     batch = found.value.shape[:-1]
     below = np.zeros((*batch, count, found.by_deviation.shape[-1] + count), shifted.by_rho.dtype)
@@ -200,12 +201,13 @@ def _with_shifts(found: PoseEquations, shifted: ShiftClosing, change: Change) ->
 
 
 def by_deviation(by_twist: NDArray, theta: NDArray) -> NDArray:
-    """Return derivatives (..., M, 6) by a twist here as those by the deviation (v; theta) (..., 3) that led here."""
+    """Convert derivatives (..., M, 6) by a twist at this pose to those by the deviation (v; theta), with theta (...,
+    3)."""
     turned = by_twist[..., 3:] @ left_jacobian_so3(theta)
     return np.concatenate([np.broadcast_to(by_twist[..., :3], turned.shape), turned], -1)
 
 
 def _by_rho0(closing: Closing, change: Change) -> NDArray:
-    """Return what the parameters change by moving the reference of the readings, (..., M, P)."""
+    """Return the derivatives (..., M, P) by parameters that move the reference of the readings."""
     moved = change.fields.get("rho0")
     return np.zeros_like(closing.by_parameter) if moved is None else closing.by_rho @ moved

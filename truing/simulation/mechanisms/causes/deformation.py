@@ -1,4 +1,4 @@
-"""Platform, base and legs deform: attachments shift as actuators move (telescope report, eq. 1-3), flexures bend."""
+"""Causes: deformation of platform and base by the actuators or temperature (telescope report, eq. 1-3), and flexures."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from truing.simulation.mechanisms.structures.beam_model import circle_distance
 
 # Shift per displacement of a plausible platform: the published one has entries up to 0.02.
 _PLAUSIBLE = 0.01
-# What bends in proportion over some millimetres departs from that by a few micrometres: 1/m and 1/m^2.
+# Plausible nonlinearity: a few micrometres over some millimetres; in 1/m and 1/m^2.
 _PLAUSIBLE_TERM = {2: 4.0, 3: 3000.0}
 _TERMS = {2: ("quadratic", "1/mm", 1e3), 3: ("cubic", "1/mm^2", 1e6)}
-# The least share of a power's size that lower ones may leave of it.
+# Least share of a power that a fit of lower powers must leave for the power to be resolved.
 _TOLD = 0.05
 _FORMS: dict[tuple[int, ...], float] = {(2,): 0.5, (3,): 0.5}
 
@@ -79,7 +79,7 @@ class InPlanePlatformDeformation(PerLeg):
         return tuple(Parameter(n, "1", _PLAUSIBLE) for axis in "xy" for n in self.numbered(f"kappa_{axis}", legs))
 
     def alike(self, legs: int) -> tuple[int, ...]:
-        """Return the parameters of all legs concerned, along both axes."""
+        """Return all parameters: those of all legs along both axes are of like size."""
         return tuple(range(len(self.parameters(legs))))
 
     def change(self, state: State, values: NDArray) -> Change:
@@ -93,7 +93,7 @@ class InPlanePlatformDeformation(PerLeg):
 class NonlinearPlatformDeformation(PerLeg):
     """Attachment i shifts along z_E by kappa_i d_i + quadratic_i d_i^2 + cubic_i d_i^3, d_i = delta_rho_i.
 
-    ``powers`` are those beyond the first: (2,) or (3,) where it is searched for, or both.
+    ``powers`` are those above the first: (2,) or (3,) for candidates, or both.
     """
 
     powers: tuple[int, ...] = (2, 3)
@@ -103,7 +103,7 @@ class NonlinearPlatformDeformation(PerLeg):
     reads = frozenset({"rho"})
 
     def candidates(self, scene: PointScene) -> Sequence[NonlinearPlatformDeformation]:
-        """Return every form for every choice of legs whose displacements tell the terms apart."""
+        """Return every form for every choice of legs whose displacements resolve its powers."""
         moved = scene.readings - scene.rho0
         informative = {form: _legs_resolving_power(moved, max(form)) for form in _FORMS}
         every = tuple(range(1, scene.legs + 1))
@@ -119,7 +119,7 @@ class NonlinearPlatformDeformation(PerLeg):
         return _FORMS[self.powers] * choice_share(len(self.legs), scene.legs)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return kappa of each leg concerned, then their further terms."""
+        """Return kappa of each leg concerned, then their higher-order terms."""
         found = [Parameter(name, "1", _PLAUSIBLE) for name in self.numbered("kappa", legs)]
         for power in self.powers:
             name, unit, si = _TERMS[power]
@@ -127,15 +127,15 @@ class NonlinearPlatformDeformation(PerLeg):
         return tuple(found)
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d delta_bz_i / d term_i = the power of delta_rho_i that it multiplies."""
+        """Return d delta_bz_i / d term_i: the power of delta_rho_i."""
         rows = np.concatenate([self.spread(state.delta_rho**power) for power in (1, *self.powers)], -1)
         return Change({"delta_bz": rows}, rows.shape[-1])
 
 
 def _legs_resolving_power(moved: NDArray, power: int) -> frozenset[int]:
-    """Return the legs, from 1, whose displacements (B, L), m, tell a power from lower ones: by what these leave of it.
+    """Return the legs, from 1, whose displacements (B, L), m, distinguish a power from a sum of lower powers.
 
-    Displacements on three levels, as many as a cubic term would need beside them, show a straight line for it.
+    Displacements on only three levels, for example, cannot resolve a cubic term.
     """
     return frozenset(
         leg for leg, column in enumerate(moved.T, start=1) if np.any(column) and _resolves_power(column, power)
@@ -152,7 +152,7 @@ def _resolves_power(column: NDArray, power: int) -> bool:
 TEMPERATURE = "temperature"
 _COLUMN = "temperature_c"
 _READING = "rho"
-# Shift at the joints' radius: m per K, and m per m of an actuator's way.
+# Shift at the joints' radius: m per K, and m per m of an actuator's displacement.
 _PLAUSIBLE_PER_KELVIN, _PLAUSIBLE_PER_WAY = 5e-6, 0.01
 _SHAPES = ("saddle_x", "saddle_y", "bowl")
 
@@ -162,7 +162,7 @@ class BaseDeformation(PointCause):
     """Base targets and joints shift along z by q (saddle_x (x^2 - y^2) + saddle_y 2 x y + bowl (x^2 + y^2)) / R^2.
 
     R is the mean radius of the joints; q is the temperature above the reference, or the displacement of the actuator
-    that ``driver`` names (``rho1`` ..).
+    ``driver`` (``rho1`` ..).
     """
 
     driver: str = TEMPERATURE
@@ -172,22 +172,22 @@ class BaseDeformation(PointCause):
     reads = frozenset({"rho", "a", "shape"})
 
     def candidates(self, scene: PointScene) -> Sequence[BaseDeformation]:
-        """Return the temperature, where it varies, and every actuator that moves as drivers."""
+        """Return one candidate for the temperature, if it varies, and one for every actuator that moves."""
         moves = np.ptp(scene.readings, axis=0) > 0
         drivers = [f"{_READING}{leg}" for leg in range(1, scene.legs + 1) if moves[leg - 1]]
         warm = scene.varies(_COLUMN) and bool(np.isfinite(scene.covariates[_COLUMN]).all())
         return [BaseDeformation(driver) for driver in ([TEMPERATURE] if warm else []) + drivers]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this driver: temperature is as likely as all actuators together."""
+        """Return the share of this driver: temperature is as probable as all actuators together."""
         return 0.5 if self.driver == TEMPERATURE else 0.5 / scene.legs
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the temperature, where that drives it."""
+        """Return the temperature column, if the temperature is the driver."""
         return (_COLUMN,) if self.driver == TEMPERATURE else ()
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return saddle_x, saddle_y and bowl: the shift at the radius R, per unit of the driver."""
+        """Return saddle_x, saddle_y and bowl: the shift at the radius R per unit of the driver."""
         warm = self.driver == TEMPERATURE
         unit, scale, si = ("mm/K", _PLAUSIBLE_PER_KELVIN, 1e-3) if warm else ("mm/mm", _PLAUSIBLE_PER_WAY, 1.0)
         return tuple(Parameter(name, unit, scale, si) for name in _SHAPES)
@@ -215,7 +215,7 @@ class BaseDeformation(PointCause):
 
 
 def _shapes(place: NDArray) -> NDArray:
-    """Return saddle_x, saddle_y and bowl (..., 3) at places (..., 2) in units of the joints' radius."""
+    """Return saddle_x, saddle_y and bowl (..., 3) at positions (..., 2) in units of the joints' radius."""
     x, y = place[..., 0], place[..., 1]
     return np.stack([x * x - y * y, 2 * x * y, x * x + y * y], -1)
 
@@ -230,10 +230,10 @@ _PLAUSIBLE_M = 0.01
 
 @dataclass(frozen=True)
 class FlexureShift(PointCause):
-    """Legs end in flexures of one length whose ends stay on a circle as they bend (telescope report, eq. 13-17).
+    """Legs end in flexures of equal length, whose ends move on a circle as they bend (telescope report, eq. 13-17).
 
-    They are straight at the machine's reference, where it was assembled; bent ones change the distance between the
-    joints' ideal pivots.
+    Flexures are straight at the reference pose, where the machine was assembled. Bending changes the distance between
+    the joints' ideal pivots.
     """
 
     id = "flexure-shift"
@@ -241,7 +241,7 @@ class FlexureShift(PointCause):
     reads = frozenset({"pose", "rho", "a", "b", "u", "delta_bz", "reference_direction", "reference_rotation"})
 
     def candidates(self, scene: PointScene) -> Sequence[FlexureShift]:
-        """Return the cause where there are legs."""
+        """Return the cause if the machine has legs."""
         return (self,) if scene.legs else ()
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -249,7 +249,7 @@ class FlexureShift(PointCause):
         return (Parameter("flexure_length", "mm", _PLAUSIBLE_M, 1e-3),)
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return how much longer a leg is between its pivots per length of its flexures: two ends less two halves."""
+        """Return d l / d flexure_length: elongation of each leg between its pivots, from the bending at both ends."""
         z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
         seen = np.einsum("...ij,...kj,...lk->...li", state.R, state.reference_rotation, state.reference_direction)
         low, high = np.sum(z * state.reference_direction, -1), np.sum(z * seen, -1)

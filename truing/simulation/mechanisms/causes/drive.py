@@ -1,4 +1,4 @@
-"""Actuators stand elsewhere than they indicate: wrong gain, backlash, and the periodic error of a leadscrew."""
+"""Causes that act on actuators: wrong gain, backlash, and the periodic error of a leadscrew."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _PLAUSIBLE_GAIN = 0.01
 _PLAUSIBLE_BACKLASH_M = 3e-6
 _PLAUSIBLE_AMPLITUDE_M = 3e-6
 _MM = 1e-3
-# Where the pitch is searched for: how many legs at most are tried together, by the number of pitches to be tried.
+# Search for the pitch: (largest number of pitches, largest number of legs tried together).
 _MOST_LEGS = ((60, 2), (200, 1))
-# Where the readings tell fewer than this share of the pitches apart, they tell none for certain.
+# The pitch is ambiguous if readings distinguish less than this share of the pitches of the grid.
 _TOLD_APART = 0.6
-# How far a pitch may lie from one of the grid, in steps of the frequency.
+# Plausible distance of a pitch from the grid, in steps of the frequency.
 _AWAY = 0.75
 
 
 @dataclass(frozen=True)
 class ActuatorGain(PerLeg):
-    """The actuator goes 1 + gain times as far as it indicates."""
+    """The true displacement of the actuator is 1 + gain times the indicated one."""
 
     id = "actuator-gain"
     step = Step.DRIVE
@@ -43,14 +43,14 @@ class ActuatorGain(PerLeg):
         return tuple(Parameter(name, "1", _PLAUSIBLE_GAIN) for name in self.numbered("gain", legs))
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d rho_i / d gain_i = the displacement that actuator i indicates."""
+        """Return d rho_i / d gain_i: the indicated displacement of actuator i."""
         rows = self.spread(state.indicated - state.legs.rho0)
         return Change({"rho": rows}, rows.shape[-1])
 
 
 @dataclass(frozen=True)
 class ActuatorBacklash(PerLeg):
-    """The actuator stays behind by the backlash, against the direction of its last movement."""
+    """The actuator lags by the backlash, against the direction of its last movement."""
 
     id = "actuator-backlash"
     lacking = Missing.APPROACH
@@ -66,7 +66,7 @@ class ActuatorBacklash(PerLeg):
         return [cause for cause in chosen if all(both[leg - 1] for leg in cause.legs)]
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the column that tells from where an actuator came: the order in time."""
+        """Return the time, from which the direction of approach follows."""
         return ("time_s",)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -74,7 +74,7 @@ class ActuatorBacklash(PerLeg):
         return tuple(Parameter(name, "mm", _PLAUSIBLE_BACKLASH_M, _MM) for name in self.numbered("backlash", legs))
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d rho_i / d backlash_i = - the direction of approach of actuator i."""
+        """Return d rho_i / d backlash_i: minus the direction of approach of actuator i."""
         rows = self.spread(-state.covariates[APPROACH])
         return Change({"rho": rows}, rows.shape[-1])
 
@@ -83,10 +83,10 @@ class ActuatorBacklash(PerLeg):
 class PeriodicError(PerLeg):
     """The leadscrew adds a sine of its own pitch: rho_i + S_i sin(2 pi d_i / pitch) + C_i cos(2 pi d_i / pitch).
 
-    S and C are amplitude times cosine and sine of the phase. Where ``free``, the frequency 1 / pitch is one parameter
-    more, counted from that of ``pitch_mm``; ``frequency_sigma`` (1/m) is how far it may plausibly lie from there, and
-    the farthest that it is taken (by a hyperbolic tangent): what lies beyond is another candidate. Where
-    ``aliased``, actuators stood on so few levels that other pitches make the same waves.
+    S and C are amplitude times cosine and sine of the phase. If ``free``, the frequency is a further parameter,
+    relative to 1 / ``pitch_mm`` and limited by a hyperbolic tangent to ``frequency_sigma`` (1/m), its plausible range;
+    beyond that, another candidate applies. If ``aliased``, the actuators were on so few levels that other pitches give
+    the same waves.
     """
 
     pitch_mm: float = 1.0
@@ -99,7 +99,7 @@ class PeriodicError(PerLeg):
     reads = frozenset({"indicated"})
 
     def candidates(self, scene: PointScene) -> Sequence[PeriodicError]:
-        """Return the choices of legs at the declared pitch, else at every pitch that the readings can tell apart."""
+        """Return the choices of legs at the declared pitch, or at every pitch that the readings can distinguish."""
         moved = scene.readings - scene.rho0
         if scene.pitch_m is not None:
             return [PeriodicError(chosen, scene.pitch_m / _MM) for chosen in choices(scene.legs)]
@@ -113,25 +113,25 @@ class PeriodicError(PerLeg):
         ]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this choice of legs; all pitches are alike."""
+        """Return the share of this choice of legs; all pitches are equally probable."""
         return choice_share(len(self.legs), scene.legs)
 
     def alike(self, legs: int) -> tuple[int, ...]:
-        """Return none: waves of like amplitude have S and C of any size."""
+        """Return none: S and C of waves of like amplitude may have any size."""
         return ()
 
     def refined(self) -> Self:
-        """Return the form whose pitch is fitted too; the same where it was declared, or cannot be told."""
+        """Return the form with a fitted pitch; unchanged if the pitch was declared or is ambiguous."""
         return replace(self, free=True) if self.frequency_sigma > 0 and not self.aliased else self
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return S and C of each leg concerned, then the frequency where it is free."""
+        """Return S and C of each leg concerned, then the frequency if it is free."""
         pairs = zip(self.numbered("sine", legs), self.numbered("cosine", legs), strict=True)
         waves = tuple(Parameter(name, "mm", _PLAUSIBLE_AMPLITUDE_M, _MM) for pair in pairs for name in pair)
         return (*waves, Parameter("frequency", "1/mm", self.frequency_sigma, 1 / _MM)) if self.free else waves
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d rho_i by S_i and C_i of every leg concerned, then by the frequency where it is free."""
+        """Return the derivatives of rho_i by S_i and C_i of every leg concerned, then by the frequency if it is free."""
         sine, cosine = self._waves(state, values)
         waves = np.stack([self.spread(sine), self.spread(cosine)], -1)
         columns = waves.reshape(*waves.shape[:-2], -1)
@@ -142,20 +142,20 @@ class PeriodicError(PerLeg):
         return Change({"rho": columns}, columns.shape[-1])
 
     def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
-        """Return by how much the actuators stand elsewhere, m."""
+        """Return the shift of the actuators, m."""
         sine, cosine = self._waves(state, values)
         waves = np.stack([self.spread(sine), self.spread(cosine)], -1)
         amplitudes = values[:-1] if self.free else values
         return {"rho": waves.reshape(*waves.shape[:-2], -1) @ amplitudes}
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return amplitude and phase of each leg concerned, and the pitch between them, with sigmas to first order."""
+        """Return amplitude and phase of each leg concerned, with the pitch between them, and sigmas to first order."""
         own = self.concerned(legs)
         amplitudes, phases = [], []
         for place, leg in enumerate(own):
             size, phase, by_both = _polar(values[2 * place], values[2 * place + 1])
             part = slice(2 * place, 2 * place + 2)
-            # Directions that the campaign does not see leave variances of zero, give or take rounding.
+            # Rounding may make the variance of an unobserved direction slightly negative.
             sigma = np.sqrt(np.maximum(np.diag(by_both @ covariance[part, part] @ by_both.T), 0.0))
             amplitudes.append(ReportedParameter(f"amplitude_{leg}", size / _MM, float(sigma[0]) / _MM, "mm"))
             phases.append(ReportedParameter(f"phase_{leg}", phase, min(float(sigma[1]), math.pi), "rad"))
@@ -174,7 +174,7 @@ class PeriodicError(PerLeg):
         return ReportedParameter("pitch", pitch, min(sigma, pitch**2 * self.frequency_sigma * _MM), "mm")
 
     def _frequency(self, away: NDArray) -> tuple[NDArray, NDArray]:
-        """Return the frequency (1/m) that the last parameter stands for, and its derivative by that."""
+        """Return the frequency (1/m) at a value of the last parameter, and its derivative by that."""
         share = np.tanh(away / self.frequency_sigma)
         return 1 / (self.pitch_mm * _MM) + self.frequency_sigma * share, 1 - share**2
 
@@ -203,11 +203,11 @@ def _polar(sine: float, cosine: float) -> tuple[float, float, NDArray]:
 
 
 SHORTEST_M, LONGEST_M = 0.2e-3, 5e-3
-# Steps of frequency per turn more over the range of the displacements: no pitch falls between two of the grid.
+# Frequency steps per additional turn over the range of displacements: dense enough to miss no pitch.
 _OVERSAMPLING = 2.5
-# Waves are alike where each lies within this of the span of the other: the sine of the angle between the spans.
+# Waves count as equal if the sine of the angle between their spans is below this.
 _ALIKE = 0.2
-# Displacements over hundreds of turns tell more pitches apart than can be tried; the shortest are left out then.
+# Displacements over hundreds of turns distinguish more pitches than can be tried; the shortest are omitted.
 MOST_PITCHES = 400
 
 
@@ -218,15 +218,14 @@ def pitch_spacing(moved: NDArray) -> float:
 
 
 def grid_size(moved: NDArray) -> int:
-    """Return how many pitches from 0.2 to 5 mm displacements (B, L), m, could tell apart, wherever they stood."""
+    """Return the number of pitches from 0.2 to 5 mm that displacements (B, L), m, over this range could resolve."""
     return int(np.ceil((1 / SHORTEST_M - 1 / LONGEST_M) / pitch_spacing(moved))) + 1
 
 
 def distinct_pitches(moved: NDArray) -> list[float]:
-    """Return pitches (m) from 0.2 to 5 mm, longest first, whose waves of displacements (B, L) differ.
+    """Return pitches (m) from 0.2 to 5 mm, longest first, at most 400, with distinct waves of displacements (B, L).
 
-    Displacements on a few levels show the same waves for many pitches; of such, the longest stands for all. At most
-    400.
+    Displacements on a few levels show the same waves for many pitches; only the longest of these is returned.
     """
     first = 1 / LONGEST_M + pitch_spacing(moved) / 2
     frequencies = np.linspace(first, 1 / SHORTEST_M, grid_size(moved))[:MOST_PITCHES]
@@ -239,7 +238,8 @@ def distinct_pitches(moved: NDArray) -> list[float]:
 
 
 def _spans(turns: NDArray) -> NDArray:
-    """Return orthonormal bases (F, L, B, 2) of sine and cosine of turns (F, B, L) less means; zero for none."""
+    """Return orthonormal bases (F, L, B, 2) of sine and cosine of turns (F, B, L) minus means; zero for vanishing
+    waves."""
     waves = np.stack([np.sin(turns), np.cos(turns)], -1)
     centred = np.moveaxis(waves - waves.mean(1, keepdims=True), 2, 1)
     directions, sizes, _ = np.linalg.svd(centred, full_matrices=False)
@@ -247,7 +247,7 @@ def _spans(turns: NDArray) -> NDArray:
 
 
 def _has_same_span(spans: NDArray) -> NDArray:
-    """Return (F, F) whether the span (F, L, B, 2) of the row lies within that of the column, leg by leg."""
+    """Return the mask (F, F): whether the span (F, L, B, 2) of the row lies within that of the column, leg by leg."""
     waves, _, poses, _ = spans.shape
     alike = np.ones((waves, waves), bool)
     for leg in np.moveaxis(spans, 1, 0):

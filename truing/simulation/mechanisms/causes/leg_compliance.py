@@ -1,4 +1,4 @@
-"""Legs give way under what they carry."""
+"""Cause: elastic elongation of legs under the weight that they carry."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.mechanisms.weight import tensions
 
-# What a pose's mass may be written down as, kg.
+# Column with the mass on the platform at each pose, kg.
 PAYLOAD = "payload_kg"
-# A leg of 10 N/um.
+# Compliance of a leg of 10 N/um, m/N.
 _PLAUSIBLE = 1e-7
-_DETERMINATE = 6  # legs whose forces follow from the load alone
+_DETERMINATE = 6  # number of legs whose forces follow from the load alone
 
 
 @dataclass(frozen=True)
 class LegCompliance(SharedOrPerLeg):
-    """Legs are longer by compliance times the force that pulls at them: that of a mass which they carry.
+    """Legs are longer by compliance times the tensile force from the weight of a mass on the platform.
 
-    All legs by one compliance, or each of ``legs`` by its own. ``up`` is a unit vector of the base frame, ``mass_kg``
-    what they carry (0: the column payload_kg), with its ``centre`` of gravity in the platform frame, m.
+    All legs share one compliance, or each of ``legs`` has its own. ``up`` is a unit vector of the base frame,
+    ``mass_kg`` the mass (0: the column payload_kg), ``centre`` its centre of gravity in the platform frame, m.
     """
 
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -43,8 +43,11 @@ class LegCompliance(SharedOrPerLeg):
     parameter = Parameter("compliance", "um/N", _PLAUSIBLE, 1e-6)
 
     def candidates(self, scene: PointScene) -> Sequence[Self]:
-        """Return all legs alike, every single one, every pair; none where nothing tells what legs carry, or where up
-        is, and none for other than six legs, which share a load as their stiffness has it."""
+        """Return one candidate for all legs alike, every single leg and every pair, if the mass and the up direction
+        are known.
+
+        None for other than six legs, whose forces do not follow from the load alone.
+        """
         weight, column = scene.weight, scene.covariates.get(PAYLOAD)
         if weight is None or scene.legs != _DETERMINATE:
             return ()
@@ -57,11 +60,11 @@ class LegCompliance(SharedOrPerLeg):
         return super(LegCompliance, own).candidates(scene)
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the mass, where it is told pose by pose."""
+        """Return the mass column, if the mass is given for each pose."""
         return () if self.mass_kg else (PAYLOAD,)
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return every compliance: no leg grows under pressure."""
+        """Return every compliance: none can be negative."""
         return tuple(range(len(self.parameters(legs))))
 
     def change(self, state: State, values: NDArray) -> Change:

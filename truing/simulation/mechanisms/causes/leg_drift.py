@@ -1,4 +1,4 @@
-"""Legs drift: their effective length walks with time, evenly or as something that settles."""
+"""Cause: drift of the effective leg lengths with time, linear or exponentially settling."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from truing.simulation.mechanisms.state import State
 from truing.simulation.settling import settling
 
 _PLAUSIBLE_M = 7e-6
-# Time constants that are tried, in spans of the campaign: neighbours differ by little.
+# Time constants of the candidates, relative to the duration; neighbours give nearly the same course.
 _SETTLING = (1.0, 0.5, 0.25, 0.125, 0.0625)
-# One sigma of the logarithm of a time constant about the one that was tried.
+# Prior sigma of the log of the time constant about that of the candidate.
 _PLAUSIBLE_LOG = 0.5
 _EVEN_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class LegDrift(PerLeg):
-    """The effective length of legs drifts from the first pose to the last, by drift, evenly or as 1 - exp(-t / tau).
+    """The effective length of legs changes by drift from the first pose to the last, linearly or as 1 - exp(-t / tau).
 
-    ``start_s`` is the time of the first pose and ``duration_s`` that between first and last, over the whole campaign;
-    ``tau_s`` is 0 where the drift is even. Where ``free``, the logarithm of tau over ``tau_s`` is one parameter more.
+    ``start_s`` is the time of the first pose and ``duration_s`` the time from the first to the last, over the whole
+    campaign; ``tau_s`` is 0 for a linear drift. If ``free``, the logarithm of tau over ``tau_s`` is a further
+    parameter.
     """
 
     start_s: float = 0.0
@@ -45,7 +46,7 @@ class LegDrift(PerLeg):
     reads = frozenset()
 
     def candidates(self, scene: PointScene) -> Sequence[LegDrift]:
-        """Return an even drift and some time constants for every choice of legs; none where no time is known."""
+        """Return a linear drift and several time constants for every choice of legs; none if times are unknown."""
         if scene.span_s is None or not scene.varies(TIME) or not np.isfinite(scene.covariates[TIME]).all():
             return ()
         start, duration = scene.span_s[0], scene.span_s[1] - scene.span_s[0]
@@ -53,12 +54,12 @@ class LegDrift(PerLeg):
         return [LegDrift(chosen, start, duration, tau) for tau in constants for chosen in choices(scene.legs)]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this choice of legs and of its course: even ones count for half."""
+        """Return the share of this choice of legs and course: linear drifts have half of the probability."""
         course = _EVEN_SHARE if self.tau_s == 0 else (1 - _EVEN_SHARE) / len(_SETTLING)
         return course * choice_share(len(self.legs), scene.legs)
 
     def refined(self) -> Self:
-        """Return the form whose time constant is fitted too; the same where the drift is even."""
+        """Return the form with a fitted time constant; unchanged if the drift is linear."""
         return self if self.tau_s == 0 else replace(self, free=True)
 
     def alike(self, legs: int) -> tuple[int, ...]:
@@ -70,12 +71,12 @@ class LegDrift(PerLeg):
         return (TIME,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the drift of each leg concerned, then the logarithm of the time constant where it is free."""
+        """Return the drift of each leg concerned, then the logarithm of the time constant if it is free."""
         drifts = tuple(Parameter(name, "mm", _PLAUSIBLE_M, 1e-3) for name in self.numbered("drift", legs))
         return (*drifts, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else drifts
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the drifts, then tau in s where the drift settles."""
+        """Return the drifts, then tau in s if the drift settles."""
         reported_values = super().reported(values, covariance, legs)
         if self.tau_s == 0:
             return reported_values
@@ -85,7 +86,8 @@ class LegDrift(PerLeg):
         return (*reported_values[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return the course of the drift per leg concerned, and by the logarithm of the time constant."""
+        """Return the derivatives of the leg lengths by the drift of each leg concerned, and by the log of the time
+        constant."""
         course, slope = self._course(state.covariates[TIME], values)
         columns = self._columns(course, state.legs.count)
         if self.free:
@@ -94,7 +96,7 @@ class LegDrift(PerLeg):
         return Change({"l": columns}, columns.shape[-1])
 
     def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
-        """Return by how much the legs are longer, m."""
+        """Return the elongation of the legs, m."""
         course, _ = self._course(state.covariates[TIME], values)
         return {"l": self._columns(course, state.legs.count) @ (values[:-1] if self.free else values)}
 

@@ -1,4 +1,4 @@
-"""The instrument's unit of length is off: a wrong scale bar, or one that grows with temperature."""
+"""Cause: a scale error of the instrument, constant or proportional to temperature."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ class MeasurementScale(PointCause):
     reads = frozenset()
 
     def candidates(self, scene: PointScene) -> Sequence[MeasurementScale]:
-        """Return the constant factor and, where the temperature varies, one that follows it, and both."""
+        """Return the constant factor and, if the temperature varies, a factor proportional to it, and both."""
         forms = (CONSTANT, PER_KELVIN, BOTH) if scene.varies(TEMPERATURE) else (CONSTANT,)
         return [MeasurementScale(form) for form in forms]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this form: one parameter is likelier than two."""
+        """Return the share of this form: one parameter is more probable than two."""
         return _SHARE[self.form]
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return no column: the scale of an instrument moves no platform."""
+        """Return no column: the scale of an instrument does not move the platform."""
         return ()
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -49,17 +49,17 @@ class MeasurementScale(PointCause):
         return {CONSTANT: (constant,), PER_KELVIN: (per_kelvin,), BOTH: (constant, per_kelvin)}[self.form]
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d point / d parameter = point times what the parameter multiplies."""
+        """Return d point / d parameter: the point times the factor of the parameter."""
         factors = self._factors(state, len(state.points))
         return Change({"points": state.points[..., None] * factors[:, None, None]}, factors.shape[-1])
 
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
-        """Return points, or their motions, (B, K, 3, ...), as this instrument passes them on."""
+        """Return points, or their motions, (B, K, 3, ...), as an instrument with this scale records them."""
         factor = 1 + self._factors(state, len(points)) @ values
         return points * factor.reshape(-1, *([1] * (points.ndim - 1)))
 
     def _factors(self, state: State, poses: int) -> NDArray:
-        """Return what each parameter multiplies (B, P): 1, the temperature above the reference, or both."""
+        """Return the factor of each parameter (B, P): 1, the temperature above the reference, or both."""
         if self.form == CONSTANT:
             return np.ones((poses, 1))
         heat = state.heat[:, None]

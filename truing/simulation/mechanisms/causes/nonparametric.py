@@ -1,7 +1,7 @@
-"""What no cause of the catalogue explains of a mechanism or a body: legs, targets or the scale depend on inputs.
+"""Nonparametric effects on a mechanism or on bodies: legs, targets or the scale depend smoothly on inputs.
 
-What a cause of the catalogue already does in the very same form (readings in proportion to the own drive: a gain) is no
-candidate here: data could not tell the two apart, and the name would be lost.
+A dependence of exactly the form of a catalogued cause (readings proportional to the own drive: a gain) is no candidate,
+because data could not distinguish the two.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from truing.simulation.nonparametric import (
 )
 
 ALL_DRIVES = "all drives"
-_SMOOTH = 3  # degree of the polynomials that stand for any smooth dependence
+_SMOOTH = 3  # degree of the polynomials that represent a smooth dependence
 _WAVES = 6  # half periods of slow waves over a campaign
 _FEWEST_SEEN = 6
 _FEWEST_PATTERNED = 4
@@ -53,7 +53,7 @@ _MM = 1e-3
 
 
 class Quantity(StrEnum):
-    """What depends on the inputs."""
+    """Quantity that depends on the inputs."""
 
     READINGS = "readings"
     LENGTHS = "lengths"
@@ -64,9 +64,9 @@ class Quantity(StrEnum):
 
 
 _STEPS = {Quantity.READINGS: Step.DRIVE, Quantity.SCALE: Step.INSTRUMENT}
-# Of one leg along one axis; the field of the state that moves.
+# Quantities of one leg along one axis, with the field of the state that moves.
 _ALONG = {Quantity.READINGS: "rho", Quantity.LENGTHS: "l", Quantity.ATTACHMENTS: "delta_bz"}
-# Plausible amplitudes: m, and of the scale relative.
+# Plausible amplitudes: m; relative for the scale.
 _PLAUSIBLE = {Quantity.SCALE: 2e-5, Quantity.TARGETS: 2e-5}
 _PLAUSIBLE_M = 5e-6
 _AXES = {Quantity.ATTACHMENTS_SIDEWAYS: ("_x", "_y"), Quantity.TARGETS: ("_x", "_y", "_z")}
@@ -74,13 +74,13 @@ _AXES = {Quantity.ATTACHMENTS_SIDEWAYS: ("_x", "_y"), Quantity.TARGETS: ("_x", "
 
 @dataclass(frozen=True)
 class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
-    """A quantity of all legs, or of ``legs``, or of ``targets`` of a body, depends on inputs.
+    """A quantity of all legs, of ``legs``, or of the ``targets`` of a body depends on inputs.
 
-    An input is a column of the configurations, ``rho3_mm`` (the displacement of that actuator, m), ``own drive`` (of
-    each leg's own), ``approach``, ``last step`` or ``memory`` (the direction and the size of each actuator's last
-    movement, the sum of all of them, fading). A further form are the displacements of all drives. Several targets
-    move together, by smooth patterns over the body, where ``places`` tells two coordinates of each between -1 and 1;
-    one by one else.
+    Inputs are columns of the configurations, ``rho3_mm`` (displacement of that actuator, m), ``own drive``
+    (displacement of each leg's own actuator), ``approach`` and ``last step`` (direction and size of each actuator's
+    last movement), and ``memory`` (fading sum of all its movements). The form ``all drives`` is linear in the
+    displacements of all actuators. Several targets move by smooth patterns over the body if ``places`` gives two
+    coordinates of each, from -1 to 1; otherwise one by one.
     """
 
     columns: tuple[str, ...] = (OWN_DRIVE,)
@@ -95,39 +95,40 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     letters: ClassVar[dict[str, str]] = {**NonparametricEffect.letters, ALL_DRIVES: "drive"}
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a quantity that is none."""
+        """Raise ValueError for an unknown quantity."""
         Quantity(self.quantity)
 
     @property
     def step(self) -> Step:  # type: ignore[override]
-        """Return the step at which the quantity is changed."""
+        """Step of the chain at which the quantity is changed."""
         return _STEPS.get(Quantity(self.quantity), Step.STRUCTURE)
 
     @property
     def subject(self) -> str:
-        """Return the legs or the target that it concerns, as the tables name them."""
+        """Legs or target concerned, as the tables name them."""
         if len(self.targets) == 1:
             return f"target {self.targets[0]}"
         return " ".join(f"leg{leg}" for leg in self.legs)
 
     @property
     def is_persistent(self) -> bool:
-        """Return whether it stays with the machine: not what depends on the time, or concerns targets."""
+        """Whether the effect stays with the machine; False if it depends on time or concerns targets."""
         return super().is_persistent and self.quantity != Quantity.TARGETS
 
     def candidates(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
-        """Return everything that legs, bodies and the scale may depend on in a campaign."""
+        """Return all dependences of legs, bodies and the scale that a campaign could show."""
         return [NonparametricMechanismEffect(**found) for found in _dependences(scene)]
 
     def channel_candidates(self, scene: PointScene) -> Sequence[ChannelCandidates[NonparametricMechanismEffect]]:
-        """Return what single targets may depend on: by one function each drive and column, squares and products; by
-        several slow waves of time."""
+        """Return dependences of single targets: on one function of drives and columns, and on several slow waves of
+        time."""
         inputs = _Inputs(scene)
         shapes = [list(inputs.of_single_targets()), list(inputs.waves())]
         return [_profiles(scene, inputs, found) for found in shapes if found and len(scene.shape)]
 
     def higher_order_terms(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
-        """Return its next terms, of all that it concerns or of single legs among it, as far as poses tell them."""
+        """Return the candidates with the next terms, for all legs concerned or for single ones, as far as the poses
+        suffice."""
         several = self._concerned(scene.legs) if self._is_of_legs and not self._is_one else ()
         chosen = (self.legs, *((leg,) for leg in several))
         most = len(scene.poses) // PER_FUNCTION
@@ -139,7 +140,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         ]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the weight: all legs are likelier than a single one, and that than a pair."""
+        """Return the relative prior weight: all legs are more probable than a single leg, a single leg than a pair."""
         return super().prior(scene) * (choice_share(len(self.legs), scene.legs) if scene.legs else 1.0)
 
     def inputs(self, legs: int) -> tuple[str, ...]:
@@ -154,21 +155,22 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         return tuple(dict.fromkeys(found))
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the columns without which the platform cannot be predicted: an order in time where it looks back."""
+        """Return the columns that a prediction of the platform needs; the time too, if it depends on previous
+        movements."""
         if not self._is_of_legs:
             return ()
         looks_back = any(column in (*LOOKING_BACK, ORDER) for column in self.columns)
         return tuple(dict.fromkeys((*self.inputs(legs), *([TIME] if looks_back else []))))
 
     def alike(self, legs: int) -> tuple[int, ...]:
-        """Return the amplitudes of the legs concerned: of several functions those of the last."""
+        """Return the amplitudes of the legs concerned; with several functions, those of the last."""
         if self.quantity not in _ALONG:
             return ()
         functions = self._count(legs)
         return tuple(range(functions - 1, len(self._concerned(legs)) * functions, functions))
 
     def functions(self, state: State) -> NDArray:
-        """Return the functions' values (B, L or 1, m) at the poses of a state."""
+        """Return the values (B, L or 1, m) of the functions at the poses of a state."""
         moved = state.indicated - state.legs.rho0
         if self.form == ALL_DRIVES:
             return np.asarray((moved / self.half_ranges[0])[:, None, :])
@@ -190,14 +192,14 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         return Change({_ALONG[Quantity(self.quantity)]: own.reshape(*own.shape[:2], size)}, size)
 
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
-        """Return points, or their motions, (B, K, 3, ...), as an instrument with this scale passes them on."""
+        """Return points, or their motions, (B, K, 3, ...), as an instrument with this scale records them."""
         if self.quantity != Quantity.SCALE:
             return points
         factor = 1 + self.functions(state)[:, 0] @ values
         return points * factor.reshape(-1, *([1] * (points.ndim - 1)))
 
     def _of_targets(self, state: State, basis: NDArray) -> NDArray:
-        """Return the derivative of ``moved`` (B, K, 3, P): each target or pattern along each axis by each function."""
+        """Return the derivative of ``moved`` (B, K, 3, P), for each target or pattern, axis and function."""
         own = tuple(zip(state.targets.bodies, state.targets.names, strict=True)) if state.targets is not None else ()
         shares = _patterns(np.reshape(self.places, (-1, 2))) if self.places else np.eye(len(self.targets))
         over = np.zeros((len(own), shares.shape[1]))
@@ -239,7 +241,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
 
 
 def _value(column: str, moved: NDArray, covariates: Mapping[str, NDArray]) -> NDArray:
-    """Return an input's values (B, L or 1), by the actuators' displacements (B, L), m, and the columns."""
+    """Return the values (B, L or 1) of an input, from the actuators' displacements (B, L), m, and the covariates."""
     leg = drive_of(column)
     if leg is not None and leg <= moved.shape[1]:  # bodies without legs may have such a column, too
         return moved[:, leg - 1 : leg]
@@ -250,13 +252,13 @@ def _value(column: str, moved: NDArray, covariates: Mapping[str, NDArray]) -> ND
 
 
 def _patterns(places: NDArray) -> NDArray:
-    """Return smooth patterns (T, 5) over a body at places (T, 2): its two slopes, its two curvatures, and a twist."""
+    """Return smooth patterns (T, 5) over a body at positions (T, 2): two slopes, two curvatures and a twist."""
     s, t = places.T
     return np.stack([s, t, s * s, s * t, t * t], -1)
 
 
 def _dependences(scene: PointScene) -> Iterator[Dependence]:
-    """Yield the settings of everything that legs, bodies and the scale may depend on."""
+    """Yield the settings of all dependences of legs, bodies and the scale."""
     inputs = _Inputs(scene)
     kinds: dict[Quantity, Callable[[tuple[int, ...]], Iterator[Dependence]]] = {
         Quantity.READINGS: inputs.of_readings,
@@ -278,7 +280,7 @@ def _dependences(scene: PointScene) -> Iterator[Dependence]:
 
 
 class _Inputs:
-    """What a campaign offers as inputs, and how each quantity may depend on them."""
+    """Inputs that a campaign offers, and the dependences of each quantity on them."""
 
     def __init__(self, scene: PointScene) -> None:
         self._scene = scene
@@ -291,7 +293,7 @@ class _Inputs:
         self._ranges |= dict.fromkeys((*self._drives, OWN_DRIVE), stroke)
 
     def of_readings(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
-        """Yield what readings may depend on."""
+        """Yield dependences of readings."""
         others = tuple(f"rho{leg}_mm" for leg in legs)
         yield from self.columns(1)
         yield from self.columns(_SMOOTH)
@@ -307,7 +309,7 @@ class _Inputs:
             yield {"columns": (), "centres": (), "half_ranges": half, "form": ALL_DRIVES, "degree": 1}
 
     def of_lengths(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
-        """Yield what a leg's length may depend on; where the leg itself is the actuator there is nothing new in it."""
+        """Yield dependences of leg lengths; none if the leg itself is the actuator, since readings cover them."""
         if self._scene.lengths_apart:
             yield from self.columns(1, apart_from=(TIME, TEMPERATURE))
             yield from self.columns(_SMOOTH)
@@ -315,7 +317,7 @@ class _Inputs:
             yield self._on(OWN_DRIVE)
 
     def of_attachments(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
-        """Yield what attachments along z may depend on."""
+        """Yield dependences of attachments along z."""
         yield from self.columns(1)
         yield from self.columns(_SMOOTH)
         yield from self.waves()
@@ -326,19 +328,19 @@ class _Inputs:
             yield from self.drives(_SMOOTH)
 
     def of_attachments_sideways(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
-        """Yield what attachments across z may depend on."""
+        """Yield dependences of attachments across z."""
         yield from self.columns(1)
         yield from (self._on(OWN_DRIVE), self._on(OWN_DRIVE, degree=2))
 
     def of_scale(self) -> Iterator[Dependence]:
-        """Yield what the scale of the measurement may depend on."""
+        """Yield dependences of the scale of the measurement."""
         yield from self.columns(1, apart_from=(TEMPERATURE,))
         yield from self.columns(_SMOOTH)
         yield from self.waves()
         yield from self.drives(1)
 
     def of_single_targets(self) -> Iterator[Dependence]:
-        """Yield what a single target may depend on by one function."""
+        """Yield dependences of a single target on one function."""
         yield from self.drives(1)
         yield from self._squares(self._drives)
         yield from self._products()
@@ -346,7 +348,7 @@ class _Inputs:
         yield from self._squares([name for name, distinct in self._distinct.items() if distinct > _SMOOTH])
 
     def columns(self, degree: int, apart_from: Iterable[str] = ()) -> Iterator[Dependence]:
-        """Yield every column by polynomials of a degree; none where it has no more values than that."""
+        """Yield polynomials of a degree in every column with more distinct values than the degree."""
         for name, distinct in self._distinct.items():
             if name not in apart_from and distinct > degree:
                 yield self._on(name, degree=degree)
@@ -359,15 +361,15 @@ class _Inputs:
             yield self._on(name, form=WAVES, degree=count)
 
     def drives(self, degree: int, apart_from: Iterable[str] = ()) -> Iterator[Dependence]:
-        """Yield every single drive."""
+        """Yield polynomials of a degree in every single drive."""
         yield from (self._on(drive, degree=degree) for drive in self._drives if drive not in apart_from)
 
     def _own_with_columns(self) -> Iterator[Dependence]:
-        """Yield each leg's own drive times a column: a gain that depends on it."""
+        """Yield the product of each leg's own drive with a column: a gain that depends on it."""
         yield from (self._on(OWN_DRIVE, name) for name in self._columns)
 
     def _look_back(self) -> Iterator[Dependence]:
-        """Yield how far each actuator moved last, and lately: a memory; the mere direction is backlash."""
+        """Yield the last step and the memory of each actuator; its direction alone is backlash."""
         for name in (LAST_STEP, MEMORY):
             steps = self._scene.covariates.get(name)
             if steps is not None and np.ptp(steps) > 0:
@@ -402,7 +404,7 @@ def _profiles(
 
 
 def _patterned(scene: PointScene) -> Iterator[Dependence]:
-    """Yield the bodies, legs apart, whose targets may move together, with places along their two longest axes."""
+    """Yield the bodies, except legs, whose targets may move together, with positions along their two longest axes."""
     for body in dict.fromkeys(scene.targets.bodies):
         own = [n for n, other in enumerate(scene.targets.bodies) if other == body]
         own = [n for n in own if not scene.targets.at_attachment[n]]

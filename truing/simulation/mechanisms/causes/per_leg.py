@@ -1,4 +1,4 @@
-"""Causes with the same parameters for every leg: they may concern all legs, one, or some."""
+"""Base classes `PerLeg` and `SharedOrPerLeg`: causes with the same parameters for each leg, on all legs or some."""
 
 from __future__ import annotations
 
@@ -14,53 +14,53 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Parameter
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 
-# Probability beforehand that a cause concerns all legs; one, two or three of them; any other number.
+# Prior probability that a cause concerns all legs; one, two or three of them; any other number.
 _ALL, _SOME, _OTHER = 0.36, (0.36, 0.21, 0.05), 0.02
-# Legs are left out again where that is more probable by this factor.
+# Legs are removed if that is more probable by this factor (log).
 _CLEARLY = np.log(20.0)
-# With more legs than this, sets of more than two are too many to be tried.
+# With more legs than this, sets of more than two legs are not tried: there are too many.
 _MOST_LEGS = 8
 
 
 @dataclass(frozen=True)
 class PerLeg(PointCause):
-    """A cause that concerns ``legs``, counted from 1; without any, all legs of the mechanism."""
+    """A cause that concerns ``legs``, counted from 1; all legs of the mechanism if empty."""
 
     legs: tuple[int, ...] = ()
 
     @property
     def subject(self) -> str:
-        """Return the legs as the tables name them; empty for all."""
+        """Legs as the tables name them; empty for all."""
         return " ".join(f"leg{leg}" for leg in self.legs)
 
     def concerned(self, legs: int) -> tuple[int, ...]:
-        """Return the numbers of the legs that it concerns, counted from 1, of a mechanism with that many."""
+        """Return the numbers of the legs concerned, counted from 1, in a mechanism with ``legs`` legs."""
         return self.legs or tuple(range(1, legs + 1))
 
     def numbered(self, name: str, legs: int) -> tuple[str, ...]:
-        """Return a parameter's name for each leg concerned: with its number as suffix."""
+        """Return the name of a parameter for each leg concerned, with the leg as suffix."""
         return tuple(f"{name}_{leg}" for leg in self.concerned(legs))
 
     def spread(self, values: NDArray) -> NDArray:
-        """Return values (..., L), each leg's own, as derivatives (..., L, P) by one parameter per leg concerned."""
+        """Return values (..., L) of each leg as derivatives (..., L, P) by one parameter per leg concerned."""
         legs = values.shape[-1]
         return values[..., None] * np.eye(legs)[:, np.array(self.concerned(legs)) - 1]
 
     def alike(self, legs: int) -> tuple[int, ...]:
-        """Return the parameters of the legs concerned: of several for each leg those that come last."""
+        """Return the parameters of the legs concerned; if each leg has several, the last ones."""
         count = len(self.parameters(legs))
         return tuple(range(count - len(self.concerned(legs)), count))
 
     def excludes(self, other: PointCause) -> bool:
-        """Return whether another is of the same kind and concerns a leg that this one does."""
+        """Whether the other cause is of the same kind and shares a leg with this one."""
         if self.id != other.id or not isinstance(other, PerLeg):
             return False
         return not self.legs or not other.legs or bool(set(self.legs) & set(other.legs))
 
     def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
-        """Return the cause without the legs that do nothing beside the others, if that is clearly more probable.
+        """Return the cause without the legs of zero effect, if that is clearly more probable.
 
-        A leg that takes part is expected to do as much as those that are kept.
+        A participating leg is expected to have an effect of the same size as the others.
         """
         parameters, concerned = self.parameters(legs), self.concerned(legs)
         scale = np.array([parameter.scale for parameter in parameters])
@@ -83,45 +83,46 @@ class PerLeg(PointCause):
         return [replace(self, legs=chosen) for chosen in choices(scene.legs)]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this choice of legs: all of them, a single one or a pair are likelier than others."""
+        """Return the share of this choice of legs: all, a single one or a pair are more probable than others."""
         return choice_share(len(self.legs), scene.legs)
 
 
-# All legs alike, as they were made alike; one of them, two.
+# Prior probability of all legs alike, one leg, two legs.
 _SHARE_OF_LEGS = (0.6, 0.25, 0.15)
 
 
 @dataclass(frozen=True)
 class SharedOrPerLeg(PerLeg):
-    """A cause with one ``parameter`` that all legs have in common, or with one of its own for each of ``legs``."""
+    """A cause with one ``parameter`` common to all legs, or with a separate one for each of ``legs``."""
 
     parameter: ClassVar[Parameter]
 
     def candidates(self, scene: PointScene) -> Sequence[Self]:
-        """Return all legs alike, every single one, every pair."""
+        """Return one candidate for all legs alike, every single leg and every pair."""
         return [replace(self, legs=chosen) for chosen in self._chosen(scene)]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this choice of legs: all alike are likelier than a single one, and that than a pair."""
+        """Return the share of this choice of legs: all alike is more probable than a single one, a single one than a
+        pair."""
         sizes = [len(chosen) for chosen in self._chosen(scene)]
         offered = sum(_SHARE_OF_LEGS[size] for size in set(sizes))
         return _SHARE_OF_LEGS[len(self.legs)] / offered / sizes.count(len(self.legs))
 
     def alike(self, legs: int) -> tuple[int, ...]:
-        """Return the parameters where several legs have their own."""
+        """Return the parameters of the legs, if each has its own."""
         return super().alike(legs) if self.legs else ()
 
     def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
-        """Return the cause without the legs that clearly do nothing; all legs alike as they are."""
+        """Return the cause without legs of zero effect; unchanged for all legs alike."""
         return super().narrowed(values, covariance, legs) if self.legs else self
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the parameter, or that of each leg concerned."""
+        """Return the common parameter, or that of each leg concerned."""
         names = self.numbered(self.parameter.name, legs) if self.legs else (self.parameter.name,)
         return tuple(replace(self.parameter, name=name) for name in names)
 
     def of_legs(self, values: NDArray) -> NDArray:
-        """Return values (..., L), each leg's own, as derivatives (..., L, P) by the parameters."""
+        """Return values (..., L) of each leg as derivatives (..., L, P) by the parameters."""
         return self.spread(values) if self.legs else values[..., None]
 
     def _chosen(self, scene: PointScene) -> list[tuple[int, ...]]:
@@ -130,23 +131,23 @@ class SharedOrPerLeg(PerLeg):
 
 
 def _log_odds_of_none(values: NDArray, covariance: NDArray, size: float) -> float:
-    """Return the log odds that values (n,), known to a covariance (n, n), are all zero and not N(0, size^2).
+    """Return the log odds that values (n,) with covariance (n, n) are all zero rather than drawn from N(0, size^2).
 
-    The ratio of the densities at zero, with and without the data (Savage and Dickey).
+    This is the ratio of the densities at zero with and without the data (Savage and Dickey).
     """
     _, log_det = np.linalg.slogdet(covariance)
     return float(len(values) * np.log(size) - (log_det + values @ np.linalg.solve(covariance, values)) / 2.0)
 
 
 def choices(legs: int, most: int | None = None) -> list[tuple[int, ...]]:
-    """Return choices of legs, counted from 1: all of them (empty) first, then one, two .. of them, at most ``most``."""
+    """Return choices of legs, counted from 1: all (empty) first, then one, two, ... of them, at most ``most``."""
     limit = (legs - 1 if legs <= _MOST_LEGS else 2) if most is None else most
     some = [chosen for size in range(1, min(limit, legs - 1) + 1) for chosen in combinations(range(1, legs + 1), size)]
     return [(), *some]
 
 
 def choice_share(chosen: int, legs: int) -> float:
-    """Return the probability beforehand of one choice of ``chosen`` legs; 0 stands for all of them."""
+    """Return the prior probability of one choice of ``chosen`` legs; 0 means all legs."""
     larger = range(len(_SOME) + 1, legs)
     possible = _ALL + sum(_SOME[: legs - 1]) + (_OTHER if larger else 0.0)
     if chosen == 0:

@@ -1,5 +1,4 @@
-"""Causes that move nothing on average: actuators, or bodies, that land elsewhere each time; noise that grows for a
-while."""
+"""Causes without a mean effect: scatter of actuators or of still bodies at each approach, and bursts of noise."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ _POSE = 6
 
 @dataclass(frozen=True)
 class PoseGroup:
-    """A group of neighbouring poses in time: which they are (B,), and the names of the first and the last."""
+    """A group of consecutive poses in time: mask (B,), and the names of the first and the last pose."""
 
     own: NDArray[np.bool_]
     from_pose: int | str
@@ -34,7 +33,7 @@ class PoseGroup:
 
 
 def groups_in_time(scene: PointScene) -> Iterator[PoseGroup]:
-    """Yield groups of poses that follow each other, in several lengths; none of few poses, or without an order."""
+    """Yield groups of consecutive poses of several lengths; none with few poses or without an order."""
     count = len(scene.poses)
     if count < _FEWEST_POSES or ORDER not in scene.covariates:
         return
@@ -52,10 +51,10 @@ def groups_in_time(scene: PointScene) -> Iterator[PoseGroup]:
 
 @dataclass(frozen=True)
 class ApproachScatter(PointCause):
-    """Actuators land elsewhere than they read, another way each time; of ``body``, which should stand still, its pose.
+    """Actuators stop at random positions about their readings; a ``body`` that should stand still takes random poses.
 
-    Those of ``legs``, or all; where ``direction`` is 1 or -1, after they came from below or above; from the pose
-    ``from_pose`` to the pose ``to_pose`` in time, or always.
+    It concerns ``legs``, or all; approaches from below (``direction`` 1), from above (-1), or both (0); and poses from
+    ``from_pose`` to ``to_pose`` in time, or all.
     """
 
     legs: tuple[int, ...] = ()
@@ -71,15 +70,15 @@ class ApproachScatter(PointCause):
 
     @property
     def subject(self) -> str:
-        """Return the actuator's leg, or the body."""
+        """Legs of the actuators, or the body."""
         return self.body or " ".join(f"leg{leg}" for leg in self.legs)
 
     def lacks(self, scene: PointScene) -> Missing | None:
-        """What was not recorded: poses, or, without a mechanism, a body that stands still."""
+        """Return what is missing: poses or, without a mechanism, a body that stands still."""
         return Missing.POSES if scene.legs or scene.still else Missing.STILL
 
     def candidates(self, scene: PointScene) -> Sequence[ApproachScatter]:
-        """Return none: a scatter has no mean effect that a search could find."""
+        """Return none: scatter has no mean effect."""
         return ()
 
     def scatters(self, scene: PointScene) -> Sequence[ScatterCandidate[ApproachScatter]]:
@@ -87,11 +86,11 @@ class ApproachScatter(PointCause):
         return list(_of_legs(scene) if scene.legs else _of_bodies(scene))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the scatter, one sigma along each actuator, beyond the noise of the readings."""
+        """Return the scatter, one sigma along each actuator, in addition to the noise of the readings."""
         return (Parameter("scatter", "mm", _PLAUSIBLE_M, 1e-3),)
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return no mean effect."""
+        """Return no derivative: there is no mean effect."""
         return Change({}, 1)
 
 
@@ -114,7 +113,7 @@ def _of_legs(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
 
 
 def _of_bodies(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
-    """Yield groups of poses for each body that stands still: its pose is six inputs, of which three are its shift."""
+    """Yield groups of poses for each still body; its pose has six inputs, three of which are its shift."""
     every = np.repeat(np.eye(len(scene.still), dtype=bool), _POSE, 1)
     shifts = np.arange(every.shape[1]) % _POSE < _POSE // 2
     for body, inputs in zip(scene.still, every, strict=True):
@@ -126,7 +125,7 @@ def _of_bodies(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]
 
 @dataclass(frozen=True)
 class NoiseBurst(PointCause):
-    """All points scatter more from the pose ``from_pose`` to the pose ``to_pose`` in time, as in vibration."""
+    """All points scatter more from ``from_pose`` to ``to_pose`` in time, for example by vibration."""
 
     from_pose: int | str = ""
     to_pose: int | str = ""
@@ -138,11 +137,11 @@ class NoiseBurst(PointCause):
     reads = frozenset()
 
     def candidates(self, scene: PointScene) -> Sequence[NoiseBurst]:
-        """Return none: noise has no mean effect that a search could find."""
+        """Return none: noise has no mean effect."""
         return ()
 
     def scatters(self, scene: PointScene) -> Sequence[ScatterCandidate[NoiseBurst]]:
-        """Return groups of poses that follow each other."""
+        """Return groups of consecutive poses."""
         every = np.ones((1, len(scene.shape)), bool)
         return [
             ScatterCandidate(NoiseBurst(group.from_pose, group.to_pose), group.own[:, None] & every, False)
@@ -150,9 +149,9 @@ class NoiseBurst(PointCause):
         ]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return by how much the noise is larger than in the other poses."""
+        """Return the ratio of the noise to that of the other poses."""
         return (Parameter("noise_ratio", "1", 1.0),)
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return no mean effect."""
+        """Return no derivative: there is no mean effect."""
         return Change({}, 1)

@@ -1,4 +1,4 @@
-"""Targets that are not where their label says: one, or a marker, that was moved from some pose on; two exchanged."""
+"""Causes on targets: a target or marker that moved at some pose, and two exchanged labels."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from truing.simulation.inputs import ORDER
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
-# A target is called moved where it was seen this often before and after.
+# Least number of poses that show a target before its displacement, and after it.
 FEWEST = 3
-# Onsets that are tried: in a long campaign, one in some poses.
+# Largest number of onsets: in a long campaign, not every pose is tried.
 _MOST_ONSETS = 200
 _PLAUSIBLE_M = 1e-4
 _MM = 1e-3
@@ -29,10 +29,10 @@ _OF_MARKERS = ("corners", "places")
 
 @dataclass(frozen=True)
 class TargetMoved(PointCause):
-    """A target sits elsewhere from the pose ``from_pose`` on, whose rank in time is ``from_order``.
+    """A target is displaced on its body from the pose ``from_pose`` on, whose rank in time is ``from_order``.
 
-    A square marker is moved as a whole, shifted and turned: it has ``corners``, which are targets, and ``places`` where
-    these sit on the body, m, one after the other.
+    A square marker shifts and turns as a whole: ``corners`` are its targets, ``places`` their positions on the body, m,
+    flattened.
     """
 
     body: str = ""
@@ -44,26 +44,28 @@ class TargetMoved(PointCause):
 
     id = "target-moved"
     step = Step.STRUCTURE
-    reach = 1e5  # a target that is used again elsewhere moves by metres
+    reach = 1e5  # a target that is mounted again elsewhere moves by metres
     is_persistent = False
     reads = frozenset()
 
     @property
     def subject(self) -> str:
-        """Return the target, or the marker."""
+        """Target or marker concerned."""
         return f"{'marker' if self.corners else 'target'} {self.target}"
 
     def settings(self) -> dict[str, Any]:
-        """Return its fields; a target has no corners."""
+        """Return the fields; without those of markers for a target."""
         return {name: value for name, value in super().settings().items() if self.corners or name not in _OF_MARKERS}
 
     def candidates(self, scene: PointScene) -> Sequence[TargetMoved]:
-        """Return none: they are told by profiles."""
+        """Return none: `channel_candidates` has them."""
         return ()
 
     def channel_candidates(self, scene: PointScene) -> Sequence[ChannelCandidates[TargetMoved]]:
-        """Return every target, and every marker in place of its corners, from every pose on that has three poses with
-        it on either side, and since the survey."""
+        """Return every target, and every marker instead of its corners, displaced from each possible pose on.
+
+        The target must be seen at three poses before and after; a displacement since the survey is possible too.
+        """
         if ORDER not in scene.covariates or not len(scene.shape) or len(scene.poses) < FEWEST:
             return ()
         order = scene.covariates[ORDER]
@@ -98,7 +100,7 @@ class TargetMoved(PointCause):
         ]
 
     def of_corners(self, corners: Sequence[str], places: NDArray) -> TargetMoved:
-        """Return the marker of this name, whose corners sit at places (n, 3) on the body, m."""
+        """Return the cause for the marker with these corners at positions (n, 3) on the body, m."""
         return replace(self, corners=tuple(corners), places=tuple(float(x) for x in np.ravel(places)))
 
     @property
@@ -106,14 +108,14 @@ class TargetMoved(PointCause):
         return arms_of(np.reshape(self.places, (-1, 3)))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the shift dx, dy, dz in the frame of the body's survey, and how a marker turns about its middle."""
+        """Return the shift dx, dy, dz in the frame of the body's survey, and the rotation of a marker about its centre."""
         shift = tuple(Parameter(f"d{axis}", "mm", _PLAUSIBLE_M, _MM) for axis in "xyz")
         if not self.corners:
             return shift
         return (*shift, *(Parameter(f"turn_{axis}", "rad", _PLAUSIBLE_M / self._arms[1]) for axis in "xyz"))
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d moved / d shift: one, at the target, from the pose on; and at corners d moved / d turn."""
+        """Return the derivatives of ``moved`` by the shift, and for corners by the rotation, from the pose on."""
         slope = np.eye(3)[None]
         if self.corners:
             turned = self._arms[0] @ np.swapaxes(exp_so3(values[3:]), -1, -2)
@@ -122,15 +124,17 @@ class TargetMoved(PointCause):
         return Change(self._moved(state, slope), slope.shape[-1])
 
     def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
-        """Return how far the targets are moved (B, K, 3); a marker turns by any angle."""
+        """Return the displacement (B, K, 3) of the targets; a marker may turn by any angle."""
         if not self.corners:
             return super().shift(state, values)
         arms = self._arms[0]
         return self._moved(state, arms @ np.swapaxes(exp_so3(values[3:]), -1, -2) - arms + values[:3])
 
     def _moved(self, state: State, by: NDArray) -> dict[str, NDArray]:
-        """Return `moved` (B, K, ...) with by (n, ...) at the target, or the corners, from the pose on; nothing where
-        the state has none of these."""
+        """Return ``moved`` (B, K, ...), equal to ``by`` (n, ...) at the target or corners from the pose on.
+
+        Empty if the state has none of these targets.
+        """
         places = [place_of(state, self.body, name) for name in self.corners or (self.target,)]
         if all(place is None for place in places):
             return {}
@@ -142,7 +146,7 @@ class TargetMoved(PointCause):
         return {"moved": moved}
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the shift, and the pose from which on."""
+        """Return the shift, and the first displaced pose."""
         return (*super().reported(values, covariance, legs), ReportedParameter("from_pose", self.from_pose, None, ""))
 
 
@@ -162,15 +166,15 @@ class TargetsSwapped(PointCause):
 
     @property
     def subject(self) -> str:
-        """Return the two targets."""
+        """The two targets."""
         return f"targets {' '.join(self.targets)}"
 
     def candidates(self, scene: PointScene) -> Sequence[TargetsSwapped]:
-        """Return none: exchanged labels are found among the measured points, before anything is fitted."""
+        """Return none: exchanged labels are found among the measured points, before any fit."""
         return ()
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return none: labels are exchanged or not."""
+        """Return none: the cause is discrete."""
         return ()
 
     def change(self, state: State, values: NDArray) -> Change:
@@ -178,11 +182,11 @@ class TargetsSwapped(PointCause):
         return Change({}, 0)
 
     def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
-        """Return how far the points of the two labels lie from where they would be without the exchange."""
+        """Return the displacement of the two labels' points by the exchange."""
         return {"points": self.recorded(state.points, state, values) - state.points}
 
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
-        """Return points, or their motions, (B, K, 3, ...), under each other's label."""
+        """Return points, or their motions, (B, K, 3, ...), with the two labels exchanged."""
         found = [place_of(state, self.body, target) for target in self.targets]
         places = [place for place in found if place is not None]
         if len(places) != 2:
@@ -198,14 +202,16 @@ class TargetsSwapped(PointCause):
 
 
 def place_of(state: State, body: str, target: str) -> int | None:
-    """Return where a target stands among the state's; none where it is not there."""
+    """Return the index of a target among those of the state; None if it is absent."""
     known = () if state.targets is None else tuple(zip(state.targets.bodies, state.targets.names, strict=True))
     return known.index((body, target)) if (body, target) in known else None
 
 
 def _usable(onsets: Sequence[int], in_time: NDArray, scene: PointScene) -> NDArray:
-    """Return, for each onset and target (S, K), whether the target was seen three times on either side, and in the
-    pose itself; the first onset needs no other side."""
+    """Return the mask (S, K) of onsets and targets: seen at three poses on either side, and at the onset itself.
+
+    The first onset needs no poses before it.
+    """
     seen = np.ones((len(in_time), len(scene.shape)), bool) if scene.seen is None else scene.seen
     until = np.concatenate([np.zeros((1, seen.shape[1]), int), np.cumsum(seen[in_time], 0)])
     before = until[list(onsets)]
@@ -214,15 +220,15 @@ def _usable(onsets: Sequence[int], in_time: NDArray, scene: PointScene) -> NDArr
     return enough
 
 
-# Photographs name the corners of a marker so, after the marker's own name and a point.
+# Suffixes of a marker's corners in photographs, after the marker's name and a point.
 _CORNERS = frozenset("0123")
 _FEWEST = 3
 
 
 def markers_of(bodies: Sequence[str], names: Sequence[str]) -> dict[tuple[str, str], tuple[int, ...]]:
-    """Return the markers among targets (K,), by body and name: which of the targets are their corners, three or four.
+    """Return the corners of each marker, three or four indices among the K targets, by body and marker name.
 
-    One that is all of its body is none: it moves as the body does.
+    A marker that has all targets of its body is omitted: it moves as the body does.
     """
     found: dict[tuple[str, str], list[int]] = {}
     for number, (body, name) in enumerate(zip(bodies, names, strict=True)):
@@ -237,16 +243,16 @@ def markers_of(bodies: Sequence[str], names: Sequence[str]) -> dict[tuple[str, s
 
 
 def arms_of(places: NDArray) -> tuple[NDArray, float]:
-    """Return where corners (n, 3) sit from their middle, and the root mean square of their distance from it, m."""
+    """Return the positions of corners (n, 3) relative to their centroid, and the rms of their distance from it, m."""
     arms = places - places.mean(0)
     return arms, float(np.sqrt(np.mean(np.sum(arms**2, -1))))
 
 
 def rigid_patterns(markers: Sequence[Sequence[int]], places: NDArray) -> tuple[NDArray, NDArray]:
-    """Return the corners (T, n) of markers among places (K, 3), m, and how they follow a marker, (T, n, 3, 6): shifts
-    along the axes, and turns about these that move corners by as much in the mean.
+    """Return the corners (T, n) of markers among positions (K, 3), m, and their rigid motions (T, n, 3, 6).
 
-    A marker of three corners has its first twice, which then follows nothing the second time.
+    The motions are shifts along the axes, and rotations scaled to the same rms displacement of the corners. A marker of
+    three corners repeats its first, with zero motion.
     """
     corners = np.array([[*own, *own[:1]][: len(_CORNERS)] for own in markers])
     patterns = np.zeros((*corners.shape, 3, 6))
@@ -260,7 +266,7 @@ def rigid_patterns(markers: Sequence[Sequence[int]], places: NDArray) -> tuple[N
 def swapped_targets(
     body: str, targets: Sequence[str], poses: Sequence[int | str], order: NDArray, found: Sequence[Exchange]
 ) -> list[TargetsSwapped]:
-    """Return one cause per pair of targets that bear each other's label, with all poses in which they do."""
+    """Return one cause per pair of exchanged targets, with all poses in which they are exchanged."""
     rows: dict[tuple[int, int], list[int]] = {}
     for one in found:
         rows.setdefault((one.first, one.second), []).append(one.pose)

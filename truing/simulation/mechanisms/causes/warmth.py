@@ -1,4 +1,4 @@
-"""Parts grow with temperature: the whole machine, or its legs alone."""
+"""Causes: thermal expansion of the whole machine, of its legs, or of bodies without a mechanism."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 
 TEMPERATURE = "temperature_c"
 COMMON, APART, BODIES = "common", "apart", "bodies"
-# Steel grows by 12e-6 of its length per kelvin, aluminium by 23e-6, carbon fibre by next to nothing.
+# Expansion per kelvin: steel 12e-6, aluminium 23e-6, carbon fibre nearly 0.
 _PLAUSIBLE = 1e-5
 _PARTS = ("base", "platform", "legs")
 _SHARE = {COMMON: 0.6, APART: 0.4}
-# Of bodies without a mechanism: all of them, or any one alone.
+# Prior probability for bodies without a mechanism: all of them, or a single one.
 _SHARE_OF_ALL, _SHARE_OF_ONE = 0.5, 0.5
 
 
 @dataclass(frozen=True)
 class ThermalExpansion(PointCause):
-    """Base and platform grow about their origins, legs in length, by alpha times the temperature above the reference.
+    """Base and platform expand about their origins, legs in length, by alpha times the temperature above the reference.
 
-    ``form``: one alpha for all three, or one each (``apart``); of ``bodies`` without a mechanism all of them, or only
-    the one that ``body`` names, grow about the origins of their surveys.
+    ``form``: one alpha for all three parts, or one each (``apart``). Without a mechanism, all ``bodies``, or only
+    ``body``, expand about the origins of their surveys.
     """
 
     form: str = COMMON
@@ -47,11 +47,12 @@ class ThermalExpansion(PointCause):
 
     @property
     def subject(self) -> str:
-        """Return the body that grows alone."""
+        """Body that expands alone; empty for all."""
         return self.body
 
     def candidates(self, scene: PointScene) -> Sequence[ThermalExpansion]:
-        """Return both forms where it was not always as warm as at the reference; without legs all bodies and each."""
+        """Return both forms if the temperature departs from the reference; without legs, all bodies and each single
+        body."""
         if not warms(scene):
             return ()
         if scene.legs:
@@ -60,7 +61,8 @@ class ThermalExpansion(PointCause):
         return [ThermalExpansion(BODIES, body) for body in ("", *(names if len(names) > 1 else ()))]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this form: one parameter is likelier than three, all bodies than a certain one."""
+        """Return the share of this form: one parameter is more probable than three, all bodies than one particular
+        body."""
         if scene.legs:
             return _SHARE[self.form]
         return _SHARE_OF_ONE / len(set(scene.targets.bodies)) if self.body else _SHARE_OF_ALL
@@ -75,7 +77,7 @@ class ThermalExpansion(PointCause):
         return tuple(Parameter(name, "1/K", _PLAUSIBLE) for name in names)
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return how far everything grows per alpha: its coordinates, or its length, times the temperature's rise."""
+        """Return the derivatives by alpha: coordinates or length times the temperature above the reference."""
         if not state.legs.count:
             return Change(_grown_bodies(state, self.body), len(values))
         fields = grown(state, _PARTS)
@@ -86,9 +88,9 @@ class ThermalExpansion(PointCause):
 
 @dataclass(frozen=True)
 class LegThermal(SharedOrPerLeg):
-    """Legs and what sits on them grow by alpha times the temperature above the reference; the bodies do not.
+    """Legs and the targets on them expand by alpha times the temperature above the reference; base and platform do not.
 
-    All legs by one alpha, or each of ``legs`` by its own.
+    All legs share one alpha, or each of ``legs`` has its own.
     """
 
     id = "leg-thermal"
@@ -98,7 +100,8 @@ class LegThermal(SharedOrPerLeg):
     parameter = Parameter("alpha", "1/K", _PLAUSIBLE)
 
     def candidates(self, scene: PointScene) -> Sequence[Self]:
-        """Return all legs alike, every single one, every pair; none where it was always as warm as at the reference."""
+        """Return one candidate for all legs alike, every single leg and every pair, if the temperature leaves the
+        reference."""
         return super().candidates(scene) if scene.legs and warms(scene) else ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
@@ -106,7 +109,7 @@ class LegThermal(SharedOrPerLeg):
         return (TEMPERATURE,)
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return how far legs and their targets grow per alpha."""
+        """Return the derivatives of legs and their targets by alpha."""
         fields = grown(state, ("legs",))
         if self.legs:
             own = np.array(self.legs) - 1
@@ -115,20 +118,20 @@ class LegThermal(SharedOrPerLeg):
 
 
 def _carried_by(state: State, fields: dict[str, NDArray], own: NDArray) -> dict[str, NDArray]:
-    """Return how targets move (B, K, 3, P) as each of the legs own (P,), from 0, grows: those that sit on it."""
+    """Return the displacement (B, K, 3, P) of the targets on each of the legs ``own`` (P,), from 0, by its expansion."""
     if state.targets is None or "moved" not in fields:
         return {}
     return {"moved": fields["moved"] * (state.targets.leg[:, None] == own)[:, None]}
 
 
 def warms(scene: PointScene) -> bool:
-    """Return whether the temperature is known at all poses and departs from the reference at any."""
+    """Whether the temperature is known at all poses and departs from the reference at any."""
     found = scene.covariates.get(TEMPERATURE)
     return found is not None and bool(np.isfinite(found).all() and np.any(found != scene.reference_temperature_c))
 
 
 def grown(state: State, parts: Sequence[str]) -> dict[str, NDArray]:
-    """Return by how much each field grows per share of each part (..., P): joints, lengths, targets, times the heat."""
+    """Return the derivatives (..., P) of joints, lengths and targets by the expansion of each part."""
     heat, column = state.heat, dict(zip(parts, np.eye(len(parts)), strict=True))
     fields = {}
     for name, part in (("a", "base"), ("b", "platform"), ("l", "legs")):
@@ -143,14 +146,15 @@ def grown(state: State, parts: Sequence[str]) -> dict[str, NDArray]:
 
 
 def _grown_bodies(state: State, body: str) -> dict[str, NDArray]:
-    """Return by how much targets move (B, K, 3, 1) per share of all bodies' growth, or of one's, times the heat."""
+    """Return the derivatives (B, K, 3, 1) of the targets' positions by the expansion of all bodies, or of one."""
     bodies = () if state.targets is None else state.targets.bodies
     own = np.array([not body or other == body for other in bodies], float)
     return {"moved": (state.shape * own[:, None] * state.heat[:, None, None])[..., None]}
 
 
 def _shares(targets: Targets, column: dict[str, NDArray]) -> NDArray:
-    """Return which part's growth (K, P) carries each target; none that of one on an attachment, which is the joint."""
+    """Return the mask (K, P) of the part that carries each target; none for a target on an attachment, which is the
+    joint."""
     from truing.simulation.targets import BASE, LEG, PLATFORM
 
     none = np.zeros(len(next(iter(column.values()))))
