@@ -1,4 +1,5 @@
-"""Detection trials: hide effects of several sizes in drawn campaigns, and estimate how often the diagnosis finds them."""
+"""Detection trials: hide effects of several sizes in drawn campaigns, and estimate how often the diagnosis finds
+them."""
 
 from __future__ import annotations
 

@@ -30,7 +30,8 @@ class ShiftClosing:
 
 @dataclass(frozen=True)
 class AttachmentShifts:
-    """Measured shifts (B, A), m, of the attachments of legs (A,), from 0, relative to their surveyed heights (A,), m."""
+    """Measured shifts (B, A), m, of the attachments of legs (A,), from 0, relative to their surveyed heights (A,),
+    m."""
 
     leg: NDArray
     shift: NDArray

@@ -1,7 +1,7 @@
-"""The extended model: a mechanism as identified, with the effects that were found; its numbers, its poses, its text.
+"""Class `ExtendedModel`: an identified mechanism with its effects; prediction of poses, and model.toml.
 
-In the text, model.toml, lengths are mm. Unknowns come in the order of their names: a, b, u, l leg by leg (u as two
-tilts across the nominal direction), effects.
+In model.toml lengths are in mm. Unknowns are ordered by name: a, b, u, l leg by leg (u as two tilts across the nominal
+direction), then effects.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from truing.simulation.model_text import (
 )
 from truing.simulation.targets import BASE, LEG, PLATFORM, ShapeUnknowns, Targets
 
-LEAST_FRAME = 3  # targets away from attachments that make the frame of a body
-# Poses that are predicted together; derivatives of all targets by all unknowns are large.
+LEAST_FRAME = 3  # least number of targets away from attachments that define the frame of a body
+# Number of poses per batch: derivatives of all targets by all unknowns need much memory.
 _AT_ONCE = 128
 
 
 @dataclass(frozen=True)
 class ExtendedModel:
-    """A mechanism as identified: unknowns (G,) with covariance (G, G), in prior sigmas.
+    """An identified mechanism: unknowns (G,) with covariance (G, G), in prior sigmas, at the estimated noise.
 
-    The model's targets are those of base and platform, at their surveyed places; survey_sigma (K,), m, is the noise of
-    these. ``context`` says, for people, what the model was made from. The covariance is that at the noise found.
+    The model's targets are those of base and platform at their surveyed positions; survey_sigma (K,), m, is the noise
+    of their survey. ``context`` says where the model comes from, in words for people.
     """
 
     model: MechanismModel
@@ -53,7 +53,7 @@ class ExtendedModel:
 
     @property
     def effects(self) -> tuple[Effect[PointCause], ...]:
-        """Return the effects that were found."""
+        """Effects that were found."""
         return self.model.effects(self.shared)
 
     def covariance_of(self, cause: PointCause) -> NDArray:
@@ -64,10 +64,10 @@ class ExtendedModel:
 
 @dataclass(frozen=True)
 class PredictedPoses:
-    """Poses of the platform seen from the base, m and rad; whether the legs closed.
+    """Predicted poses of the platform relative to the base, m and rad, and whether the legs closed.
 
-    ``of_model`` is that part of the covariance that stems from the model's unknowns: poses that it was fitted to share
-    it. Frames are those of the contract: the bodies' targets away from the attachments, brought to their survey.
+    ``of_model`` is the part of the covariance due to the model's unknowns; it is common to the poses of the fit. Frames
+    are defined by the bodies' targets away from the attachments, fitted to their survey.
     """
 
     p: NDArray  # (B, 3)
@@ -78,7 +78,7 @@ class PredictedPoses:
 
 
 def extended(model: MechanismModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
-    """Return the extended model of a fit over targets: its geometry and effects with their joint covariance."""
+    """Return the extended model of a fit over targets: geometry and effects with their joint covariance."""
     own = model.targets.body != LEG
     parts = [part for name, part in model.layout.items() if name not in ("shape", "seat", COMMON)]
     kept = np.concatenate([np.arange(part.start, part.stop) for part in parts])
@@ -88,12 +88,12 @@ def extended(model: MechanismModel, shared: NDArray, covariance: NDArray, contex
 
 
 def with_targets(model: MechanismModel, own: NDArray) -> MechanismModel:
-    """Return the model with some of its targets (K,), none on a leg, at their surveyed places."""
+    """Return the model with some of its targets (K,), none on a leg, at their surveyed positions."""
     found, known = model.targets, model.known
     kept = np.flatnonzero(own)
     names, bodies = (tuple(reported[k] for k in kept) if reported else () for reported in (found.names, found.bodies))
     targets = Targets(found.body[kept], found.leg[kept], names, bodies)
-    # What was known before is in the covariance already.
+    # The covariance already contains the prior knowledge.
     surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), ridden=np.arange(0))
     conditions = replace(model.conditions, common_errors=None, pose_errors=None)
     alone = replace(model, photographed=None, prior_campaign=None)
@@ -101,12 +101,12 @@ def with_targets(model: MechanismModel, own: NDArray) -> MechanismModel:
 
 
 def exact_survey(targets: Targets) -> ShapeUnknowns:
-    """Return what an exact survey leaves unknown: nothing."""
+    """Return the unknowns of an exact survey: none."""
     return ShapeUnknowns(np.zeros((len(targets.body), 3, 0)), np.eye(3 * int(targets.at_attachment.sum())))
 
 
 def survey_noise(model: MechanismModel) -> NDArray:
-    """Return the noise (K,), m, of the survey of each body, as its unknown shape has it: all but a rigid motion."""
+    """Return the survey noise (K,), m, of each body, from its unknown shape without the rigid motion."""
     squares = np.sum(model.known.survey.modes**2, (1, 2))
     sigma = np.zeros(len(squares))
     for body in np.unique(model.channel_groups):
@@ -117,18 +117,18 @@ def survey_noise(model: MechanismModel) -> NDArray:
 
 
 def concerns_targets(cause: PointCause) -> bool:
-    """Return whether a cause concerns single targets alone, and so not where the bodies are."""
+    """Whether a cause concerns single targets only, and so does not affect the poses of bodies."""
     settings = cause.settings()
     return bool(settings.get("target") or settings.get("targets"))
 
 
 def acts_on_poses(cause: PointCause) -> bool:
-    """Return whether a cause changes where the platform is, and not only what is recorded of it."""
+    """Whether a cause changes the pose of the platform, and not only what is recorded of it."""
     return cause.step is not Step.INSTRUMENT and not concerns_targets(cause)
 
 
 def persistent_part(extended_model: ExtendedModel) -> ExtendedModel:
-    """Return the model with those effects alone that do not end with the campaign it was fitted to."""
+    """Return the model with only the persistent effects, which do not end with their campaign."""
     smaller = extended_model.model.with_causes([one for one in extended_model.model.causes if one.is_persistent])
     kept = np.concatenate([np.arange(part.start, part.stop) for part in _parts(extended_model.model, smaller)])
     covariance = extended_model.covariance[np.ix_(kept, kept)]
@@ -138,8 +138,7 @@ def persistent_part(extended_model: ExtendedModel) -> ExtendedModel:
 def predict_poses(extended_model: ExtendedModel, conditions: Conditions, *, recorded: bool = False) -> PredictedPoses:
     """Return the platform's poses at the given conditions, with the uncertainty of unknowns and readings propagated.
 
-    recorded: as the instrument of the campaign would measure them, its own errors (a wrong scale) included; without it,
-    as they are.
+    recorded: include errors of the campaign's instrument, such as a wrong scale; otherwise return true poses.
     """
     every = extended_model.model.causes
     causes = [one for one in every if acts_on_poses(one) or (recorded and not concerns_targets(one))]
@@ -154,12 +153,12 @@ def predict_poses(extended_model: ExtendedModel, conditions: Conditions, *, reco
 
 
 def _parts(model: MechanismModel, smaller: MechanismModel) -> list[slice]:
-    """Return where the unknowns of a smaller model stand among those of the model."""
+    """Return the slices of a smaller model's unknowns among those of the model."""
     return [model.layout[name] for name in smaller.layout]
 
 
 def some_of(conditions: Conditions, rows: NDArray) -> Conditions:
-    """Return the conditions of some poses; rows: which, or a mask (B,)."""
+    """Return the conditions of some poses, given by indices or a mask (B,)."""
     rows = np.arange(len(conditions.readings))[rows]
     own = {name: value[rows] for name, value in conditions.covariates.items()}
     poses = tuple(conditions.poses[row] for row in rows) if conditions.poses else ()
@@ -170,7 +169,7 @@ def some_of(conditions: Conditions, rows: NDArray) -> Conditions:
 def _predicted(
     model: MechanismModel, shared: NDArray, covariance: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """Return poses, their covariance, the unknowns' part of it, and where the legs closed."""
+    """Return poses, their covariance, the part of it due to the unknowns, and the mask of poses whose legs closed."""
     local = np.zeros((len(model.conditions.readings), model.local_size))
     state = model.state(shared, local)
     p, R = state.p, state.R
@@ -185,7 +184,7 @@ def _predicted(
 
 
 def _framed(model: MechanismModel, points: NDArray) -> tuple[NDArray, NDArray]:
-    """Return the pose (B, 3), (B, 3, 3) of the platform's frame in the base's, as targets (B, K, 3) have them."""
+    """Return the pose (B, 3), (B, 3, 3) of the platform's frame relative to the base's, fitted to targets (B, K, 3)."""
     base, platform = (
         umeyama(model.known.shape[model.targets.body == body], points[:, model.targets.body == body])
         for body in (BASE, PLATFORM)
@@ -195,7 +194,8 @@ def _framed(model: MechanismModel, points: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _twists(model: MechanismModel, points: NDArray, p: NDArray, motions: NDArray) -> NDArray:
-    """Return the twist (B, 6, P) of the platform's frame against the base's, from motions (B, K, 3, P) of targets."""
+    """Return the twist (B, 6, P) of the platform's frame relative to the base's, from motions (B, K, 3, P) of
+    targets."""
     origins = {BASE: np.zeros_like(p), PLATFORM: p}
     base, platform = (
         _twist(points[:, model.targets.body == body] - origin[:, None], motions[:, model.targets.body == body])
@@ -206,7 +206,7 @@ def _twists(model: MechanismModel, points: NDArray, p: NDArray, motions: NDArray
 
 
 def _twist(arms: NDArray, motions: NDArray) -> NDArray:
-    """Return the twist (B, 6, P) that fits motions (B, n, 3, P) of points at arms (B, n, 3) best."""
+    """Return the least-squares twist (B, 6, P) of motions (B, n, 3, P) of points at arms (B, n, 3)."""
     rows = rigid_motions(arms)
     normal = np.einsum("bnij,bnik->bjk", rows, rows)
     return np.linalg.solve(normal, np.einsum("bnij,bnip->bjp", rows, motions))
@@ -215,7 +215,7 @@ def _twist(arms: NDArray, motions: NDArray) -> NDArray:
 def bare_known(
     geometry: dict[str, float], shape: NDArray, targets: Targets, legs: int, reading_sigma: float
 ) -> PriorKnowledge:
-    """Return what is known of a mechanism whose legs carry no targets, its survey exact."""
+    """Return the prior knowledge of a mechanism without targets on legs, with an exact survey."""
     seats = np.tile(np.eye(3), (legs, 1, 1)), np.zeros((legs, 3))
     return PriorKnowledge(geometry, shape, exact_survey(targets), reading_sigma, np.arange(0), *seats)
 
@@ -243,12 +243,12 @@ def write_model(extended_model: ExtendedModel) -> str:
 
 
 def read_model(text: str) -> ExtendedModel:
-    """Return the model that a text of `write_model` describes; raises ValueError where it does not describe one."""
+    """Read the model from a text of `write_model`; raises ValueError if the text is no such model."""
     return read_document(text, _from_document)
 
 
 def _prior(model: MechanismModel) -> list[str]:
-    """Return what was known of the geometry: lines of a table."""
+    """Return the lines of the table with the prior sigmas of the geometry."""
     known = model.known
     sigmas = [f"{n} = {toml_value(known.geometry.get(n, 0.0))}  # {'rad' if n == 'u' else 'm'}" for n in "abul"]
     text = "[prior]  # one standard deviation of the nominal geometry; 0: taken as exact; open: only a start"
@@ -272,7 +272,7 @@ def _leg_sigma(model: MechanismModel, sigma: NDArray, leg: int) -> str:
 
 
 def _targets(extended_model: ExtendedModel) -> list[str]:
-    """Return the survey of the targets of base and platform, whose frames are those of the poses."""
+    """Return the lines of the table with the surveyed targets of base and platform."""
     model, bodies = extended_model.model, {kind: body for body, kind in _BODIES.items()}
     found, lines = model.targets, []
     for k, place in enumerate(model.known.shape):
@@ -296,7 +296,7 @@ def _names(model: MechanismModel) -> list[str]:
 
 
 def _mm(metres: Any) -> NDArray:
-    """Return metres as millimetres; what is left out is a thousandth of an atom."""
+    """Convert m to mm, rounded to 1e-12 mm."""
     return np.round(np.asarray(metres, float) * 1e3, 12)
 
 
@@ -345,9 +345,10 @@ _TINY = 1e-30
 
 @dataclass(frozen=True)
 class IdentifiedGeometry:
-    """P numbers of the geometry, SI: nominal and identified (P,), covariance and prior covariance (P, P).
+    """P parameters of the geometry, SI: nominal and identified (P,), covariance and prior covariance (P, P).
 
-    known (P,): whose prior is a tolerance, and not merely wide. by_shared (P, G): how they follow the model's unknowns.
+    known (P,): whether the prior is a tolerance, not a wide default. by_shared (P, G): derivative by the model's
+    unknowns.
     """
 
     parameters: tuple[LegParameter, ...]
@@ -360,12 +361,12 @@ class IdentifiedGeometry:
 
     @property
     def sigma(self) -> NDArray:
-        """Return the standard deviations (P,)."""
+        """Standard deviations (P,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def tolerance(self) -> NDArray:
-        """Return one sigma (P,) of manufacturing and assembly; NaN where nothing is known."""
+        """Standard deviation (P,) by manufacturing and assembly; NaN if unknown."""
         return np.where(self.known, np.sqrt(np.diag(self.prior)), np.nan)
 
 
@@ -402,7 +403,7 @@ def _values_of(entries: ParameterSet, legs: Legs) -> NDArray:
 
 
 def name_and_leg(name: str) -> tuple[str, int | None]:
-    """Return the name of an effect's parameter and its leg: ``gain_3`` is leg 3's gain, ``K12`` of leg 1 stays K12."""
+    """Split a parameter's name into name and leg: ``gain_3`` is ``gain`` of leg 3; ``K12`` stays, with leg 1."""
     head, _, leg = name.rpartition("_")
     if head and leg.isdigit() and not head.startswith("K"):
         return head, int(leg)

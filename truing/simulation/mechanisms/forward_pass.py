@@ -1,7 +1,8 @@
-"""The simulated chain drive -> structure -> instrument, and how a change anywhere travels down it.
+"""Simulation of a mechanism through drive, structure and instrument, and exact propagation of changes through this
+chain.
 
-An effect (a cause with values for its parameters) changes the state that the three steps pass on, at its own step;
-what follows downstream follows from the chain, in value and in exact derivative.
+An effect (a cause with values of its parameters) changes the state at its own step. Subsequent effects respond to this
+change, in value and in derivative.
 """
 
 from __future__ import annotations
@@ -27,22 +28,22 @@ Met = tuple[Effect[PointCause], State]
 POSE = "pose"
 _OF_LEGS = ("a", "b", "u", "l")
 REFERENCE = ("reference_direction", "reference_rotation")
-# An effect that depends on the pose moves it by less than a hundredth of what moved it: six rounds reach rounding.
+# Each round reduces the error at least a hundredfold, so that six rounds reach rounding.
 _ROUNDS = 6
 _TINY = 1e-30
 
 
 @dataclass(frozen=True)
 class ForwardPass(Trace[PointCause, State]):
-    """How the state of a mechanism, or of bodies, passes the chain."""
+    """Forward pass of the state of a mechanism, or of bodies."""
 
     def before_recording(self, cause: PointCause | None = None) -> tuple[Met, ...]:
-        """Return the effects of drive and structure, or those of them that act after a cause."""
+        """Return the effects of drive and structure; only those after a cause, if one is given."""
         return self.subsequent_effects(cause, Step.DRIVE, Step.STRUCTURE)
 
     @cached_property
     def answer(self) -> Change:
-        """Return what the effects of the structure make of a twist of the platform, per component of it, m and rad."""
+        """Response of the structure's effects to a twist of the platform, per component (m and rad)."""
         structure = self.subsequent_effects(None, Step.STRUCTURE)
         if not any(POSE in effect.cause.reads for effect, _ in structure):
             return Change({}, 6)
@@ -59,7 +60,7 @@ def simulate(
     effects: Sequence[Effect[PointCause]] = (),
     covariates: Mapping[str, NDArray] | None = None,
 ) -> State:
-    """Return the state at indicated positions rho (B, L), m, with the effects in force and the platform's poses."""
+    """Return the state, with the platform's poses, at indicated positions rho (B, L), m, under the given effects."""
     pose = reference_pose(legs)
     start = State(
         legs,
@@ -75,9 +76,9 @@ def simulate(
 
 
 def passed(start: State, effects: Sequence[Effect[PointCause]]) -> ForwardPass:
-    """Return how a state passes drive and structure.
+    """Pass a state through drive and structure.
 
-    Effects that depend on the pose are found by rounds: the pose that the others lead to, then again with theirs.
+    Effects that depend on the pose are found by iteration: each round uses the pose of the round before.
     """
     driven = ForwardPass(start, (), {}).through(Step.DRIVE, effects, applied)
     reads = (effect.cause.reads for effect in effects if effect.cause.step is Step.STRUCTURE)
@@ -90,13 +91,13 @@ def passed(start: State, effects: Sequence[Effect[PointCause]]) -> ForwardPass:
 
 
 def _posed(state: State, target: State) -> State:
-    """Return the target with the pose that a state's legs lead to."""
+    """Return the target with the pose that the legs of ``state`` lead to."""
     reached = forward(state.legs, state.rho, state.delta_bz)
     return replace(target, p=reached.p, R=reached.R, converged=reached.converged)
 
 
 def carried(change: Change, met: Sequence[Met]) -> Change:
-    """Return a change with what effects downstream of it, in their order, make of it."""
+    """Add the responses of subsequent effects, in their order, to a change."""
     fields = dict(change.fields)
     for effect, state in met:
         for name, slope in _answer(effect, state, fields, change.size).items():
@@ -105,10 +106,8 @@ def carried(change: Change, met: Sequence[Met]) -> Change:
 
 
 def structure_response(forward_pass: ForwardPass, change: Change) -> tuple[Change, NDArray]:
-    """Return a change at the end of the structure, with what its effects make of the pose's motion, and the twist.
-
-    The twist (B, 6, P) of the platform is exact.
-    """
+    """Return a change at the end of the structure, with the response to the pose's motion, and the exact twist (B,
+    6, P)."""
     twist = _twist(forward_pass.state, change)
     if not forward_pass.answer.fields:
         return change, twist
@@ -125,7 +124,7 @@ def _twist(state: State, change: Change) -> NDArray:
 
 
 def moved_by_shape(met: Sequence[Met], shape: tuple[int, ...]) -> NDArray:
-    """Return the derivative of `moved` by each target's own shape: an array of that shape, (B, K, 3, 3)."""
+    """Return the derivative of `moved` by each target's own shape, an array (B, K, 3, 3) of the given shape."""
     total = np.zeros(shape)
     for effect, state in met:
         if "shape" in effect.cause.reads:
@@ -136,7 +135,7 @@ def moved_by_shape(met: Sequence[Met], shape: tuple[int, ...]) -> NDArray:
 
 
 def _answer(effect: Effect[PointCause], state: State, fields: Mapping[str, NDArray], size: int) -> dict[str, NDArray]:
-    """Return by how much an effect's shift changes (B, ..., P) when the fields that it reads do: a complex step."""
+    """Return the derivatives (B, ..., P) of an effect's shift when the fields that it reads change; by complex step."""
     reads = effect.cause.reads | ({"p", "R"} if POSE in effect.cause.reads else set())
     driven = {name: slope for name, slope in fields.items() if name in reads}
     if not driven:
@@ -157,7 +156,8 @@ def _answer(effect: Effect[PointCause], state: State, fields: Mapping[str, NDArr
 
 
 def _nudged(state: State, driven: Mapping[str, NDArray], size: int) -> State:
-    """Return size times the B poses of a state, one after the other, each with a tiny imaginary part of its fields."""
+    """Return ``size`` copies of the B poses of a state, one after the other, with tiny imaginary parts of its
+    fields."""
     poses = len(state.rho)
 
     def copies(array: NDArray, slope: NDArray | None = None) -> NDArray:

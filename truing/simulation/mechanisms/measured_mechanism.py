@@ -1,4 +1,4 @@
-"""Targets of a legged mechanism as they were surveyed and measured, and how its legs carry them."""
+"""Surveyed and measured targets of a legged mechanism, and the positions of targets on its legs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FEWEST_TARGETS = 3
 
 @dataclass(frozen=True)
 class MeasuredTargets:
-    """All bodies' targets one after the other, m, and the labels that were exchanged among them."""
+    """Targets of all bodies, one after the other, m, and the exchanged labels among them."""
 
     targets: Targets
     shape: NDArray  # (K, 3)
@@ -47,16 +47,16 @@ class MeasuredTargets:
         )
 
     def epochs(self, conditions: Conditions, frames: Frames, rows: NDArray) -> Epochs:
-        """Return what was measured at some poses (mask B)."""
+        """Return the measurements at some poses (mask B)."""
         measured = Observations(self.points[rows], self.cov[rows], self.seen[rows])
         return Epochs(measured, some_of(conditions, rows), Frames(frames.R[rows], frames.t[rows]))
 
 
 @dataclass(frozen=True)
 class SeatedLegs:
-    """The legs (R,) that carry targets of their own, and by leg how its survey sits on it when it is upright.
+    """Legs (R,) that carry targets, and the position of each leg's survey frame on the leg in its nominal direction.
 
-    rotation (L, 3, 3) and seat (L, 3), m, are a start. ``dropped`` says in words which targets on legs tell nothing.
+    rotation (L, 3, 3) and seat (L, 3), m, are start values. ``dropped`` lists, in words, targets on legs without use.
     """
 
     legs: NDArray
@@ -65,14 +65,17 @@ class SeatedLegs:
     dropped: list[str]
 
     def carry(self, targets: Targets) -> NDArray:
-        """Return which targets (K,) sit on one of them, or on no leg."""
+        """Return the mask (K,) of the targets on one of these legs, or on no leg."""
         return np.asarray((targets.body != LEG) | np.isin(targets.leg, self.legs))
 
 
 def seated_legs(
     legs: Legs, measured: MeasuredTargets, readings: NDArray, frames: Frames, fitted: NDArray
 ) -> SeatedLegs:
-    """Seat the legs by their targets at readings (B, L), m, in poses that may be fitted to (B,); frames of the base."""
+    """Find the position of the legs' survey frames from their targets.
+
+    readings (B, L), m; ``fitted`` (B,) marks the poses that may be used; frames are those of the base.
+    """
     seats = _leg_motions(legs, measured, frames, fitted)
     carrying = {int(leg) for leg in measured.targets.leg[measured.targets.body == LEG]}
     ridden = [leg for leg in seats if legs.closure.one_body]

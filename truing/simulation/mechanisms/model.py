@@ -1,4 +1,4 @@
-"""Points of all bodies and poses as a function of what is not known exactly, with exact derivatives."""
+"""Class `MechanismModel`: points of all bodies and poses as a function of the unknowns, with exact derivatives."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M, LEG, ShapeU
 
 @dataclass(frozen=True)
 class PriorKnowledge:
-    """What is known beforehand of a mechanism and its targets; one standard deviation each, m and rad.
+    """Prior knowledge of a mechanism and its targets; standard deviations in m and rad.
 
     ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies'
-    frames and ``survey`` what it leaves unknown. ``ridden`` are the legs that carry targets; ``seat_rotation``
-    (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the leg in its nominal direction, as a start.
-    ``pitch_m`` of the leadscrews, ``flexure_length_m`` and ``weight`` are None where they are not known.
+    frames and ``survey`` its unknown errors. ``ridden`` are the legs that carry targets; ``seat_rotation`` (L, 3, 3)
+    and ``seat`` (L, 3) place each leg's survey frame on the leg in its nominal direction, as start values. ``pitch_m``
+    of the leadscrews, ``flexure_length_m`` and ``weight`` are None if unknown.
     """
 
     geometry: dict[str, float]
@@ -63,7 +63,7 @@ class PriorKnowledge:
     ridden: NDArray
     seat_rotation: NDArray
     seat: NDArray
-    open_geometry: tuple[str, ...] = ()  # of a, b, u, l: those without tolerance, whose sigma is merely wide
+    open_geometry: tuple[str, ...] = ()  # of a, b, u, l: those without tolerance, whose sigma is a wide default
     reference_temperature_c: float = 20.0
     pitch_m: float | None = None
     flexure_length_m: float | None = None
@@ -72,10 +72,10 @@ class PriorKnowledge:
 
 @dataclass(frozen=True)
 class MechanismModel(RecordedModel):
-    """A mechanism with its targets and readings; a function of the unknowns for a set of effects.
+    """A mechanism with its targets and readings, as a function of the unknowns for a set of effects.
 
-    Unknowns are counted in their prior's standard deviations, so that a value is a pull: shared ones (geometry, shape
-    of the bodies, how each leg's survey frame sits on its leg, effects) and each pose's own (actuators, rolls).
+    Unknowns are in standard deviations of their priors, so that a value is a pull. Shared unknowns: geometry, shape of
+    the bodies, position of each leg's survey frame, effects. Unknowns of each pose: actuators, rolls of legs.
     """
 
     nominal: Legs
@@ -83,7 +83,7 @@ class MechanismModel(RecordedModel):
 
     @cached_property
     def nominal_direction(self) -> NDArray:
-        """Return the legs' directions (L, 3) in the nominal reference configuration."""
+        """Directions (L, 3) of the legs in the nominal reference configuration."""
         return reference_pose(self.nominal).z[0]
 
     @property
@@ -96,32 +96,32 @@ class MechanismModel(RecordedModel):
 
     @property
     def local_size(self) -> int:
-        """Return the number of local unknowns H: actuators (unless exact), then rolls, then what photographs share."""
+        """Number of local unknowns H: actuators (unless exact), rolls, then common errors of photographs."""
         return self._rolls.stop + self._pose_size
 
     @property
     def _rolls(self) -> slice:
-        """Return where the rolls stand among the local unknowns."""
+        """Slice of the rolls among the local unknowns."""
         first = self.nominal.count * (self.known.reading_sigma > 0)
         return slice(first, first + len(self.known.ridden))
 
     @property
     def unpredicted(self) -> NDArray:
-        """Return which local unknowns (H,) the mechanism says nothing of: rolls of legs, errors of photographs."""
+        """Mask (H,) of the local unknowns that the mechanism does not predict: rolls of legs, errors of photographs."""
         return np.arange(self.local_size) >= self._rolls.start
 
     @property
     def part_count(self) -> int:
-        """Return the number of legs L."""
+        """Number of legs L."""
         return self.nominal.count
 
     @property
     def channel_groups(self) -> NDArray:
-        """Return the number of each target's body (K,): base, platform, then the legs."""
+        """Number (K,) of each target's body: base, platform, then the legs."""
         return self.targets.body + np.where(self.targets.body == LEG, self.targets.leg, 0)
 
     def rescaled(self, readings: float, survey: float) -> Self:
-        """Return the model with the noise of readings and of the survey so many times as large."""
+        """Return the model with the noise of the readings and of the survey multiplied by factors."""
         surveyed = self.known.survey
         scaled = ShapeUnknowns(surveyed.modes * survey, surveyed.attachment_factor * survey)
         return replace(
@@ -130,24 +130,24 @@ class MechanismModel(RecordedModel):
 
     @property
     def input_scale(self) -> NDArray:
-        """Return one prior sigma of each reading (L,), m; none where they are exact."""
+        """Prior sigma of each reading (L,), m; empty if readings are exact."""
         return np.full(self._rolls.start, self.known.reading_sigma)
 
     def with_input_factor(self, factor: NDArray) -> Self:
-        """Return the model with prior sigmas of the readings (B, L) so many times as large."""
+        """Return the model with the prior sigmas of the readings multiplied by factors (B, L)."""
         return replace(self, conditions=replace(self.conditions, input_factor=factor))
 
     @property
     def _reading_sigma(self) -> tuple[NDArray, NDArray]:
-        """Return how far actuators stand from their readings, and how far these are off, (B, L) or (), per unknown, m.
+        """Sigma of the actuators' true positions and of the reading errors, (B, L) or (), m per unknown.
 
-        What scatters beyond the readings' noise is no error of the reading: effects follow what was read.
+        Scatter beyond the readings' noise is no reading error: effects depend on the reading.
         """
         factor, sigma = self.conditions.input_factor, self.known.reading_sigma
         return (np.asarray(sigma), np.asarray(sigma)) if factor is None else (sigma * factor, sigma / factor)
 
     def legs(self, shared: NDArray) -> Legs:
-        """Return the geometry that shared unknowns (G,) stand for."""
+        """Return the geometry at shared unknowns (G,)."""
         count, legs = self.nominal.count, self.nominal
         moved: dict[str, NDArray] = {
             name: getattr(legs, name) + self._part(shared, name).reshape(count, -1) * self.known.geometry[name]
@@ -161,7 +161,7 @@ class MechanismModel(RecordedModel):
         return legs.replace(**moved)
 
     def shape(self, shared: NDArray) -> NDArray:
-        """Return where targets sit (K, 3), along the axes of the bodies' surveys, from the bodies' origins."""
+        """Return the positions (K, 3) of targets relative to the bodies' origins, along the axes of their surveys."""
         shape = self.known.shape + self.known.survey.modes @ self._part(shared, "shape")
         rotation, offset = self._seats(shared)
         on_leg = self.targets.body == LEG
@@ -170,7 +170,7 @@ class MechanismModel(RecordedModel):
         return shape
 
     def unknowns(self, legs: Legs, effects: dict[str, NDArray]) -> NDArray:
-        """Return the shared unknowns (G,) at which the model has this geometry and these effects' values."""
+        """Return the shared unknowns (G,) for a geometry and values of the effects."""
         shared = np.zeros(self.shared_size)
         for name in ("a", "b", "l"):
             if name in self.layout:
@@ -200,7 +200,8 @@ class MechanismModel(RecordedModel):
 
     @cached_property
     def across(self) -> NDArray:
-        """Two directions (L, 3, 2) across each nominal actuator: the first as near as can be to its smallest axis."""
+        """Two directions (L, 3, 2) across each nominal actuator; the first is closest to the axis of its smallest
+        component."""
         u = self.nominal.u
         axis = np.eye(3)[np.argmin(np.abs(u), -1)]
         first = unit(axis - u * np.sum(u * axis, -1)[:, None])
@@ -211,7 +212,7 @@ class MechanismModel(RecordedModel):
         return self.nominal.u + np.einsum("lij,lj->li", self.across, pulls)
 
     def geometry_changes(self, shared: NDArray) -> list[tuple[str, Change]]:
-        """Return how the geometry changes with its unknowns: the part of the layout, and the change per prior sigma."""
+        """Return the derivative of the geometry by its unknowns: part of the layout, and change per prior sigma."""
         count, sigma, layout = self.nominal.count, self.known.geometry, self.layout
         identity = np.eye(3 * count).reshape(1, count, 3, 3 * count)
         found: list[tuple[str, Change]] = []
@@ -238,18 +239,18 @@ class MechanismModel(RecordedModel):
         return rotation, offset
 
     def scale_of(self, name: str) -> NDArray:
-        """Return what a unit of the unknowns of a part of the layout, geometry or effect, is in SI: (n,) or ()."""
+        """Return the SI value of one unit of the unknowns of a part of the layout, geometry or effect: (n,) or ()."""
         if name in self.known.geometry:
             return np.asarray(self.known.geometry[name])
         return super().scale_of(name)
 
     def _known_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
-        """Return what survey and prior campaigns say beforehand: whitened residual and derivative."""
+        """Return the knowledge of survey and prior campaign as whitened residuals and derivatives."""
         residuals, derivatives = zip(self.survey_rows(shared), super()._known_rows(shared), strict=True)
         return np.concatenate(residuals), np.concatenate(derivatives)
 
     def survey_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
-        """Return what the survey of targets on attachments says of b: whitened residual and derivative."""
+        """Return the survey of targets on attachments as whitened residuals and derivatives of b."""
         own = np.flatnonzero(self.targets.at_attachment)
         ridden, factor = self.targets.leg[own], self.known.survey.attachment_factor
         gap = self.known.shape[own] - self.legs(shared).b[ridden]
@@ -264,14 +265,14 @@ class MechanismModel(RecordedModel):
 
     @property
     def blocks(self) -> NDArray | None:
-        """Return the poses' ranks in time (B,): any can be left out together."""
+        """Ranks (B,) of the poses in time: any pose can be left out of a fit."""
         poses = len(self.conditions.readings)
         order = self.conditions.covariates.get("order", np.arange(poses))
         return ranks(order)
 
     @property
     def scene(self) -> PointScene:
-        """Return what the campaign offers to causes when they propose candidates."""
+        """Scene from which causes propose candidates."""
         known, conditions = self.known, self.conditions
         covariates = dict(conditions.covariates)
         if known.weight is not None:
@@ -294,11 +295,11 @@ class MechanismModel(RecordedModel):
         )
 
     def state(self, shared: NDArray, local: NDArray) -> State:
-        """Return the chain's state for shared (G,) and local (B, H) unknowns, before instruments."""
+        """Return the state of the chain before the instrument, at shared (G,) and local (B, H) unknowns."""
         return self._forward_pass(shared, local).state
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
-        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
+        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones on request."""
         recording = self._recording(shared, local)
         points = self._with_errors(recording.state.points, shared, local)
         slopes = self._by_shared(shared, recording) if by_shared else None
@@ -327,10 +328,10 @@ class MechanismModel(RecordedModel):
         return slopes
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return how recorded points (B, K, 3, n), m, follow each channel by which a cause may act, per SI unit.
+        """Return the derivatives (B, K, 3, n) of recorded points, m, by each pathway of causes, per SI unit.
 
-        ``rho``, ``l``, ``delta_bz`` (n = L) and a, b, u (n = 3 L, leg by leg), as far as the closure has them. A
-        channel is what a cause after all those in force would change: of the drive for rho, of the structure else.
+        Pathways are ``rho``, ``l``, ``delta_bz`` (n = L) and a, b, u (n = 3 L, leg by leg), as far as the closure has
+        them. A cause on a pathway acts after all effects in force of its step: drive for rho, structure for the others.
         """
         recording, count = self._recording(shared, local), self.nominal.count
         structure = recording.forward_pass.subsequent_effects(None, Step.STRUCTURE)
@@ -343,9 +344,9 @@ class MechanismModel(RecordedModel):
         return found
 
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[PointCause], dict[str, NDArray]]:
-        """Return what tells a cause's change of each channel, (B or 1, n, P), per plausible scale of its parameters.
+        """Return the function from a cause to its change of each pathway, (B or 1, n, P), per plausible scale.
 
-        Targets that it moves are told on the pathway ``observed``, n = 3 K, whose motions are the identity.
+        Moved targets are on the pathway ``observed``, n = 3 K, whose derivative is the identity.
         """
         recording = self._recording(shared, local)
         return lambda cause: designs(recording, cause, self.effect_scale(cause))
@@ -366,7 +367,7 @@ class MechanismModel(RecordedModel):
         return by_shared, by_local
 
     def _forward_pass(self, shared: NDArray, local: NDArray) -> ForwardPass:
-        """Return how the readings pass drive and structure."""
+        """Pass the readings through drive and structure."""
         stands, read = (self.conditions.readings + self._actuators(local) * own for own in self._reading_sigma)
         shape, legs = self.shape(shared), self.legs(shared)
         reference = reference_pose(legs)
@@ -396,7 +397,7 @@ class MechanismModel(RecordedModel):
         return record(forward_pass, self.targets, frames, self.effects(shared), points, turn)
 
     def _changes(self, shared: NDArray, recording: Recording) -> Iterator[tuple[slice, Change, PointCause | None]]:
-        """Yield every change upstream of instruments by shared unknowns: its place among these, its cause."""
+        """Yield every change upstream of the instrument by shared unknowns: slice of these, change, cause."""
         for name, change in self.geometry_changes(shared):
             yield self.layout[name], self._with_reference(shared, change), None
         for effect in self.effects(shared):
@@ -408,7 +409,7 @@ class MechanismModel(RecordedModel):
 
     @property
     def _reading_change(self) -> Change | None:
-        """Return the change by local unknowns: what the readings are off; None where they are exact."""
+        """Change by the local unknowns, which are errors of the readings; None if readings are exact."""
         if self.known.reading_sigma <= 0:
             return None
         count = self.nominal.count
@@ -416,7 +417,8 @@ class MechanismModel(RecordedModel):
         return Change({"indicated": read, "rho": stands}, count)
 
     def _with_reference(self, shared: NDArray, change: Change) -> Change:
-        """Return a change of the geometry with what it does to the reference, where an effect counts from that."""
+        """Add the change of the reference pose to a change of the geometry, if an effect depends on the reference
+        pose."""
         if not any(cause.reads.intersection(REFERENCE) for cause in self.causes):
             return change
         legs = self.legs(shared)
@@ -426,7 +428,7 @@ class MechanismModel(RecordedModel):
         return Change({**change.fields, "reference_direction": moved.z, "reference_rotation": turned}, change.size)
 
     def _fill_shape(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
-        """Fill in the derivatives by the bodies' shapes and by the seats of the legs' survey frames."""
+        """Fill the derivatives by the bodies' shapes and by the positions of the legs' survey frames."""
         turn = recording.state.turn
         follows = turn @ moved_by_shape(recording.forward_pass.before_recording(), turn.shape)
         by_shared[..., self.layout["shape"]] = (turn + follows) @ self.known.survey.modes
@@ -455,10 +457,11 @@ class MechanismModel(RecordedModel):
         return np.flatnonzero((self.targets.body == LEG) & (self.targets.leg == leg))
 
     def _arms(self, state: State, own: NDArray) -> NDArray:
-        """Return where some targets (B, k, 3) are, along the axes of their survey, from the body's origin."""
+        """Return the positions (B, k, 3) of some targets relative to the body's origin, along the axes of their
+        survey."""
         return np.broadcast_to(state.shape + state.moved, (len(state.rho), *state.shape.shape))[:, own]
 
 
 def nominal_leg_frames(legs: Legs, readings: NDArray) -> LegFrames:
-    """Return the frames of the legs as the plain mechanism has them at readings (B, L), m."""
+    """Return the frames of the legs of the plain mechanism at readings (B, L), m."""
     return leg_frames(simulate(legs, readings), reference_pose(legs).z[0], np.zeros_like(readings))

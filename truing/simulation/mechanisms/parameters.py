@@ -1,4 +1,4 @@
-"""What a calibration identifies: named numbers of a machine, and the machine as a function of them.
+"""Class `ParameterSet`: named parameters of a machine to identify, and the machine as a function of them.
 
 Names are those of the tables: a_x .. b_z, u_x .. u_z, l, rho0, kappa (the leg's own entry of K), K11 .. (a leg's row of
 K), flexure_length; shared by all legs flexure_bending, flexure_axial, flexure_torsion and the same of tube.
@@ -25,7 +25,7 @@ SHARED = -1
 
 @dataclass(frozen=True)
 class LegParameter:
-    """One number of one leg (from 0; -1: shared), the unit it has in the tables, and what one of that is in SI."""
+    """Parameter of one leg (from 0; -1: shared by all), with its unit in the tables and the SI value of one unit."""
 
     name: str
     leg: int
@@ -34,19 +34,19 @@ class LegParameter:
 
     @property
     def label(self) -> str:
-        """Return what it is called where legs are not apart: a_x3, legs from 1; K14 says its leg itself."""
+        """Name with the leg's number, from 1: a_x3; K14 already contains the leg."""
         own = self.leg == SHARED or self.name.startswith("K")
         return self.name if own else f"{self.name}{self.leg + 1}"
 
     @property
     def leg_number(self) -> int | None:
-        """The leg counted from 1, as in tables; None where legs share the parameter."""
+        """Leg counted from 1, as in tables; None if legs share the parameter."""
         return None if self.leg == SHARED else self.leg + 1
 
 
 @dataclass(frozen=True)
 class _Slot:
-    """Where a parameter stands in a machine: the field, and the place within it."""
+    """Position of a parameter in a machine: field, and index within it."""
 
     field: str
     place: tuple[int, ...]
@@ -54,7 +54,7 @@ class _Slot:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """Parameters in their order; values (..., P) in SI, with any leading batch that a machine's arrays then have."""
+    """Ordered parameters; values (..., P) in SI; leading batch axes carry over to the machine's arrays."""
 
     entries: tuple[LegParameter, ...]
 
@@ -64,17 +64,17 @@ class ParameterSet:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Return what the parameters are called."""
+        """Names with legs."""
         return tuple(entry.label for entry in self.entries)
 
     @property
     def units(self) -> NDArray:
-        """Return what one unit of the tables is in SI, (P,)."""
+        """SI value of one unit of the tables, (P,)."""
         return np.array([entry.si for entry in self.entries])
 
     @cached_property
     def _slots(self) -> dict[str, tuple[NDArray, tuple[Any, ...]]]:
-        """Return by field the positions among the parameters, and the indices of their places."""
+        """Positions among the parameters, and indices into the array, by field."""
         slots = [_slot(entry) for entry in self.entries]
         found: dict[str, tuple[NDArray, tuple[Any, ...]]] = {}
         for field in dict.fromkeys(slot.field for slot in slots):
@@ -84,7 +84,7 @@ class ParameterSet:
         return found
 
     def values(self, machine: Machine) -> NDArray:
-        """Return the machine's numbers, (..., P)."""
+        """Return the values (..., P) of the parameters in a machine."""
         parts = {field: _array(machine, field) for field in self._slots}
         batch = np.broadcast_shapes(*(part.shape[: part.ndim - _RANK[name]] for name, part in parts.items()))
         values = np.zeros((*batch, len(self)), np.result_type(float, *parts.values()))
@@ -93,9 +93,9 @@ class ParameterSet:
         return values
 
     def machine(self, nominal: Machine, values: NDArray) -> Machine:
-        """Return the nominal machine with these values (..., P); directions u stay of unit length, or become NaN.
+        """Return the nominal machine with these values (..., P); directions u keep unit length, or become NaN.
 
-        Raises ValueError where a component of u is among the parameters that follows from the others.
+        Raises ValueError if the parameters contain the largest component of u, which follows from the others.
         """
         arrays = {}
         for field, (chosen, place) in self._slots.items():
@@ -118,7 +118,7 @@ class ParameterSet:
         return Change(fields, len(self))
 
     def _of_unit_length(self, u: NDArray, nominal: NDArray) -> NDArray:
-        """Return directions with the component made to fit that is largest in the nominal ones."""
+        """Return directions of unit length by adjusting the component that is largest in the nominal ones."""
         largest = np.argmax(np.abs(nominal), -1)[..., None]
         leg, axis = self._slots["u"][1]
         if np.any(largest[..., leg, 0] == axis):
@@ -132,18 +132,18 @@ class ParameterSet:
 
 
 def _along_the_sphere(u: NDArray, slope: NDArray) -> NDArray:
-    """Add to the slopes of two components what the largest does: du_z = -(u_x du_x + u_y du_y) / u_z."""
+    """Add the derivative of the largest component to those of the other two: du_z = -(u_x du_x + u_y du_y) / u_z."""
     largest = np.argmax(np.abs(u), -1)[..., None]
     follows = -np.sum(u[..., None] * slope, -2, keepdims=True) / np.take_along_axis(u, largest, -1)[..., None]
     return slope + np.where((np.arange(3) == largest)[..., None], follows, 0.0)
 
 
-# Trailing axes of each field of a machine that parameters may stand in.
+# Number of trailing axes of each field of a machine that may contain parameters.
 _RANK = {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2, "flexure_length": 1, "flexure": 1, "tube": 1}
 
 
 def _slot(parameter: LegParameter) -> _Slot:
-    """Return where a parameter stands; raises ValueError for a name that no machine has."""
+    """Return the position of a parameter; raises ValueError for a name that no machine has."""
     name, leg = parameter.name, parameter.leg
     head, _, tail = name.partition("_")
     if head in ("a", "b", "u") and tail in _AXES:
@@ -165,7 +165,7 @@ def _column(name: str, leg: int) -> int:
 
 
 def _array(machine: Machine, field: str) -> NDArray:
-    """Return a field of the machine; raises ValueError where the machine has none."""
+    """Return a field of the machine; raises ValueError if the machine lacks it."""
     held = getattr(machine.legs if field in _OF_LEGS else machine, field)
     if held is None:
         raise ValueError(f"machine: found no {field}, expected one for its parameters")
@@ -173,7 +173,7 @@ def _array(machine: Machine, field: str) -> NDArray:
 
 
 def _with_arrays(machine: Machine, arrays: dict[str, NDArray]) -> Machine:
-    """Return the machine with arrays put in by field."""
+    """Return the machine with arrays replaced by field."""
     legs = {name: array for name, array in arrays.items() if name in _OF_LEGS}
     rest: dict[str, Any] = {name: array for name, array in arrays.items() if name not in _OF_LEGS}
     rest |= {name: BeamSection(*np.moveaxis(rest[name], -1, 0)) for name in ("flexure", "tube") if name in rest}
@@ -181,10 +181,10 @@ def _with_arrays(machine: Machine, arrays: dict[str, NDArray]) -> Machine:
 
 
 def report_set(machine: Machine, deformation: str) -> ParameterSet:
-    """Return what the telescope report identifies under a deformation (its tables 5 to 7).
+    """Return the parameters that the telescope report identifies under a deformation (its tables 5 to 7).
 
-    ``none``: a_x a_y b_x b_y u_x l; ``linear`` and ``matrix``: kappa, the diagonal of K, in place of u_x. Closures
-    without u lack u_x; where u is not along z, its smallest component stands for u_x.
+    ``none``: a_x a_y b_x b_y u_x l; ``linear`` and ``matrix``: kappa, the diagonal of K, instead of u_x. Closures
+    without u lack u_x; if u is not along z, its smallest component replaces u_x.
     """
     _check(deformation)
     legs = range(machine.legs.count)
@@ -198,7 +198,7 @@ def report_set(machine: Machine, deformation: str) -> ParameterSet:
 def full_set(
     machine: Machine, deformation: str, *, rho0: bool = False, flexure_length: bool = False, sections: bool = False
 ) -> ParameterSet:
-    """Return all of a, b, u (where the closure has one) and l, and the deformation's kappa or all of K.
+    """Return all of a, b, u (if the closure has one) and l, and the deformation's kappa or all of K.
 
     On request also the reference readings, the flexures' lengths, and the stiffnesses of flexures and tubes.
     """
@@ -211,7 +211,7 @@ def full_set(
 
 
 def deformation_set(machine: Machine, deformation: str) -> ParameterSet:
-    """Return the parameters of a deformation alone: none, kappa of each leg, or K row by row."""
+    """Return the parameters of a deformation: none, kappa of each leg, or K row by row."""
     _check(deformation)
     count = machine.legs.count
     if deformation == "matrix":
@@ -227,7 +227,7 @@ def _check(deformation: str) -> None:
 
 
 def _directions(machine: Machine, count: int) -> list[LegParameter]:
-    """Return the smallest components of each u, in the order of the axes; of equal ones the first."""
+    """Return the smallest components of each u, in the order of the axes; among equal ones the first."""
     if "u" not in machine.legs.closure.geometry:
         return []
     smallest = np.sort(np.argsort(np.abs(machine.legs.u), -1, kind="stable")[:, :count], -1)

@@ -1,4 +1,5 @@
-"""What causes share that act on measured points, of a mechanism or of bodies without one, and what they are offered."""
+"""Base class `PointCause` of causes that act on measured points, of mechanisms or bodies, and their scene
+`PointScene`."""
 
 from __future__ import annotations
 
@@ -18,9 +19,12 @@ from truing.simulation.targets import Targets
 
 @dataclass(frozen=True)
 class Photographed:
-    """That points come from photographs: with so many ``errors`` common to all poses (of cameras, of scale bars) and so
-    many that the points of each pose share (its scale, ..), each of one standard deviation; and the bars that gave them
-    their scale, and at which height in the model's frame, m."""
+    """Errors of points that were computed from photographs, and the scale bars.
+
+    ``errors`` is the number of errors common to all poses (of cameras, of scale bars), ``pose_errors`` the number of
+    errors common to the points of a pose (its scale, ...), each of unit variance. ``scale_height_m`` is the height of
+    the ``scale_bars`` in the model's frame, m.
+    """
 
     errors: int = 0
     pose_errors: int = 0
@@ -30,14 +34,14 @@ class Photographed:
 
 @dataclass(frozen=True)
 class PointScene(Scene["PointCause"]):
-    """What a campaign offers to causes when they propose candidates; calibration poses B, legs L, targets K; m, s.
+    """Scene of causes that act on points; calibration poses B, legs L, targets K; m, s.
 
-    ``covariates`` are the columns that are known at every pose, (B,) or (B, L): ``time_s``, ``temperature_c``, others,
-    ``order`` (the pose's rank in time over the whole campaign) and ``approach``. ``span_s`` is the first and last time
-    of the whole campaign; ``seen`` (B, K) which targets were seen, all where it is not told. ``lengths_apart`` says
-    whether a leg's length is another thing than what its actuator moves. Bodies without a mechanism have no legs:
-    ``drives`` are columns that these may deform with, ``still`` those that should stand still, ``placed`` those whose
-    places x, y, z are known as columns, seen from another one.
+    ``covariates`` are columns known at every pose, (B,) or (B, L): ``time_s``, ``temperature_c``, others, ``order``
+    (rank of the pose in time over the whole campaign) and ``approach``. ``span_s`` is the first and last time of the
+    whole campaign; ``seen`` (B, K) the mask of seen targets, None for all. ``lengths_apart`` says whether the length of
+    a leg and the displacement of its actuator act differently. Bodies without a mechanism have no legs: ``drives`` are
+    columns that may deform them, ``still`` the bodies that should stand still, ``placed`` those whose positions x, y, z
+    are known as columns, seen from another body.
     """
 
     targets: Targets
@@ -54,52 +58,54 @@ class PointScene(Scene["PointCause"]):
     drives: tuple[str, ...] = ()
     still: tuple[str, ...] = ()
     placed: tuple[str, ...] = ()
-    weight: Weight | None = None  # None where nothing tells which way is up
-    photographed: Photographed | None = None  # None where points were not computed from photographs
+    weight: Weight | None = None  # None if the up direction is unknown
+    photographed: Photographed | None = None  # None if points do not come from photographs
 
     @property
     def inputs(self) -> Mapping[str, NDArray]:
-        """The readings (B,) of each actuator."""
+        """Readings (B,) of each actuator."""
         return {f"rho{leg}_mm": values for leg, values in enumerate(self.readings.T, 1)}
 
     @property
     def legs(self) -> int:
-        """Return the number of legs L."""
+        """Number of legs L."""
         return len(self.rho0)
 
     def varies(self, column: str) -> bool:
-        """Return whether a covariate is there and takes more than one value."""
+        """Whether a covariate exists and takes more than one value."""
         found = self.covariates.get(column)
         return found is not None and bool(np.ptp(found) > 0)
 
 
 class PointCause(Cause[PointScene]):
-    """A cause that changes fields of a `State`.
+    """Base class of causes that change fields of a `State`.
 
-    ``reads`` names the fields of the state that its effect depends on, beside covariates: what moves them moves the
-    effect. One that names less than it reads has a wrong derivative; ``pose`` stands for p and R, which are found only
-    after the structure's effects, so that a cause that reads it costs a few rounds. A ``moved`` target may depend on
-    its own ``shape``, and on no other target's; nothing else may depend on shapes.
+    ``reads`` names the fields of the state, except covariates, that the effect depends on; the derivative is wrong if
+    one is missing. ``pose`` means p and R, which are found after the effects of the structure, so that a cause that
+    reads it needs a few more iterations. ``moved`` of a target may depend on its own ``shape`` only; nothing else may
+    depend on shapes.
     """
 
     reads: ClassVar[frozenset[str]] = LEG_FIELDS | {"shape"}
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return the derivative of the state's fields by the parameters at values (P,), in SI; complex-safe.
+        """Return the derivative of the state's fields by the parameters at values (P,), SI; must allow complex numbers.
 
-        Causes that are linear in their parameters need no values.
+        Causes that are linear in their parameters ignore the values.
         """
         raise NotImplementedError
 
     def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
-        """Return by how much the state's fields change at values (P,); for a linear cause, change times values."""
+        """Return the change of the state's fields at values (P,); for a linear cause the derivative times the
+        values."""
         return {name: slope @ values for name, slope in self.change(state, values).fields.items()}
 
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
-        """Return how an instrument passes on points, or their motions, (B, K, 3, ...): linear, without offset."""
+        """Return points, or their motions, (B, K, 3, ...) as recorded by the instrument; must be linear, without
+        offset."""
         return points
 
 
 def applied(effect: Effect[PointCause], state: State) -> State:
-    """The state as an effect leaves it."""
+    """Return the state after an effect."""
     return state.shifted(effect.cause.shift(state, effect.values))

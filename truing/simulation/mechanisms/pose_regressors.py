@@ -1,7 +1,7 @@
-"""What each leg of a mechanism tells about its own parameters at a configuration.
+"""Rows of the calibration's Jacobian, leg by leg, as a function of the configuration, for the choice of configurations.
 
 A configuration is six coordinates x of the platform's displacement from the reference pose: (p - p0; log R R0^T) =
-scale @ x. Readings follow by the mechanism's own closure, so any number of legs from six on is as good as any other.
+scale @ x. Readings follow from the mechanism's closure, for any number of legs from six on.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from truing.simulation.mechanisms.legs.kinematics import ReferencePose, referenc
 from truing.simulation.mechanisms.parameters import ParameterSet
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, readings_at
 
-# Far below rounding of any real part: a complex step has no cancellation.
+# Complex step, far below rounding of any real part: it has no cancellation.
 _STEP = 1e-40
 
 
@@ -34,8 +34,8 @@ class Placed:
 class PoseRegressors:
     """Rows of the observability Jacobian, leg by leg (telescope report, eq. 37), over configurations x (B, 6).
 
-    change: of the machine by q parameters of every leg at once, each leg's own (arrays (L, 3, q) and (L, q)); scale
-    (6, 6): displacement per coordinate, m and rad.
+    change: derivative of the machine by q parameters of every leg at once, arrays (L, 3, q) and (L, q); scale (6, 6):
+    displacement per coordinate, m and rad.
     """
 
     structure: Structure
@@ -56,7 +56,7 @@ class PoseRegressors:
         return np.linalg.solve(self.scale, np.concatenate([placed.p - self.reference.p, turned], -1).T).T
 
     def rows(self, placed: Placed) -> NDArray:
-        """Return the derivative (B, L, q) of each leg's closing by its own parameters."""
+        """Return the derivative (B, L, q) of each leg's closure equation by its own parameters."""
         closing = self.structure.close(self.machine, placed.p, placed.R, placed.rho, self.change)
         return closing.by_parameter
 
@@ -74,9 +74,9 @@ class PoseRegressors:
         return rows[:, 0].real, np.moveaxis(rows.imag, 1, -1) / _STEP
 
     def quantities(self, x: NDArray) -> tuple[NDArray, NDArray]:
-        """Return what limits may be set to, (B, 6 + L), and its derivative (B, 6 + L, 6) by the coordinates.
+        """Return the limited quantities (B, 6 + L) and their derivative (B, 6 + L, 6) by the coordinates.
 
-        First the displacement from the reference in m and rad, then the readings less their reference in m.
+        First the displacement from the reference in m and rad, then the readings minus their reference in m.
         """
         placed = self.at(x)
         moved = np.concatenate([x @ self.scale.T, placed.rho - self.machine.legs.rho0], -1)
@@ -94,7 +94,7 @@ class PoseRegressors:
 def leg_by_leg(machine: Machine, parameters: ParameterSet) -> Change:
     """Return one change of q columns that moves all legs at once, each by its own q parameters in their order.
 
-    Raises ValueError for parameters that legs share, and where legs have different numbers of them.
+    Raises ValueError for shared parameters, and for different numbers of parameters per leg.
     """
     owners = np.array([entry.leg for entry in parameters.entries])
     own = [np.flatnonzero(owners == leg) for leg in range(machine.legs.count)]
@@ -108,17 +108,17 @@ def leg_by_leg(machine: Machine, parameters: ParameterSet) -> Change:
 def pose_regressors(
     structure: Structure, machine: Machine, parameters: ParameterSet, pose_range: NDArray, reading_range: NDArray
 ) -> PoseRegressors:
-    """Return the regressors with coordinates in which all limits together are about as far away in every direction.
+    """Return the regressors, with coordinates scaled so that the limits are about equally far in every direction.
 
-    pose_range (6,) m and rad, reading_range (L,) m: half ranges, infinite where there is none. Raises ValueError
-    where they leave the platform free in some direction, for fewer than six legs, and as `leg_by_leg`.
+    pose_range (6,) m and rad, reading_range (L,) m: half ranges, infinite without limit. Raises ValueError if they
+    leave the platform unbounded in some direction, for fewer than six legs, and as `leg_by_leg`.
     """
     change = leg_by_leg(machine, parameters)
     reference = reference_pose(machine.legs)
     plain = PoseRegressors(structure, machine, change, reference, np.eye(6))
     normals = plain.quantities(np.zeros((1, 6)))[1][0] / np.concatenate([pose_range, reading_range])[:, None]
     gram = normals.T @ normals
-    lever = np.repeat([1.0, np.sqrt(np.mean(machine.legs.b**2) * 3)], 3)  # m per rad, so that the rank can be judged
+    lever = np.repeat([1.0, np.sqrt(np.mean(machine.legs.b**2) * 3)], 3)  # m per rad, to compare the eigenvalues
     values = np.linalg.eigvalsh(gram / np.outer(lever, lever))
     if not values[0] > 1e-12 * values[-1]:
         raise ValueError("limits of pose and readings that bound every displacement of the platform")

@@ -1,8 +1,7 @@
-"""What a prior campaign of the same mechanism has found, as knowledge that a model of the next one starts from.
+"""Results of a prior campaign of the same mechanism as prior knowledge for the next one.
 
-Where both campaigns rest on the same
-survey, what that says of the attachments enters once too; where they do not, the frames of base and platform differ by
-the noise of the surveys that define them.
+If both campaigns use the same survey, its information on the attachments enters only once. Otherwise the frames of base
+and platform differ by the noise of the surveys that define them.
 """
 
 from __future__ import annotations
@@ -35,9 +34,10 @@ _GEOMETRY = ("a", "b", "u", "l")
 def mechanism_prior(
     found: ExtendedModel, model: MechanismModel, common: tuple[PointCause, ...] | None = None
 ) -> CampaignPrior[PointCause]:
-    """Return what a prior model tells of the unknowns of a model of the next campaign.
+    """Return the prior that an identified model gives for the model of the next campaign.
 
-    Effects that the next one cannot predict, for want of a column, are left out; ``common``: those that both have.
+    Effects that the next campaign cannot predict, because a column is missing, are omitted; ``common``: effects of
+    both.
     """
     old, causes = found.model, common
     if causes is None:
@@ -65,7 +65,7 @@ def _size(model: MechanismModel, name: str) -> int:
 
 
 def _split(model: MechanismModel, names: Sequence[str]) -> tuple[NDArray, NDArray]:
-    """Return the places of the named parts among a model's unknowns, in that order, and those of all others."""
+    """Return the indices of the named parts among a model's unknowns, in that order, and those of all others."""
     slices = [model.layout[name] for name in names]
     own = np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
     return own, np.setdiff1d(np.arange(model.shared_size), own)
@@ -86,7 +86,7 @@ def _bridge(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> N
 
 
 def _offset(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> NDArray:
-    """Return by how much nominal values differ, in units of the next model's unknowns."""
+    """Return the difference of the nominal values in units of the next model's unknowns."""
     away = new.unknowns(old.nominal, {cause.key: np.zeros_like(new.effect_sigma(cause)) for cause in new.causes})
     own, _ = _split(new, names)
     return away[own]
@@ -95,7 +95,7 @@ def _offset(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> N
 def _by_survey(
     prior: CampaignPrior[PointCause], found: ExtendedModel, model: MechanismModel
 ) -> CampaignPrior[PointCause]:
-    """Return the knowledge without what a common survey tells twice, or widened by what two surveys differ in."""
+    """Remove information that a common survey would give twice, or add the covariance between two surveys."""
     if _same_survey(found, model):
         away, slopes = model.survey_rows(np.zeros(model.shared_size))
         rows = slopes[:, prior.places(model)]
@@ -115,7 +115,7 @@ def _by_survey(
 
 
 def _same_survey(found: ExtendedModel, model: MechanismModel) -> bool:
-    """Return whether every target of base and platform stands in both surveys at the same place."""
+    """Whether both surveys have the same targets of base and platform at the same positions."""
     before, now = (_places(one) for one in (found.model, model))
     return before.keys() == now.keys() and all(
         np.abs(before[key] - place).max() < _SAME_M for key, place in now.items()
@@ -129,9 +129,10 @@ def _places(model: MechanismModel) -> dict[tuple[int, str], NDArray]:
 
 
 def _frames(prior: CampaignPrior[PointCause], found: ExtendedModel, model: MechanismModel) -> tuple[NDArray, NDArray]:
-    """Return how the numbers follow motions of the frames (n, 12), and the covariance (12, 12) of these, m and rad.
+    """Return the derivative (n, 12) of the numbers by motions of the two frames, and the motions' covariance (12, 12),
+    m, rad.
 
-    Empty where a frame rests on the attachments themselves.
+    Empty if a frame is defined by the attachments themselves.
     """
     covariances = []
     for body in (BASE, PLATFORM):
@@ -144,7 +145,7 @@ def _frames(prior: CampaignPrior[PointCause], found: ExtendedModel, model: Mecha
         covariances.append(total)
     spread = np.zeros((12, 12))
     spread[:6, :6], spread[6:, 6:] = covariances
-    # The least that a survey may leave open, lest an exact one cannot be inverted.
+    # Least variance of a frame: the covariance of an exact survey could not be inverted.
     spread += np.eye(12) * (1e-6 * FREE_LENGTH_M) ** 2
     return _moved_by_frames(prior, model), spread
 
@@ -155,7 +156,8 @@ def _rigid_information(places: NDArray) -> NDArray:
 
 
 def _moved_by_frames(prior: CampaignPrior[PointCause], model: MechanismModel) -> NDArray:
-    """Return how joints and directions follow a motion (t, theta) of the base's frame, then of the platform's."""
+    """Return the derivative of joints and directions by a motion (t, theta) of the base's frame, then of the
+    platform's."""
     legs, across = model.nominal, model.across
     turned = -skew(legs.u)
     blocks = {

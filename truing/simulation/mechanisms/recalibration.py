@@ -1,7 +1,7 @@
-"""Implicit calibration leg by leg of many draws of a campaign at once (telescope report, eq. 30), for Monte Carlo.
+"""Calibration of many simulated draws of a campaign, leg by leg (telescope report, eq. 30), for Monte Carlo.
 
-A leg's residual knows its own parameters alone, so every leg of every draw is a small problem of its own. What the
-other legs' readings do to a leg's attachment is known, and is taken up by where the platform was seen.
+The residual of a leg depends only on its own parameters, so that each leg of each draw is a separate small problem. The
+shift of its attachment by the other legs' readings is known and is added to the platform's position.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from truing.simulation.mechanisms.parameters import ParameterSet
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine
 
-# A leg's own numbers, in the order of the compiled code.
+# Parameters of a leg, in the order of the compiled code.
 _NUMBERS = ("a_x", "a_y", "a_z", "b_x", "b_y", "b_z", "u_x", "u_y", "u_z", "l", "kappa", "rho0")
 _DRAWS_AT_ONCE = 1000
-# From so many draws on, compiled code wins although it has to be loaded first (0.5 s).
+# Number of draws from which compiled code is faster, although loading it takes 0.5 s.
 _WORTH_COMPILED_CODE = 400
 
 
@@ -36,7 +36,7 @@ _WORTH_COMPILED_CODE = 400
 class Recalibrations:
     """Calibrations of D draws of a campaign, each leg by itself; SI."""
 
-    names: tuple[tuple[str, ...], ...]  # L x P, what each leg's values are
+    names: tuple[tuple[str, ...], ...]  # L x P, names of each leg's values
     values: NDArray  # (D, L, P)
     cost: NDArray  # (D, L) m^2, sum of squared residuals
     covariance: NDArray  # (D, L, P, P) for residuals with a standard deviation of 1 m
@@ -45,17 +45,17 @@ class Recalibrations:
 
     @property
     def ok(self) -> NDArray:
-        """Return which calibrations (D, L) reached a minimum with all parameters determined."""
+        """Mask (D, L) of the calibrations that reached a minimum with all parameters determined."""
         return self.status == SolverStatus.CONVERGED
 
 
 @dataclass(frozen=True)
 class LegDraws:
-    """What D draws of a campaign say about one leg, and the leg as a mechanism of its own."""
+    """Data of one leg in D draws of a campaign, and the leg as a separate mechanism."""
 
     machine: Machine  # of this leg alone
     parameters: ParameterSet  # of leg 0
-    p: NDArray  # (D, N, 3) m, the platform with the shift that the other legs' readings give this leg's attachment
+    p: NDArray  # (D, N, 3) m, platform, plus the shift of this leg's attachment by the other legs' readings
     R: NDArray  # (D, N, 3, 3)
     rho: NDArray  # (D, N, 1) m
 
@@ -70,10 +70,10 @@ def recalibrate(
     start: NDArray | None = None,
     method: Method = "trust-region",
 ) -> Recalibrations:
-    """Return the calibrations of D draws of poses p (D, N, 3), R (D, N, 3, 3), m, and readings rho (D, N, L), m.
+    """Calibrate D draws of poses p (D, N, 3), R (D, N, 3, 3), m, and readings rho (D, N, L), m.
 
-    parameters: as many of every leg, each leg's own alone. Everything else is as in the machine, where the fits
-    start unless start (D, L, P) says otherwise. Arrays with D = 1 serve all draws. Raises ValueError for parameters
+    parameters: the same number for every leg, none shared. All other numbers are those of the machine, at which the
+    fits start if ``start`` (D, L, P) is None. Arrays with D = 1 apply to all draws. Raises ValueError for parameters
     that are not a single leg's.
     """
     draws_of_legs = [leg_draws(machine, parameters, leg, p, R, rho) for leg in range(machine.legs.count)]
@@ -87,7 +87,7 @@ def recalibrate(
 
 
 def nominal_values(machine: Machine, parameters: ParameterSet) -> NDArray:
-    """Return the machine's own values (L, P), leg by leg; errors as for `recalibrate`."""
+    """Return the machine's values (L, P) of the parameters, leg by leg; errors as for `recalibrate`."""
     own = [_own(parameters, leg) for leg in range(machine.legs.count)]
     counts = [len(entries) for entries in own]
     if len(set(counts)) != 1:
@@ -104,7 +104,7 @@ def minima_from(
     start: NDArray,
     method: Method = "trust-region",
 ) -> list[Minima]:
-    """Return which minima each leg's calibration has, as far as starts (S, L, P) lead to them.
+    """Return the distinct minima of each leg's calibration that are reached from starts (S, L, P).
 
     One campaign: poses p (N, 3), R (N, 3, 3), readings rho (N, L), m; errors as for `recalibrate`.
     """
@@ -121,7 +121,7 @@ def _own(parameters: ParameterSet, leg: int) -> ParameterSet:
 
 
 def leg_draws(machine: Machine, parameters: ParameterSet, leg: int, p: NDArray, R: NDArray, rho: NDArray) -> LegDraws:
-    """Return what draws say about one leg; arrays and errors as for `recalibrate`."""
+    """Return the data of one leg in all draws; arrays and errors as for `recalibrate`."""
     others = machine.deformation[leg].copy()
     others[leg] = 0.0
     seen = p + R[..., 2] * ((rho - machine.legs.rho0) @ others)[..., None] if others.any() else p
@@ -130,21 +130,21 @@ def leg_draws(machine: Machine, parameters: ParameterSet, leg: int, p: NDArray, 
 
 
 def _single(machine: Machine, leg: int) -> Machine:
-    """Return one leg as a mechanism, with room for draws and poses before the leg."""
+    """Return one leg as a mechanism, with batch axes for draws and poses before the leg."""
     only = slice(leg, leg + 1)
     arrays = {name: getattr(machine.legs, name)[None, None, only] for name in ("a", "b", "u", "l", "rho0")}
     return Machine(machine.legs.replace(**arrays), machine.deformation[None, None, only, only])
 
 
 def calibrate_leg(leg: LegDraws, start: NDArray, method: Method = "trust-region") -> Solution:
-    """Return the calibrations of one leg from starts (D, P); many by the trust region run compiled."""
+    """Calibrate one leg from starts (D, P); many draws by the trust region use compiled code."""
     if method == "trust-region" and leg.machine.legs.closure.name == "6-pus" and len(start) >= _WORTH_COMPILED_CODE:
         return calibrate_leg_compiled(leg, start)
     return calibrate_leg_plain(leg, start, np.arange(len(start)), method)
 
 
 def calibrate_leg_plain(leg: LegDraws, start: NDArray, draws: NDArray, method: Method = "trust-region") -> Solution:
-    """Return the calibrations of one leg from some of the draws (d,), by QR; starts (D, P)."""
+    """Calibrate one leg in some of the draws (d,), by QR; starts (D, P)."""
     arrays = [np.broadcast_to(array, (len(start), *array.shape[1:])) for array in (leg.p, leg.R, leg.rho)]
     parts = []
     for some in np.array_split(draws, max(1, len(draws) // _DRAWS_AT_ONCE)):
@@ -154,7 +154,7 @@ def calibrate_leg_plain(leg: LegDraws, start: NDArray, draws: NDArray, method: M
 
 
 def calibrate_leg_compiled(leg: LegDraws, start: NDArray, threads: int | None = None) -> Solution:
-    """Return the calibrations of one leg of fixed length from starts (D, P), compiled; what is unclear by QR."""
+    """Calibrate one leg of fixed length from starts (D, P), compiled; draws without convergence are repeated by QR."""
     from truing.simulation.mechanisms.recalibration_kernel import solve
 
     legs, own = leg.machine.legs, leg.machine.deformation[0, 0, 0]
@@ -171,7 +171,7 @@ def calibrate_leg_compiled(leg: LegDraws, start: NDArray, threads: int | None = 
 
 
 def leg_residuals(leg: LegDraws) -> Callable[..., tuple[NDArray, NDArray]]:
-    """Return the residuals (B, N), m, and derivatives (B, N, P) of a leg as a function of values, p, R and rho."""
+    """Return the function from values, p, R and rho to the residuals (B, N), m, of a leg and derivatives (B, N, P)."""
     model = KinematicModel(leg.machine.legs.closure.name)
 
     def residuals(values: NDArray, p: NDArray, R: NDArray, rho: NDArray) -> tuple[NDArray, NDArray]:

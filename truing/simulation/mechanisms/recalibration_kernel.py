@@ -1,9 +1,9 @@
-"""Implicit calibration of legs of fixed length, compiled: sixteen draws abreast, one pose after the other.
+"""Compiled calibration of legs of fixed length: SIMD batches of sixteen draws, pose by pose.
 
-Same answers as `truing.simulation.mechanisms.recalibration.calibrate_leg` by the trust region. Where a lane does not
-prove its own answer the caller has to solve it again. Importing this module imports numba.  Own code, for no library
-solves thousands of small problems abreast: 100,000 and more legs a second on two cores, about 30 times what a general
-solver reaches one by one (`python -m benchmarks.recalibration`).
+Results are those of `truing.simulation.mechanisms.recalibration.calibrate_leg` by the trust region. Draws without
+proven convergence must be solved again by the caller. Importing this module imports numba. No library solves thousands
+of small problems in parallel: this code solves more than 100,000 legs a second on two cores, about 30 times as many as
+a general solver one by one (`python -m benchmarks.recalibration`).
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from truing.estimation.least_squares.simd_batches import (
 from truing.estimation.rigid_poses.batched_kernel import share_out
 from truing.estimation.simd_arithmetic import LANES, apply, compiled, dot, get3, get9, inner, mix, scale, transpose
 
-_FIELDS = 13  # per pose and lane: p, R, rho
-# A leg's numbers, in this order: a, b, u, l, kappa, rho0.
+_FIELDS = 13  # per pose and draw: p, R, rho
+# Index of the numbers of a leg: a, b, u, l, kappa, rho0.
 A, B, U, L, KAPPA, RHO0 = 0, 3, 6, 9, 10, 11
 _NUMBERS = 12
-# Columns after the values where a draw has got to.
+# Columns of the saved state of a draw, after the values.
 _COST, _RADIUS, _STATE, _ITERATIONS = range(4)
 _DRAWS_PER_TASK = 512
-# After so many steps the draws that have arrived make room for those that have not.
+# Steps per round: after each round, the remaining draws form new batches.
 _STEPS_PER_ROUND = (5, 5, 10, 20, 40, 80)
 
 
 @inner
 def load_draws(p: NDArray, R: NDArray, rho: NDArray, rows: NDArray, poses: NDArray) -> None:
-    """Turn up to sixteen draws into lanes; lanes past the last repeat it."""
+    """Load up to sixteen draws into a batch; unused places repeat the last draw."""
     for j in range(LANES):
         d = rows[min(j, len(rows) - 1)]
         dp, dR, dr = min(d, p.shape[0] - 1), min(d, R.shape[0] - 1), min(d, rho.shape[0] - 1)
@@ -64,7 +64,7 @@ def load_draws(p: NDArray, R: NDArray, rho: NDArray, rows: NDArray, poses: NDArr
 
 @inner
 def load_ends(ends: NDArray, rows: NDArray, size: int, lane: NDArray) -> None:
-    """Let every lane start where its draw has got to."""
+    """Load the state of each draw into the batch."""
     for j in range(LANES):
         d = rows[min(j, len(rows) - 1)]
         for i in range(size):
@@ -74,7 +74,7 @@ def load_ends(ends: NDArray, rows: NDArray, size: int, lane: NDArray) -> None:
 
 @inner
 def set_leg(lane: NDArray, slots: NDArray, follows: int, numbers: NDArray, leg: NDArray) -> None:
-    """Fill the leg's numbers with the trial values in their places, and u of unit length."""
+    """Set the leg's numbers to the trial values, with u of unit length."""
     for i in range(_NUMBERS):
         leg[i * LANES : (i + 1) * LANES] = numbers[i]
     for i in range(len(slots)):
@@ -90,7 +90,8 @@ def set_leg(lane: NDArray, slots: NDArray, follows: int, numbers: NDArray, leg: 
 
 @inner
 def fill_row(pose: NDArray, leg: NDArray, full: NDArray, lane: NDArray) -> None:
-    """Fill residual l - |p + R b* - a - rho u| (eq. 30) and its derivatives by all of a leg's numbers, of one pose."""
+    """Fill the residual l - |p + R b* - a - rho u| (eq. 30) of one pose and its derivatives by all numbers of the
+    leg."""
     for j in range(LANES):
         R, rho, kappa = get9(pose, 3, j), pose[12 * LANES + j], leg[KAPPA * LANES + j]
         moved = rho - leg[RHO0 * LANES + j]
@@ -112,7 +113,7 @@ def fill_row(pose: NDArray, leg: NDArray, full: NDArray, lane: NDArray) -> None:
 
 @inner
 def choose_columns(leg: NDArray, slots: NDArray, follows: int, full: NDArray, lane: NDArray) -> None:
-    """Fill the row of the parameters; a component of u takes the one with it that follows from unit length."""
+    """Fill the derivatives by the parameters; those of u include the component that follows from unit length."""
     for i in range(len(slots)):
         of_u = (slots[i] >= U) & (slots[i] < U + 3)
         for j in range(LANES):
@@ -135,7 +136,7 @@ def evaluate(
 
 @inner
 def store(lane: NDArray, rows: NDArray, size: int, ends: NDArray) -> None:
-    """Write where the lanes have got to."""
+    """Save the state of each draw of the batch."""
     for j in range(len(rows)):
         for i in range(size):
             ends[rows[j], i] = lane[(X + i) * LANES + j]
@@ -168,7 +169,7 @@ def solve_rows(
     ends: NDArray,
     covariance: NDArray,
 ) -> None:
-    """Take up to so many steps with some of the draws, from where they have got to."""
+    """Take up to ``limit`` steps with some of the draws, from their saved state."""
     poses = np.empty((rho.shape[1], _FIELDS * LANES))
     lane, leg, full = np.zeros(REGISTERS * LANES), np.empty(_NUMBERS * LANES), np.empty(_NUMBERS * LANES)
     size = len(slots)
@@ -191,7 +192,7 @@ def solve_rows(
 
 @dataclass(frozen=True)
 class CompiledFits:
-    """Calibrations of one leg from D draws; what has not ``arrived`` has no proven answer."""
+    """Calibrations of one leg from D draws; draws that have not ``arrived`` have no proven solution."""
 
     x: NDArray  # (D, P)
     cost: NDArray  # (D,) m^2
@@ -210,10 +211,11 @@ def solve(
     *,
     threads: int | None = None,
 ) -> CompiledFits:
-    """Return the calibrations of a leg from D draws of p (D, N, 3), R (D, N, 3, 3) and rho (D, N); m, D = 1 serves all.
+    """Calibrate a leg in D draws of p (D, N, 3), R (D, N, 3, 3) and rho (D, N); m; arrays with D = 1 apply to all
+    draws.
 
-    numbers (12,): a, b, u, l, kappa and rho0 of the leg; slots (P,): which of them are parameters; begin (D, P): their
-    starts. The component of u that is largest follows from the others. threads as in `share_out`.
+    numbers (12,): a, b, u, l, kappa and rho0 of the leg; slots (P,): indices of the parameters; begin (D, P): their
+    start. The largest component of u follows from the others. threads as in `share_out`.
     """
     count, size = begin.shape
     ends, covariance = np.zeros((count, size + 4)), np.empty((count, size, size))

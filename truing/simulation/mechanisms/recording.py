@@ -1,8 +1,8 @@
-"""Where the targets of a state are, how they move when anything upstream does, and what instruments record of them.
+"""Positions of targets and their derivatives, and points as recorded by instruments; base class `RecordedModel`.
 
-All positions are in the base frame, m. Base targets stand still; platform targets move with the platform; a target
-that sits on an attachment is the attachment; a leg's targets move with the leg, which turns about its lower joint
-the shortest way and, held by alike flexures at both ends, about its own axis half as far as the platform does.
+All positions are in the base frame, m. Base targets are fixed; platform targets move with the platform; a target on an
+attachment is at the attachment. Targets on a leg move with the leg, which turns about its lower joint by the smallest
+angle and, with like flexures at both ends, about its own axis by half the platform's twist.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from truing.simulation.targets import LEG, PLATFORM, Targets
 
 @dataclass(frozen=True)
 class Conditions:
-    """What is known of each pose: readings (B, L) in m, covariates (B,) or (B, L) by column; the poses' names.
+    """Data of each pose: readings (B, L) in m, covariates (B,) or (B, L) by column, and names of the poses.
 
     ``span_s`` is the first and last time of the whole campaign, of which these poses may be a part. ``common_errors``
-    (B, K, 3, Q): how points, in the model's frame, follow the errors that photographs of all poses share, m;
-    ``pose_errors`` (B, K, 3, E) those that the points of each pose share. ``input_factor`` (B, H): by how much the
-    prior sigmas of inputs are larger there than known beforehand; as they are, where it is None.
+    (B, K, 3, Q): derivative of points, in the model's frame, m, by the errors common to the photographs of all poses;
+    ``pose_errors`` (B, K, 3, E): by those common to the points of each pose. ``input_factor`` (B, H): factor of the
+    prior sigmas of inputs; None for 1.
     """
 
     readings: NDArray
@@ -55,7 +55,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class LegFrames:
-    """Where the legs stand: lower joints (B, L, 3), rotations (B, L, 3, 3) from the axes of their targets' survey."""
+    """Frames of the legs: lower joints (B, L, 3), rotations (B, L, 3, 3) from the axes of their targets' survey."""
 
     origin: NDArray
     rotation: NDArray
@@ -63,11 +63,11 @@ class LegFrames:
 
 
 def leg_frames(state: State, nominal: NDArray, roll: NDArray, seats: NDArray | None = None) -> LegFrames:
-    """Return the frames of the legs, turned from nominal directions (L, 3), rolled by roll (B, L) rad beyond half
-    the platform's twist.
+    """Return the frames of the legs, turned from nominal directions (L, 3) and by roll (B, L) rad plus half the
+    platform's twist about their axes.
 
-    seats (L, 3, 3) are the rotations from the axes of a leg's survey to the leg in its nominal direction; without them
-    they coincide.
+    seats (L, 3, 3) are the rotations from the axes of a leg's survey to the leg in its nominal direction; None:
+    identity.
     """
     z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
     twist = roll + 0.5 * np.einsum("bli,bi->bl", z, log_so3(state.R))
@@ -87,7 +87,7 @@ def target_rotations(state: State, targets: Targets, frames: LegFrames) -> NDArr
 
 
 def positions(state: State, targets: Targets, frames: LegFrames) -> NDArray:
-    """Return the targets (B, K, 3), m, in the base frame, moved ones where they were moved to."""
+    """Return the positions (B, K, 3), m, of the targets in the base frame, with displacements."""
     kind = np.result_type(state.shape, state.moved, state.R, frames.rotation)
     points = np.broadcast_to(state.shape + state.moved, (len(state.rho), len(targets.body), 3)).astype(kind)
     _seat(points, state, targets)
@@ -100,7 +100,7 @@ def positions(state: State, targets: Targets, frames: LegFrames) -> NDArray:
 
 
 def _seat(places: NDArray, state: State, targets: Targets) -> None:
-    """Put places (B, K, 3) of targets on attachments there, in the platform's frame, besides what moved them."""
+    """Set the positions (B, K, 3) of targets on attachments, in the platform's frame, with displacements."""
     seats = targets.at_attachment
     upper = attachments(state.legs, state.delta_bz)
     moved = np.broadcast_to(state.moved, places.shape)[:, seats]
@@ -109,9 +109,10 @@ def _seat(places: NDArray, state: State, targets: Targets) -> None:
 
 @dataclass(frozen=True)
 class MotionDerivatives:
-    """How platform, attachments, legs and targets move per parameter of a change.
+    """Derivatives of the motion of platform, attachments, legs and targets by the parameters of a change.
 
-    All in the base frame but ``moved``: targets on their bodies, along the axes of the surveys; None where they stay.
+    All in the base frame, except ``moved``: targets on their bodies, along the axes of the surveys; None if they are
+    fixed.
     """
 
     twist: NDArray  # (B, 6, P) of the platform
@@ -122,7 +123,7 @@ class MotionDerivatives:
 
 
 def motion(passed: ForwardPass, nominal: NDArray, change: Change) -> MotionDerivatives:
-    """Return the motion of all bodies that a change at the end of the structure brings about; exact."""
+    """Return the exact motion of all bodies due to a change at the end of the structure."""
     state = passed.state
     legs, R = state.legs, state.R
     change, twist = structure_response(passed, change)
@@ -135,7 +136,7 @@ def motion(passed: ForwardPass, nominal: NDArray, change: Change) -> MotionDeriv
 
 
 def _leg_turn(state: State, nominal: NDArray, z: NDArray, dg: NDArray, g: NDArray, twist: NDArray) -> NDArray:
-    """Return the legs' rotation: across z from z x dz, along z from the shortest way and half the platform's twist."""
+    """Return the legs' rotation: across z from z x dz; along z from the smallest turn and half the platform's twist."""
     dg = dg / np.sqrt(np.sum(g * g, -1))[..., None, None]
     dz = dg - z[..., None] * np.einsum("bli,blip->blp", z, dg)[..., None, :]
     theta = log_so3(state.R)
@@ -147,7 +148,7 @@ def _leg_turn(state: State, nominal: NDArray, z: NDArray, dg: NDArray, g: NDArra
 
 
 def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: MotionDerivatives) -> NDArray:
-    """Return how the targets move (B, K, 3, P), base frame, when the bodies do."""
+    """Return the motion (B, K, 3, P) of the targets, base frame, due to the motion of the bodies."""
     places = np.broadcast_to(state.shape + state.moved, (len(state.rho), len(targets.body), 3))
     result = np.zeros((*places.shape, bodies.twist.shape[-1]))
     free, seats, on_leg = (targets.body == PLATFORM) & (targets.leg < 0), targets.at_attachment, targets.body == LEG
@@ -164,13 +165,13 @@ def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: Mot
 
 
 def _turned(rotation: NDArray, arms: NDArray) -> NDArray:
-    """Return the motion (B, N, 3, P) of arms (B, N, 3) that turn by rotations (B, N or 1, 3, P)."""
+    """Return the motion (B, N, 3, P) of arms (B, N, 3) under rotations (B, N or 1, 3, P)."""
     return np.cross(rotation, arms[..., None], axis=2)
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What was recorded: how the state passed all of the chain, and where the legs stood."""
+    """A complete forward pass with recorded points, and the frames of the legs."""
 
     forward_pass: ForwardPass
     targets: Targets
@@ -178,23 +179,25 @@ class Recording:
 
     @property
     def state(self) -> State:
-        """Return the state with its points and turns as recorded."""
+        """State with points and rotations as recorded."""
         return self.forward_pass.state
 
     def motion(self, change: Change, met: Sequence[Met]) -> NDArray:
-        """Return how the targets move (B, K, 3, P), m, base frame, by a change that goes on to meet these effects."""
+        """Return the motion (B, K, 3, P) of the targets, m, base frame, due to a change and the effects ``met``
+        after it."""
         bodies = motion(self.forward_pass, self.state.nominal_direction, carried(change, met))
         return target_motion(self.state, self.targets, self.frames, bodies)
 
     def recorded(self, motions: NDArray, cause: PointCause | None = None) -> NDArray:
-        """Return motions of the points (B, K, 3, P) as recorded: by all instruments, or those after a cause."""
+        """Return motions of points (B, K, 3, P) as recorded: by all effects of the instrument, or by those after a
+        cause."""
         for effect, state in self.forward_pass.subsequent_effects(cause, Step.INSTRUMENT):
             motions = effect.cause.recorded(motions, state, effect.values)
         return motions
 
     @cached_property
     def turn(self) -> NDArray:
-        """Return how recorded points follow shifts along the axes of their bodies, (B, K, 3, 3)."""
+        """Derivative (B, K, 3, 3) of recorded points by shifts along the axes of their bodies."""
         return self.recorded(self.state.turn)
 
 
@@ -206,7 +209,7 @@ def record(
     points: NDArray,
     turn: NDArray,
 ) -> Recording:
-    """Return what instruments record of points (B, K, 3), m, and of turns (B, K, 3, 3) of their axes."""
+    """Record points (B, K, 3), m, and the rotations (B, K, 3, 3) of their axes, with the effects of the instrument."""
     seen = passed.entering(replace(passed.state, points=points, turn=turn))
     return Recording(seen.through(Step.INSTRUMENT, effects, applied), targets, frames)
 
@@ -214,7 +217,7 @@ def record(
 def designs(recording: Recording, cause: PointCause, scale: NDArray) -> dict[str, NDArray]:
     """Return a cause's change per scale (P,) of its parameters by pathway, (B or 1, n, P).
 
-    The index within a pathway is leg, or 3 leg + axis; of what is observed, 3 target + axis.
+    The index within a pathway is leg, or 3 leg + axis; within the observations 3 target + axis.
     """
     found: dict[str, NDArray] = {}
     for name, slope in cause.change(recording.forward_pass.at(cause), np.zeros(len(scale))).fields.items():
@@ -227,13 +230,13 @@ def designs(recording: Recording, cause: PointCause, scale: NDArray) -> dict[str
     return found
 
 
-# What photographs of all poses have in common, among the shared unknowns.
+# Part of the shared unknowns with the errors common to all photographs.
 COMMON = "photographs"
 
 
 @dataclass(frozen=True)
 class RecordedModel(EffectsModel[PointCause]):
-    """Points of bodies in space, which instruments record; ``photographed`` where they were computed from images."""
+    """Base class of models of points of bodies; ``photographed`` is set if points were computed from images."""
 
     targets: Targets
     conditions: Conditions
@@ -243,17 +246,17 @@ class RecordedModel(EffectsModel[PointCause]):
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """The names (K,) of the targets."""
+        """Names (K,) of the targets."""
         return self.targets.names
 
     @property
     def channel_kinds(self) -> tuple[str, ...]:
-        """The body (K,) of each target."""
+        """Body (K,) of each target."""
         return self.targets.bodies
 
     @property
     def survey(self) -> slice:
-        """Where the unknown shapes of the bodies stand."""
+        """Slice of the unknown shapes of the bodies."""
         return self.layout["shape"]
 
     def at(self, conditions: Conditions) -> Self:
@@ -262,34 +265,34 @@ class RecordedModel(EffectsModel[PointCause]):
 
     @abstractmethod
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
-        """Return what is recorded with the effects in force."""
+        """Return the recording with the effects in force."""
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted points (B, K, 3), m, in the model's frame."""
         return self._with_errors(self._recording(shared, local).state.points, shared, local)
 
     def rotations(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how recorded points follow shifts along the axes of the bodies' surveys, (B, K, 3, 3)."""
+        """Return the derivatives (B, K, 3, 3) of recorded points by shifts along the axes of the bodies' surveys."""
         return self._recording(shared, local).turn
 
     @property
     def _common_sizes(self) -> dict[str, int]:
-        """Return how many unknowns photographs of all poses have in common; nothing where there are none."""
+        """Number of errors common to the photographs of all poses, by part; empty without photographs."""
         return {} if self.photographed is None else {COMMON: self.photographed.errors}
 
     @property
     def _pose_size(self) -> int:
-        """Return how many errors the points of a pose share, the last ones of the local unknowns."""
+        """Number of errors common to the points of a pose; these are the last local unknowns."""
         return 0 if self.photographed is None else self.photographed.pose_errors
 
     @property
     def _local_known(self) -> NDArray:
-        """Return which local unknowns (H,) have a prior that is knowledge."""
+        """Mask (H,) of the local unknowns whose prior is knowledge."""
         known = ~self.unpredicted
         return np.asarray(known | (np.arange(len(known)) >= len(known) - self._pose_size))
 
     def _with_errors(self, points: NDArray, shared: NDArray, local: NDArray) -> NDArray:
-        """Return points (B, K, 3) with the errors that photographs of all poses, and of each, share."""
+        """Return points (B, K, 3) plus the common errors of the photographs of all poses, and of each pose."""
         conditions = self.conditions
         if conditions.common_errors is not None:
             points = points + conditions.common_errors @ shared[self.layout[COMMON]]
@@ -299,17 +302,17 @@ class RecordedModel(EffectsModel[PointCause]):
         return points
 
     def _fill_pose_errors(self, by_local: NDArray) -> None:
-        """Fill in the derivatives by the errors that photographs of each pose share."""
+        """Fill the derivatives by the common errors of each pose's photographs."""
         if self.conditions.pose_errors is not None:
             by_local[..., by_local.shape[-1] - self._pose_size :] = self.conditions.pose_errors
 
     def _fill_common(self, by_shared: NDArray) -> None:
-        """Fill in the derivatives by the errors that photographs of all poses share."""
+        """Fill the derivatives by the common errors of all photographs."""
         if self.conditions.common_errors is not None:
             by_shared[..., self.layout[COMMON]] = self.conditions.common_errors
 
     def _fill_instruments(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
-        """Fill in the derivatives by the parameters of instruments' effects."""
+        """Fill the derivatives by the parameters of the instrument's effects."""
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is Step.INSTRUMENT and len(effect.values):

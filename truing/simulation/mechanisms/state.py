@@ -1,4 +1,4 @@
-"""The state of a mechanism: what the steps of the simulated chain pass on to each other."""
+"""Class `State`: quantities of a mechanism that the steps of the simulated chain pass on."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from numpy.typing import NDArray
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.targets import Targets
 
-# The fields that an effect may depend on leg by leg.
+# Fields of each leg that an effect may depend on.
 LEG_FIELDS = frozenset({"indicated", "rho", "a", "b", "u", "l", "delta_bz"})
 _OF_STATE = ("indicated", "rho", "delta_bz", "moved", "points")
 
 
 @dataclass(frozen=True)
 class State:
-    """What the chain passes on, B poses of L legs and K targets; m and rad.
+    """State of B poses of L legs and K targets; m and rad.
 
-    ``indicated`` is where the actuators seem to stand (what effects of the drive depend on), ``rho`` where they do,
-    ``delta_bz`` the attachments' shift along z of the platform; ``legs`` may differ from pose to pose. ``shape`` is
-    where targets sit, along the axes of their body's survey, from the body's origin (a leg's: its lower joint), and
-    ``moved`` by how much they sit elsewhere, pose by pose. Once the structure has answered: the pose p, R of the
-    platform in the base frame, ``points`` (the targets in the base frame, as recorded so far) and ``turn``, the
-    rotations from the axes of the bodies' surveys to the base. ``nominal_direction`` are the legs' directions
-    at the nominal reference; at that of the machine as it is, they are ``reference_direction``, and the platform's
-    rotation is ``reference_rotation``.
+    ``indicated`` is the indicated position of the actuators (effects of the drive depend on it), ``rho`` the true one,
+    ``delta_bz`` the attachments' shift along z of the platform; ``legs`` may differ from pose to pose. ``shape`` is the
+    position of targets relative to the body's origin (of a leg: its lower joint), along the axes of the body's survey,
+    and ``moved`` their displacement at each pose.
+
+    After the structure: pose p, R of the platform in the base frame, ``points`` (targets in the base frame, as recorded
+    so far) and ``turn`` (rotations from the axes of the bodies' surveys to the base). ``nominal_direction`` holds the
+    legs' directions in the nominal reference pose, ``reference_direction`` and ``reference_rotation`` the legs'
+    directions and the platform's rotation in the reference pose of the machine with these legs.
     """
 
     legs: Legs
@@ -50,16 +51,16 @@ class State:
 
     @property
     def heat(self) -> NDArray:
-        """Return the temperature (B,) above the reference, K."""
+        """Temperature (B,) above the reference, K."""
         return self.covariates["temperature_c"] - self.reference_temperature_c
 
     @property
     def delta_rho(self) -> NDArray:
-        """Return the displacement (B, L) from the reference reading, m."""
+        """Displacement (B, L) from the reference reading, m."""
         return self.rho - self.legs.rho0
 
     def shifted(self, shifts: Mapping[str, NDArray]) -> State:
-        """Return the state with each named field moved by the array given for it."""
+        """Return the state with the given shifts added to the named fields."""
         own = {name: getattr(self, name) + shift for name, shift in shifts.items() if name in _OF_STATE}
         joints = {name: getattr(self.legs, name) + shift for name, shift in shifts.items() if name not in own}
         return replace(self, **own, legs=self.legs.replace(**joints) if joints else self.legs)

@@ -1,4 +1,4 @@
-"""What hangs on the legs: which way is up, what the platform weighs, and how legs share it."""
+"""Weight on the legs of a mechanism: up direction, mass of the platform, and tensions of the legs."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ GRAVITY = 9.80665  # m/s^2
 
 @dataclass(frozen=True)
 class Weight:
-    """Which way is up: a unit vector (3,) of the base frame; what the legs carry, kg, None where a column or nothing
-    tells it, and its centre of gravity (3,), m, platform frame."""
+    """Up direction, a unit vector (3,) of the base frame; mass on the legs, kg, None if unknown or given by a
+    column; centre of gravity (3,), m, platform frame."""
 
     up: tuple[float, float, float]
     mass_kg: float | None = None
@@ -25,14 +25,14 @@ class Weight:
 
 
 def platform_gravity(legs: Legs, rho: NDArray, up: tuple[float, float, float]) -> NDArray:
-    """Return the direction of gravity (B, 3) in the platform's frame, where rigid legs bring it at readings (B, L)."""
+    """Return the direction of gravity (B, 3) in the platform's frame, for rigid legs at readings (B, L)."""
     return np.asarray(-np.asarray(up) @ forward(legs, rho).R)
 
 
 def tensions(state: State, up: tuple[float, float, float], centre: tuple[float, float, float]) -> NDArray:
     """Return the tension (B, 6), N per kg, of six legs that carry a mass with its centre in the platform's frame, m.
 
-    Joints at their ends pass forces along the legs alone.
+    Joints transmit only forces along the legs.
     """
     z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
     rows = closure_rows(state.legs, state.R, z, state.delta_bz)

@@ -1,4 +1,5 @@
-"""Causes: deformation of platform and base by the actuators or temperature (telescope report, eq. 1-3), and flexures."""
+"""Causes: deformation of platform and base by the actuators or temperature (telescope report, eq. 1-3), and
+flexures."""
 
 from __future__ import annotations
 

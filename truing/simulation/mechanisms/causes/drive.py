@@ -131,7 +131,8 @@ class PeriodicError(PerLeg):
         return (*waves, Parameter("frequency", "1/mm", self.frequency_sigma, 1 / _MM)) if self.free else waves
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return the derivatives of rho_i by S_i and C_i of every leg concerned, then by the frequency if it is free."""
+        """Return the derivatives of rho_i by S_i and C_i of every leg concerned, then by the frequency if it is
+        free."""
         sine, cosine = self._waves(state, values)
         waves = np.stack([self.spread(sine), self.spread(cosine)], -1)
         columns = waves.reshape(*waves.shape[:-2], -1)

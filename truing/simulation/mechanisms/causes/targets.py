@@ -108,7 +108,8 @@ class TargetMoved(PointCause):
         return arms_of(np.reshape(self.places, (-1, 3)))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the shift dx, dy, dz in the frame of the body's survey, and the rotation of a marker about its centre."""
+        """Return the shift dx, dy, dz in the frame of the body's survey, and the rotation of a marker about its
+        centre."""
         shift = tuple(Parameter(f"d{axis}", "mm", _PLAUSIBLE_M, _MM) for axis in "xyz")
         if not self.corners:
             return shift

@@ -118,7 +118,8 @@ class LegThermal(SharedOrPerLeg):
 
 
 def _carried_by(state: State, fields: dict[str, NDArray], own: NDArray) -> dict[str, NDArray]:
-    """Return the displacement (B, K, 3, P) of the targets on each of the legs ``own`` (P,), from 0, by its expansion."""
+    """Return the displacement (B, K, 3, P) of the targets on each of the legs ``own`` (P,), from 0, by its
+    expansion."""
     if state.targets is None or "moved" not in fields:
         return {}
     return {"moved": fields["moved"] * (state.targets.leg[:, None] == own)[:, None]}

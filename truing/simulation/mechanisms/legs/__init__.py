@@ -1,1 +1,1 @@
-"""Legs of a parallel mechanism: geometry, closures, kinematics."""
+"""Legs of a parallel mechanism: geometry, closure equations, kinematics."""

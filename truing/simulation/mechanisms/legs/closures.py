@@ -1,6 +1,6 @@
-"""The legs of a parallel mechanism: geometry as arrays, and the closure that says what a leg of each type constrains.
+"""Legs of a parallel mechanism (`Legs`), and the closure equation of each type of leg (`Closure`).
 
-A leg of fixed length on a linear actuator: p + R b = a + rho u + l z, |z| = 1. One of variable length, the ordinary
+Leg of fixed length on a linear actuator: p + R b = a + rho u + l z, |z| = 1. Leg of variable length, the ordinary
 hexapod: |p + R b - a| = l + rho.
 """
 
@@ -17,16 +17,17 @@ from truing.simulation.change import Change
 
 
 class Closure:
-    """What distinguishes one kind of leg from another; every function takes any batch shape, real or complex.
+    """Base class of leg types; every function takes any batch shape, real or complex.
 
-    The own kinds are straight between two joints and say where the lower one is and how far away the upper one; `close`
-    follows. A kind that is not (a cable over a pulley, whose lower end depends on the upper) says `close` and
-    `close_change` itself, and lets `lower` and `length` be those of a straight leg near it, from which Newton starts.
+    truing's own types are straight between two joints and define the lower joint (`lower`) and the distance of the
+    upper one (`length`); `close` follows. Another type (a cable over a pulley, whose lower end depends on the upper)
+    defines `close` and `close_change` itself; its `lower` and `length` are those of a similar straight leg, the start
+    of Newton.
     """
 
     name: str
     geometry: tuple[str, ...] = ("a", "b", "u", "l")  # the arrays of `Legs` that the closure depends on
-    one_body: bool = False  # whether a leg is rigid from joint to joint
+    one_body: bool = False  # whether the leg is one rigid body from joint to joint
 
     def lower(self, legs: Legs, rho: NDArray) -> NDArray:
         """Return the lower joints (..., L, 3), base frame, m, at readings rho (..., L)."""
@@ -37,7 +38,7 @@ class Closure:
         raise NotImplementedError
 
     def invert(self, legs: Legs, h: NDArray) -> NDArray:
-        """Return the readings (..., L) for h = p + R b* - a (..., L, 3), NaN where there is none."""
+        """Return the readings (..., L) for h = p + R b* - a (..., L, 3); NaN if there is none."""
         raise NotImplementedError
 
     def lower_change(self, legs: Legs, rho: NDArray, change: Change) -> NDArray:
@@ -49,17 +50,18 @@ class Closure:
         raise NotImplementedError
 
     def close(self, legs: Legs, upper: NDArray, rho: NDArray) -> tuple[NDArray, NDArray]:
-        """Return how far legs are from meeting the platform's joints, and its gradient by those.
+        """Return the gap between legs and the platform's joints, and its gradient by these joints.
 
-        upper (..., L, 3): the joints in the base frame, m. The first is (..., L) m, too long positive; the second
-        (..., L, 3): for a straight leg length - |g| and -z, its direction (telescope report, eq. 5 and 30).
+        upper (..., L, 3): the joints in the base frame, m. The gap is (..., L), m, positive if a leg is too long; the
+        gradient is (..., L, 3). For a straight leg these are length - |g| and -z, its direction (telescope report, eq.
+        5 and 30).
         """
         g = upper - self.lower(legs, rho)
         distance = np.sqrt(np.einsum("...i,...i->...", g, g))
         return self.length(legs, rho) - distance, -g / distance[..., None]
 
     def close_change(self, legs: Legs, upper: NDArray, rho: NDArray, change: Change) -> NDArray:
-        """Return the derivative (..., L, P) of `close` by the P parameters of a change, upper joints held."""
+        """Return the derivative (..., L, P) of `close` by the P parameters of a change, with fixed upper joints."""
         towards = self.close(legs, upper, rho)[1]
         lower = self.lower_change(legs, rho, change)
         return self.length_change(legs, change) - np.einsum("...li,...lip->...lp", towards, lower)
@@ -82,11 +84,11 @@ class Legs:
 
     @property
     def count(self) -> int:
-        """Return the number of legs L."""
+        """Number of legs L."""
         return self.b.shape[-2]
 
     def replace(self, **arrays: Any) -> Legs:
-        """Return a copy with some arrays exchanged."""
+        """Return a copy with some arrays replaced."""
         return replace(self, **arrays)
 
 
@@ -105,7 +107,8 @@ class SixPus(Closure):
         return legs.l + 0.0 * rho
 
     def invert(self, legs: Legs, h: NDArray) -> NDArray:
-        """Return the reading of the root with z u > 0, platform ahead of actuators (eq. 7); NaN out of reach."""
+        """Return the reading with z u > 0, that is, with the platform ahead of the actuators (eq. 7); NaN out of
+        reach."""
         along = np.sum(h * legs.u, -1)
         square = along**2 - np.sum(h * h, -1) + legs.l**2
         return along - np.sqrt(np.where(square.real < 0.0, np.nan, square))
@@ -125,7 +128,7 @@ class SixPus(Closure):
 
 
 class Ups(Closure):
-    """UPS: the lower joint stands still, the actuator changes the leg's length."""
+    """UPS: the lower joint is fixed, the actuator changes the leg's length."""
 
     name = "ups"
     geometry = ("a", "b", "l")
@@ -157,9 +160,9 @@ ENTRY_POINTS = "truing.closures"
 
 
 def closures() -> dict[str, Closure]:
-    """Return all closures by name: the project's own, then those of installed packages.
+    """Return all closures by name: truing's own, then those of installed packages.
 
-    Raises ValueError where two closures have the same name.
+    Raises ValueError if two closures have the same name.
     """
     return with_installed(OWN_CLOSURES, ENTRY_POINTS, "closure", lambda closure: closure.name)
 
@@ -172,13 +175,13 @@ def mechanism(
     l: ArrayLike,  # noqa: E741
     rho0: ArrayLike,
 ) -> Legs:
-    """Return the legs of a mechanism of type ``6-pus``, ``ups`` or a lab's own from its data in m.
+    """Return the legs of a mechanism of type ``6-pus``, ``ups`` or a lab's own type from its data in m.
 
-    Shapes as in `Legs`. Without u (a ups needs none) the actuators point along z of the base.
-    Raises ValueError for an unknown type or arrays that do not match.
+    Shapes as in `Legs`. Without u, which a ups does not need, the actuators point along z of the base. Raises
+    ValueError for an unknown type or arrays of wrong shape.
     """
     own = {closure.name: closure for closure in OWN_CLOSURES}
-    known = own if kind in own else closures()  # looking through what is installed takes its time
+    known = own if kind in own else closures()  # searching installed packages is slow
     if kind not in known:
         raise ValueError(f"mechanism type: found {kind!r}, expected one of {', '.join(known)}")
     joints = np.asarray(a, float)

@@ -1,9 +1,9 @@
-"""Pose from readings, readings from pose, and the exact derivative of the pose by whatever changes.
+"""Forward and inverse kinematics of a parallel mechanism, with exact derivatives of the pose by any change.
 
-Poses are those of the platform in the base frame, p (B, 3) in m and R (B, 3, 3). Attachments stand at
-``b* = b + delta_bz z_E``, z of the platform. Equations of the telescope report, as corrected in its reference. In the
-reference pose all readings are at their reference, flexures are straight, and the platform is as it was made: models of
-flexures and of stiffness count from it.
+Poses are those of the platform in the base frame, p (B, 3) in m and R (B, 3, 3). Attachments are at ``b* = b + delta_bz
+z_E``, z of the platform. Equations of the telescope report, as corrected in its reference. In the reference pose all
+readings are at their reference, flexures are straight and the platform is undeformed; models of flexures and of
+stiffness are relative to it.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import Legs
 
 _MAX_ITERATIONS = 30
-# Newton doubles the digits: a step below the root of rounding leaves the next one at rounding. Relative to the legs.
+# Newton's method doubles the digits: after a step below the root of rounding, the error is rounding. Relative to legs.
 SMALL_STEP = 1.5e-8
-# A step of so many legs, or radians, leads nowhere that the mechanism could be.
+# A step longer than this (in leg lengths, or rad) has left the workspace of any mechanism.
 _LOST_STEP = 10.0
-# Arrays of so many poses stay in the processor's cache.
+# Number of poses whose arrays fit into the processor's cache.
 _PIECE = 1024
 
 
 @dataclass(frozen=True)
 class Forward:
-    """Poses that a set of readings leads to, and whether the iteration closed all legs."""
+    """Poses at a set of readings, and whether the iteration closed all legs."""
 
     p: NDArray  # (B, 3) m
     R: NDArray  # (B, 3, 3)
@@ -54,16 +54,15 @@ def leg_vectors(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDAr
 
 
 def inverse(legs: Legs, p: NDArray, R: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
-    """Return the readings (B, L), m, at which the platform stands at p, R (eq. 7)."""
+    """Return the readings (B, L), m, at the pose p, R of the platform (eq. 7)."""
     return legs.closure.invert(legs, upper_joints(legs, p, R, delta_bz) - legs.a)
 
 
 def forward(legs: Legs, rho: NDArray, delta_bz: NDArray | float = 0.0) -> Forward:
-    """Return the poses reached with readings rho (..., L), m, by Newton from the centred platform along the actuators.
+    """Return the poses at readings rho (..., L), m, by Newton's method from the centred platform along the actuators.
 
-    Where the legs cannot meet the platform, or where it could go either way, the pose is the last one tried and does
-    not count as converged; the others of the batch are not touched by it.
-    Raises ValueError for fewer than six legs.
+    If the legs cannot meet the platform, or the pose is singular, the last pose tried is returned as not converged; the
+    others of the batch are unaffected. Raises ValueError for fewer than six legs.
     """
     if rho.ndim != 2 or is_batched(legs):
         return _newton(legs, rho, delta_bz)
@@ -71,12 +70,12 @@ def forward(legs: Legs, rho: NDArray, delta_bz: NDArray | float = 0.0) -> Forwar
 
 
 def is_batched(legs: Legs) -> bool:
-    """Return whether the legs differ from pose to pose."""
+    """Whether the legs differ from pose to pose."""
     return legs.a.ndim > 2 or legs.b.ndim > 2 or legs.u.ndim > 2 or legs.l.ndim > 1
 
 
 def in_pieces(solve: Callable[..., Forward], *arrays: NDArray) -> Forward:
-    """Return the poses that a solver finds from arrays (B, ...), piece by piece: the same, and faster for many."""
+    """Solve arrays (B, ...) piece by piece: same result, but faster for many poses."""
     parts = [slice(first, first + _PIECE) for first in range(0, max(len(arrays[0]), 1), _PIECE)]
     found = [solve(*(array[part] for array in arrays)) for part in parts]
     return Forward(*(np.concatenate([getattr(piece, name) for piece in found]) for name in ("p", "R", "converged")))
@@ -99,14 +98,14 @@ def _newton(legs: Legs, rho: NDArray, delta_bz: NDArray | float) -> Forward:
 
 
 def bounded_steps(rows: NDArray, short: NDArray) -> tuple[NDArray, NDArray]:
-    """Return Newton's steps (..., n) for rows (..., L, n) and what they fall short (..., L), and their longest entry.
+    """Return Newton's steps (..., n) for rows (..., L, n) and gaps (..., L), and the largest entry of each step.
 
-    That is infinite, and the step zero, for members of the batch that are singular or thrown out of any mechanism.
+    For members of the batch that are singular or diverge, the entry is infinite and the step zero.
     """
     square, wanted = _square(rows, short[..., None])
     try:
         step = np.linalg.solve(square, wanted)[..., 0]
-    except np.linalg.LinAlgError:  # which names no member
+    except np.linalg.LinAlgError:  # does not say which member is singular
         regular = (np.linalg.slogdet(square)[0] != 0)[..., None, None]
         step = np.linalg.solve(np.where(regular, square, np.eye(square.shape[-1])), wanted)[..., 0]
         step = np.where(regular[..., 0], step, np.inf)
@@ -116,12 +115,12 @@ def bounded_steps(rows: NDArray, short: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def reaches(legs: Legs, rho: NDArray) -> NDArray:
-    """Return for which readings rho (B, L), m, the legs meet the platform at all, reading by reading."""
+    """Return the mask (B,) of readings rho (B, L), m, at which the legs meet the platform."""
     return forward(legs, rho).converged
 
 
 def _centred_start(legs: Legs, rho: NDArray) -> tuple[NDArray, NDArray]:
-    """Return a start ahead of the actuators, turned as the joints ask for, with the right mean squared leg length."""
+    """Return a start pose ahead of the actuators, aligned with the joints, with the right mean squared leg length."""
     R = _alignment(legs)
     lower = legs.closure.lower(legs, rho)
     middle, joints = lower.mean(-2), legs.b.mean(-2)
@@ -134,16 +133,16 @@ def _centred_start(legs: Legs, rho: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _alignment(legs: Legs) -> NDArray:
-    """Return the rotation (..., 3, 3) that best lays the platform's joints over the lower ones at the reference."""
+    """Return the rotation (..., 3, 3) that best aligns the platform's joints with the lower ones at the reference."""
     lower = legs.closure.lower(legs, legs.rho0).real
     spread = np.swapaxes(lower - lower.mean(-2, keepdims=True), -1, -2) @ (legs.b - legs.b.mean(-2, keepdims=True)).real
-    left, _, right = np.linalg.svd(np.nan_to_num(spread))  # legs that are not numbers close nowhere, but raise nothing
+    left, _, right = np.linalg.svd(np.nan_to_num(spread))  # NaN in the legs: not converged, but no error
     left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]
     return left @ right
 
 
 def closure_rows(legs: Legs, R: NDArray, z: NDArray, delta_bz: NDArray | float = 0.0) -> NDArray:
-    """Return the rows [z, R b* x z] (B, L, 6): change of a leg's length by a twist (v; omega) of the platform."""
+    """Return the rows [z, R b* x z] (B, L, 6): derivative of a leg's length by a twist (v; omega) of the platform."""
     arms = attachments(legs, delta_bz) @ np.swapaxes(R, -1, -2)
     arms, z = np.broadcast_arrays(arms, z)
     rows = np.empty((*z.shape[:-1], 6), np.result_type(arms, z))
@@ -161,7 +160,7 @@ def inverse_jacobian(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz:
 
 
 def pose_change(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDArray, change: Change) -> NDArray:
-    """Return the twist (B, 6, P) of the platform per parameter of a change; exact, from the closure's differential.
+    """Return the twist (B, 6, P) of the platform per parameter of a change, from the exact differential of the closure.
 
     z . (v + omega x R b* + R (db + z_E d delta_bz) - dc) = d length, c the lower joint of a straight leg.
     """
@@ -173,13 +172,13 @@ def pose_change(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, delta_bz: NDAr
 
 
 def attachment_change(legs: Legs, R: NDArray, change: Change) -> NDArray:
-    """Return the derivative (B, L, 3, P), base frame, of the attachments on a platform that stands still."""
+    """Return the derivative (B, L, 3, P), base frame, of the attachments on a fixed platform."""
     moved = np.einsum("...ij,...ljp->...lip", R, change.get("b", (legs.count, 3)))
     return moved + R[..., None, :, 2, None] * change.get("delta_bz", (legs.count,))[..., None, :]
 
 
 def solve_rows(rows: NDArray, wanted: NDArray) -> NDArray:
-    """Return the twists (B, 6, P) that meet L >= 6 leg conditions, least squares beyond six.
+    """Return the twists (B, 6, P) that satisfy L >= 6 leg conditions, in the least-squares sense for L > 6.
 
     Raises ValueError for fewer than six legs, which leave the platform free.
     """
@@ -187,7 +186,7 @@ def solve_rows(rows: NDArray, wanted: NDArray) -> NDArray:
 
 
 def _square(rows: NDArray, wanted: NDArray) -> tuple[NDArray, NDArray]:
-    """Return as many equations as unknowns: the rows themselves, or their normal equations."""
+    """Return a square system: the rows themselves, or their normal equations."""
     count, unknowns = rows.shape[-2:]
     if count < unknowns:
         raise ValueError(f"found {count} legs, expected at least {unknowns}: fewer leave the platform free to move")
@@ -203,19 +202,20 @@ def unit(v: NDArray) -> NDArray:
 
 
 def _dot(v: NDArray, w: NDArray) -> NDArray:
-    """Return products (...) of vectors (..., 3) without conjugation, faster than their sum."""
+    """Return products (...) of vectors (..., 3) without conjugation; faster than a sum of products."""
     return np.einsum("...i,...i->...", v, w)
 
 
 def shortest_turn(start: NDArray, z: NDArray) -> NDArray:
-    """Return the rotations (..., 3, 3) that carry unit vectors start to z the shortest way."""
+    """Return the rotations (..., 3, 3) of smallest angle that carry unit vectors start to z."""
     cross = skew(np.cross(start, z))
     return np.eye(3) + cross + cross @ cross / (1 + np.sum(start * z, -1))[..., None, None]
 
 
 @dataclass(frozen=True)
 class ReferencePose:
-    """Pose p0 (..., 3) m, R0 (..., 3, 3) and legs' directions z0 (..., L, 3), base frame; one leading axis at least."""
+    """Pose p0 (..., 3) m, R0 (..., 3, 3) and directions z0 (..., L, 3) of the legs, base frame; at least one leading
+    axis."""
 
     p: NDArray
     R: NDArray
@@ -224,16 +224,16 @@ class ReferencePose:
 
 @dataclass(frozen=True)
 class ReferenceChange:
-    """Derivative of the reference pose by P parameters: its twist (v; omega) (..., 6, P), and z0's (..., L, 3, P)."""
+    """Derivatives by P parameters: twist (v; omega) (..., 6, P) of the reference pose, and of z0 (..., L, 3, P)."""
 
     twist: NDArray
     z: NDArray
 
 
 def reference_pose(legs: Legs) -> ReferencePose:
-    """Return where the mechanism of rigid legs stands at its reference readings.
+    """Return the pose of the mechanism with rigid legs at its reference readings.
 
-    Raises ValueError for fewer than six legs, whose readings leave the pose open.
+    Raises ValueError for fewer than six legs, which do not determine the pose.
     """
     rho0 = np.atleast_2d(legs.rho0)
     reference = forward(legs, rho0)
@@ -241,7 +241,7 @@ def reference_pose(legs: Legs) -> ReferencePose:
 
 
 def reference_change(legs: Legs, reference: ReferencePose, change: Change) -> ReferenceChange:
-    """Return how the reference pose follows a change of a, b, u, l and rho0: exact wherever the legs fit together."""
+    """Return the derivative of the reference pose by a change of a, b, u, l and rho0; exact if the legs close."""
     rho0 = np.atleast_2d(legs.rho0)
     moved = _at_reference(change)
     twist = reference_twist(legs, reference.p, reference.R, change)
@@ -262,7 +262,7 @@ def reference_twist(legs: Legs, p: NDArray, R: NDArray, change: Change) -> NDArr
 
 
 def _at_reference(change: Change) -> Change:
-    """Return what a change of the geometry means for rigid legs whose readings stay at their reference."""
+    """Return a change of the geometry as seen by rigid legs whose readings stay at their reference."""
     fields = {name: field for name, field in change.fields.items() if name in ("a", "b", "u", "l")}
     driven = {"rho": change.fields["rho0"]} if "rho0" in change.fields else {}
     return Change(fields | driven, change.size)

@@ -1,7 +1,7 @@
-"""Legs whose own targets give their pose: the ends of such a leg are where the mechanism has its joints.
+"""Calibration with measured poses of the legs: the ends of each leg's body coincide with the joints of the mechanism.
 
-In the survey frame of a leg its lower joint is at c0, and the upper one a leg's length further along w. Both are
-unknown, five numbers for each leg; the two points take the place of the leg's closing, whose length they keep.
+In the survey frame of a leg, its lower joint is at c0, and the upper one a leg's length from it along w. Both are
+unknown, five numbers per leg. The conditions at the two ends replace the leg's closure equation.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from truing.simulation.mechanisms.parameters import LegParameter
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel, shift_change
 from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
 
-_OWN = 5  # numbers of a leg: c0, and the two smallest components of w
+_OWN = 5  # unknowns per leg: c0, and the two smallest components of w
 
 
 @dataclass(frozen=True)
 class LegPoses:
-    """Measured poses of the survey frames of legs (K,), from 0, in the base frame, and where they were seen."""
+    """Measured poses of the survey frames of legs (K,), from 0, in the base frame, and whether each was seen."""
 
     leg: NDArray
     R: NDArray  # (B, K, 3, 3)
@@ -34,7 +34,8 @@ class LegPoses:
 
 @dataclass(frozen=True)
 class LegEndClosing:
-    """A closing with the ends of legs, and its derivatives by the deviations of their poses and by their numbers."""
+    """Closure equations with the ends of legs, and their derivatives by deviations of the legs' poses and by their
+    numbers."""
 
     closing: Closing
     by_deviation: NDArray  # (..., M, 6 K)
@@ -45,7 +46,7 @@ class LegEndClosing:
 class LegBodies:
     """Poses R (B, K, 3, 3), t (B, K, 3) m of the survey frames of legs (K,), from 0, in the base frame.
 
-    c (K, 3), m, and w (K, 3) are where lower joint and direction are to be expected in those frames.
+    c (K, 3), m, and w (K, 3) are the expected lower joint and direction in those frames.
     """
 
     leg: NDArray
@@ -56,7 +57,7 @@ class LegBodies:
 
     @property
     def entries(self) -> tuple[LegParameter, ...]:
-        """Return the numbers to identify beside those of the machine, leg by leg: c0, then two components of w."""
+        """Additional parameters to identify, leg by leg: c0, then two components of w."""
         found: list[LegParameter] = []
         for leg, axes in zip(self.leg, self._free(), strict=True):
             found += [LegParameter(f"c_{axis}", int(leg), "mm", 1e-3) for axis in "xyz"]
@@ -65,21 +66,23 @@ class LegBodies:
 
     @property
     def start(self) -> NDArray:
-        """Return the expected values (5 K,), SI."""
+        """Expected values (5 K,), SI."""
         return np.concatenate([self.c, np.take_along_axis(self.w, self._free(), -1)], -1).ravel()
 
     @property
     def deviations(self) -> int:
-        """Return the number of deviations of a pose: 6 K."""
+        """Number of deviations per pose: 6 K."""
         return 6 * len(self.leg)
 
     def fits(self, structure: Structure, machine: Machine) -> bool:
-        """Return whether legs are one body each, in a model that closes a leg by length less distance of joints."""
+        """Whether legs are single rigid bodies, in a model that closes a leg by its length minus the distance of its
+        joints."""
         single = isinstance(structure, KinematicModel) or structure.name == "beam"
         return single and machine.legs.closure.one_body
 
     def carry(self, values: NDArray, deviation: NDArray, closing: Closing, joints: Joints) -> LegEndClosing:
-        """Return the closing with the ends of these legs in place of their equations: six for each, behind the others.
+        """Replace the closure equations of these legs by the conditions at their ends: six per leg, after the other
+        equations.
 
         values (..., 5 K) in the order of `entries`; deviation (..., B, 6 K) of the legs' poses, (v; theta) leg by leg.
         """
@@ -97,11 +100,11 @@ class LegBodies:
         return _in_place(self.leg, closing, value, ends, np.stack(by_pose, -3), np.stack(by_seat, -3))
 
     def _free(self) -> NDArray:
-        """Return the two smallest components (K, 2) of the expected directions."""
+        """Return the axes (K, 2) of the two smallest components of the expected directions."""
         return np.sort(np.argsort(np.abs(self.w), -1, kind="stable")[:, :2], -1)
 
     def _seats(self, values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Return c0 and w (..., K, 3) of values (..., 5 K), and dw (..., K, 3, 2) by its two components."""
+        """Return c0 and w (..., K, 3) at values (..., 5 K), and dw (..., K, 3, 2) by its two components."""
         parts = values.reshape(*values.shape[:-1], len(self.leg), _OWN)
         free = np.eye(3)[self._free()]
         largest = 1.0 - free.sum(1)
@@ -115,7 +118,7 @@ class LegBodies:
 def _in_place(
     leg: NDArray, closing: Closing, value: NDArray, ends: NDArray, by_pose: NDArray, by_seat: NDArray
 ) -> LegEndClosing:
-    """Put six rows for each leg (..., K, 2, 3, own) behind the equations of the other legs."""
+    """Append six rows per leg (..., K, 2, 3, own) to the equations of the other legs."""
     others = np.setdiff1d(np.arange(closing.value.shape[-1]), leg)
     rows = ends.reshape(*ends.shape[:-4], -1, ends.shape[-1])
     slopes = np.concatenate([stacked(closing)[..., others, :], rows], -2)
@@ -129,7 +132,7 @@ def _in_place(
 
 
 def _each_its_own(rows: NDArray, others: int) -> NDArray:
-    """Return rows (..., 6 K, own) of which each leg has columns of its own, (..., M, K own); none of the other legs."""
+    """Return rows (..., 6 K, own) with separate columns for each leg, (..., M, K own); zero for the other legs."""
     legs = rows.shape[-2] // 6
     wide = np.zeros((*rows.shape[:-2], others + rows.shape[-2], legs * rows.shape[-1]), rows.dtype)
     apart = np.repeat(np.eye(legs), 6, 0)[:, :, None] * rows[..., :, None, :]
@@ -138,10 +141,10 @@ def _each_its_own(rows: NDArray, others: int) -> NDArray:
 
 
 def seated(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, measured: LegPoses) -> LegBodies:
-    """Return the legs' bodies, with seats that fit the nominal legs best on average over the poses.
+    """Return the legs' bodies with seats that best fit the nominal legs on average over the poses.
 
-    p (B, 3), R (B, 3, 3), rho (B, L): the platform and readings as measured. A pose in which a leg was not seen is
-    filled with one that fits, which says nothing if its covariance is as wide.
+    p (B, 3), R (B, 3, 3), rho (B, L): measured platform and readings. A pose in which a leg was not seen gets a fitting
+    value, which carries no information if its covariance is wide.
     """
     lower = legs.closure.lower(legs, rho)[:, measured.leg]
     z = unit(upper_joints(legs, p, R)[:, measured.leg] - lower)
@@ -170,9 +173,9 @@ class Joints:
     upper_slope: NDArray  # (..., K, 3, D)
 
     def lengths(self, closing: Closing) -> tuple[NDArray, NDArray]:
-        """Return what a model of single legs takes for their lengths (..., K), m, and the derivatives (..., K, D).
+        """Return the leg lengths (..., K), m, in a model of single legs, and the derivatives (..., K, D).
 
-        Its closing is that length less the distance of the joints.
+        The closure of such a model is this length minus the distance of the joints.
         """
         g = self.upper - self.lower
         distance = np.sqrt(np.sum(g * g, -1))
@@ -196,10 +199,10 @@ def joints_of(leg: NDArray, machine: Machine, p: NDArray, R: NDArray, rho: NDArr
 
 
 def stacked(closing: Closing) -> NDArray:
-    """Return a closing's derivatives (..., M, D) by twist, readings and parameters."""
+    """Concatenate the derivatives (..., M, D) of closure equations by twist, readings and parameters."""
     return np.concatenate([closing.by_twist, closing.by_rho, closing.by_parameter], -1)
 
 
 def concatenated(shape: tuple[int, ...], *parts: NDArray) -> NDArray:
-    """Return derivatives (*shape, D) from parts (..., d) beside each other, each of which broadcasts to the shape."""
+    """Concatenate derivatives (..., d), each broadcast to the shape, to (*shape, D)."""
     return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], -1)

@@ -1,1 +1,1 @@
-"""Models of what the structure of a mechanism adds to rigid legs."""
+"""Models of the structure of a mechanism: rigid legs, flexures, elastic legs."""

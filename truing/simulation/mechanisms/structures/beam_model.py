@@ -1,8 +1,7 @@
-"""The model of bending flexures: rigid legs whose joints shift as flexures bend (telescope report, eq. 10-18, 32).
+"""Model of bending flexures: rigid legs whose joints shift as flexures bend (telescope report, eq. 10-18, 32).
 
-A flexure is a uniform beam of length l_b whose end takes the slope delta, rad. A leg ends in one at each joint; what a
-flexure adds to the leg's length is the distance from the pivot in its middle to the flexure's end, l_b/2 while it is
-straight.
+A flexure is a uniform beam of length l_b whose end has the slope delta, rad. A leg has one at each joint. A flexure
+adds to the leg's length the distance from the pivot in its middle to the flexure's end, l_b/2 if it is straight.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from truing.simulation.mechanisms.structures.structure import Closing, Machine
 
 # The circle through all ends of the flexure is centred at 3/4 l_b from the end, a quarter from the root (eq. 13).
 BETA = 0.25
-# Below this slope, squared, closed forms lose digits to 0/0; the first term that a series leaves out is under 1e-16.
+# Below this squared slope, closed forms lose digits to 0/0; the first omitted term of a series is under 1e-16.
 _SERIES_BELOW = 0.01
 _SHORTENING = (0.0, 1 / 6, -1 / 40, 1 / 112, -5 / 1152, 7 / 2816, -21 / 13312, 11 / 10240)
 _ARC_SHORTENING = (0.0, 1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800)
@@ -54,9 +53,9 @@ BendLaw = Callable[[NDArray, NDArray], Distance]
 
 
 def deflection(length: ArrayLike, slope: ArrayLike) -> tuple[NDArray, NDArray]:
-    """Return shortening and deflection (dx, dy) (...), m, of the end, as the arc of a parabola over l_b (eq. 12).
+    """Return shortening and deflection (dx, dy) (...), m, of the end of a parabolic arc of length l_b (eq. 12).
 
-    dx is counted from the straight flexure's end towards its root.
+    dx is measured from the straight flexure's end towards its root.
     """
     l_b, delta = np.asarray(length), np.asarray(slope)
     return l_b * _by_series(delta * delta, _SHORTENING, _parabola_shortening), l_b * delta / 2
@@ -70,16 +69,17 @@ def arc_deflection(length: ArrayLike, slope: ArrayLike) -> tuple[NDArray, NDArra
 
 
 def circle_remainder(length: ArrayLike, dx: ArrayLike, dy: ArrayLike) -> NDArray:
-    """Return how far an end is from the circle of radius 3/4 l_b about (3/4 l_b, 0), in squares (...), m2 (eq. 13).
+    """Return the residual (...), m2, of an end in the equation of the circle of radius 3/4 l_b about (3/4 l_b, 0) (eq.
+    13).
 
-    Of fourth order in the slope: 47/720 l_b^2 for eq. 12, -1/720 l_b^2 for the circular arc.
+    It is of fourth order in the slope: 47/720 l_b^2 for eq. 12, -1/720 l_b^2 for the circular arc.
     """
     l_b, x, y = np.asarray(length), np.asarray(dx), np.asarray(dy)
     return x * x - 1.5 * l_b * x + y * y
 
 
 def circle_distance(length: NDArray, cosine: NDArray, beta: float = BETA) -> Distance:
-    """Return the distance for a flexure whose end stays on the circle of radius (1 - beta) l_b (eq. 15-17).
+    """Return the distance for a flexure whose end moves on the circle of radius (1 - beta) l_b (eq. 15-17).
 
     length l_b and cosine of the bend (...); beta below 3/4, beyond which eq. 15 has no positive root or two.
     """
@@ -92,7 +92,8 @@ def circle_distance(length: NDArray, cosine: NDArray, beta: float = BETA) -> Dis
 def arc_distance(length: NDArray, cosine: NDArray) -> Distance:
     """Return the distance for a flexure bent to a circular arc, without approximation: l_b (sin t / t - cos t / 2).
 
-    Along the leg, the arc's tangent. It passes the pivot at l_b t^3 / 24, which lengthens no leg to first order.
+    It is measured along the leg, the arc's tangent, which misses the pivot by l_b t^3 / 24: no elongation to first
+    order.
     """
     squared = _squared_angle(cosine)
     sinc = _by_series(squared, _SINC, lambda t: np.sin(t) / t)
@@ -112,7 +113,7 @@ def _squared_angle(cosine: NDArray) -> NDArray:
 
 
 def _by_series(x: NDArray, series: tuple[float, ...], closed: Callable[[NDArray], NDArray]) -> NDArray:
-    """Return a function of sqrt(x) by its series in x where x is small, else in closed form."""
+    """Evaluate a function of sqrt(x) by its series in x if x is small, otherwise in closed form."""
     small = np.abs(x) < _SERIES_BELOW
     near, total = np.where(small, x, 0.0), np.zeros_like(x)
     for coefficient in reversed(series):
@@ -124,9 +125,9 @@ def _by_series(x: NDArray, series: tuple[float, ...], closed: Callable[[NDArray]
 class LegBending:
     """Legs between flexures A, on the base, and B, on the platform, at B poses; base frame, m.
 
-    value: closing (B, L) of the legs (eq. 32); z: their directions (B, L, 3); turned: those at the reference as the
-    platform has turned them, R R0' z0; a, b: distances from pivot to end; pull: derivative (B, L, 3) of the closing by
-    lower joints.
+    value: closure residual (B, L) of the legs (eq. 32); z: their directions (B, L, 3); turned: directions at the
+    reference, rotated with the platform, R R0' z0; a, b: distances from pivot to end; pull: derivative (B, L, 3) of the
+    residual by the lower joints.
     """
 
     value: NDArray
@@ -139,23 +140,23 @@ class LegBending:
 
 @dataclass(frozen=True)
 class BeamModel:
-    """Closing of a leg: length - l_b + dl_A + dl_B - |p + R b* - c| (eq. 32), whatever its closure.
+    """Closure residual of a leg: length - l_b + dl_A + dl_B - |p + R b* - c| (eq. 32), for any closure.
 
-    Flexures are straight in the reference pose, which follows from the parameters by the readings' reference: six legs
-    at least. ``distance`` says what a bent flexure adds to the leg, from l_b and the cosine of the bend.
+    Flexures are straight in the reference pose, which follows from the reference readings; needs at least six legs.
+    ``distance`` is the law of a bent flexure's length, from l_b and the cosine of the bend.
     """
 
     name: str = "beam"
     distance: BendLaw = circle_distance
 
     def fits(self, machine: Machine) -> bool:
-        """Return whether the joints are flexures of known length and the reference pose follows from the readings."""
+        """Whether the joints are flexures of known length and the reference pose follows from the readings."""
         return machine.flexure_length is not None and machine.legs.count >= 6
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
-        """Return the closing at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m.
+        """Return the closure residuals at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m.
 
-        Raises ValueError where the model does not fit the machine.
+        Raises ValueError if the model does not fit the machine.
         """
         reference, legs = reference_pose(machine.legs), machine.legs
         bend = bent(self.distance, machine, reference, p, R, rho)
@@ -171,10 +172,10 @@ class BeamModel:
 def bent(
     distance: BendLaw, machine: Machine, reference: ReferencePose, p: NDArray, R: NDArray, rho: NDArray
 ) -> LegBending:
-    """Return how flexures, straight at the reference, bend at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m.
+    """Return the bending of the flexures at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m.
 
     The cosine of a bend is z z0 on the base (eq. 16) and z R R0' z0 on the platform (eq. 17, any reference rotation).
-    Raises ValueError where the machine has no flexure_length.
+    Raises ValueError for a machine without flexure_length.
     """
     legs, l_b = machine.legs, _flexure_length(machine)
     g = leg_vectors(legs, p, R, rho, machine.delta_bz(rho))
@@ -188,16 +189,17 @@ def bent(
 
 
 def _moved(legs: Legs, R: NDArray, rho: NDArray, bend: LegBending, change: Change) -> NDArray:
-    """Return the derivative (B, L, P) of the closing by what moves joints and lengths, straight flexures held."""
+    """Return the derivative (B, L, P) of the residual by joints and lengths, at fixed directions of straight
+    flexures."""
     apart = attachment_change(legs, R, change) - legs.closure.lower_change(legs, rho, change)
     return legs.closure.length_change(legs, change) - np.einsum("...li,...lip->...lp", bend.pull, apart)
 
 
 def _by_nominal_flexures(legs: Legs, reference: ReferencePose, R: NDArray, bend: LegBending, change: Change) -> NDArray:
-    """Return the derivative (B, L, P) of the closing by directions and lengths of the straight flexures."""
+    """Return the derivative (B, L, P) of the residual by directions and lengths of the straight flexures."""
     moved = reference_change(legs, reference, change)
     on_platform = moved.z - np.cross(moved.twist[..., None, 3:, :], reference.z[..., None], axis=-2)
-    seen = bend.z @ R @ np.swapaxes(reference.R, -1, -2)  # what the platform has turned, turned back
+    seen = bend.z @ R @ np.swapaxes(reference.R, -1, -2)  # direction without the rotation of the platform
     a = np.einsum("...li,...lip->...lp", _times(bend.a.by_cosine, bend.z), moved.z)
     b = np.einsum("...li,...lip->...lp", _times(bend.b.by_cosine, seen), on_platform)
     longer = (bend.a.by_length + bend.b.by_length - 1)[..., None]

@@ -52,12 +52,12 @@ def element_change(length: NDArray, beam: BeamSection) -> NDArray:
 
 
 def _bent(k1: NDArray | float, length: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Return what bending gives against rotations, between rotations and shifts, and against shifts."""
+    """Return the bending stiffness between rotations, between rotation and shift, and between shifts."""
     return 2 * k1 / length, 6 * k1 / length**2, 12 * k1 / length**3
 
 
 def _patterns() -> NDArray:
-    """Return where each stiffness of a beam stands in K: (5, 12, 12) axial, torsion, turn, couple, shear."""
+    """Return the patterns (5, 12, 12) of a beam's stiffnesses in K: axial, torsion, turn, couple, shear."""
     axial, torsion, turn, couple, shear = patterns = np.zeros((5, 12, 12))
     apart = np.array([[1.0, -1.0], [-1.0, 1.0]])
     _fill(axial, (0, 6), apart)
@@ -84,7 +84,7 @@ _INNER, _ENDS = np.arange(6, 18), np.r_[0:6, 18:24]
 
 @dataclass(frozen=True)
 class Chain:
-    """What a leg consists of: lengths (..., L), m, of a flexure and of the tube between them, and their sections."""
+    """Parts of a leg: lengths (..., L), m, of a flexure and of the tube between the flexures, and their sections."""
 
     flexure_length: NDArray
     tube_length: NDArray
@@ -94,7 +94,8 @@ class Chain:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes of legs (..., L, 3), m: a and c about the lower joint, base frame; d and b about the upper, platform's."""
+    """Nodes of legs (..., L, 3), m: a and c at the lower joint, base frame; d and b at the upper joint, platform
+    frame."""
 
     a: NDArray
     c: NDArray
@@ -103,7 +104,7 @@ class Nodes:
 
 
 def nodes(lower: NDArray, upper: NDArray, half: NDArray, R0: NDArray) -> Nodes:
-    """Return the nodes (eq. 22): joints lower (base frame) and upper (platform frame) lie in the flexures' middle.
+    """Return the nodes (eq. 22) from joints lower (base frame) and upper (platform frame) in the flexures' middle.
 
     half: half a flexure along its leg at the reference, l_b z0 / 2 (..., L, 3), base frame; R0: the platform's rotation
     there.
@@ -131,7 +132,7 @@ def assembled_change(chain: Chain) -> NDArray:
 
 
 def recovery_matrix(stiffness: NDArray) -> NDArray:
-    """Return T (..., 24, 12): displacements of all nodes where the ends a', b' are moved and no load acts between."""
+    """Return T (..., 24, 12): displacements of all nodes by those of the ends a', b', without load between them."""
     inner = stiffness[..., _INNER[:, None], _INNER]
     fixed = stiffness[..., _INNER[:, None], _ENDS]
     follow = np.zeros((*stiffness.shape[:-2], 24, 12), stiffness.dtype)
@@ -147,9 +148,9 @@ def condensed(stiffness: NDArray) -> NDArray:
 
 
 def condensed_change(stiffness: NDArray, change: NDArray) -> NDArray:
-    """Return the derivatives (..., n, 12, 12) of `condensed` by what changes the assembled chain (..., n, 24, 24).
+    """Return the derivatives (..., n, 12, 12) of `condensed` from those of the assembled chain (..., n, 24, 24).
 
-    T' dK T: moving the nodes between the ends does no work to first order, as no load acts on them.
+    T' dK T: a motion of the nodes between the ends does no work to first order, as no load acts on them.
     """
     follow = recovery_matrix(stiffness)[..., None, :, :]
     return np.swapaxes(follow, -1, -2) @ change @ follow
@@ -158,7 +159,7 @@ def condensed_change(stiffness: NDArray, change: NDArray) -> NDArray:
 def beam_axes(z: NDArray) -> NDArray:
     """Return the axes (..., 3, 3), columns, of beams along z (..., 3): local x is the leg (eq. 28 as corrected).
 
-    The other two are any across it: circular sections do not tell them apart.
+    The other two axes are arbitrary: the sections are circular.
     """
     least = np.eye(3)[np.argmin(np.abs(z), -1)]
     x = unit(least - z * np.sum(z * least, -1)[..., None])
@@ -173,7 +174,7 @@ def in_frame(stiffness: NDArray, axes: NDArray) -> NDArray:
 
 
 def _in_chain(element: NDArray, places: tuple[slice, ...]) -> NDArray:
-    """Return elements (..., 12, 12) added at their places among the nodes of a chain (..., 24, 24)."""
+    """Add elements (..., 12, 12) at their places among the nodes of a chain (..., 24, 24)."""
     chain = np.zeros((*element.shape[:-2], 24, 24), element.dtype)
     for place in places:
         chain[..., place, place] += element

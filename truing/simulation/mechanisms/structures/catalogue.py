@@ -1,4 +1,4 @@
-"""The models of a mechanism's structure that there are, simplest first."""
+"""Available models of a mechanism's structure, simplest first."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from truing.simulation.mechanisms.structures.structure import Machine, Structure
 
 
 def structures(machine: Machine) -> tuple[Structure, ...]:
-    """Return the models that the machine holds the numbers for; that of its rigid legs comes first."""
+    """Return the models whose numbers the machine has; the model of rigid legs comes first."""
     rigid = KinematicModel(machine.legs.closure.name)
     others: tuple[Structure, ...] = (JacobianModel(), BeamModel(), StiffnessModel())
     return (rigid, *(model for model in others if model.fits(machine)))
 
 
 def departure(structure: Structure, machine: Machine, rho: NDArray) -> NDArray:
-    """Return what a model asks of the readings (B, L), m, beyond the rigid legs', at the poses that these reach at rho.
+    """Return the readings (B, L), m, of a model minus those of rigid legs, at the poses that rigid legs reach at rho.
 
-    NaN where either does not close. What a model costs, or gains, over a range of readings.
+    NaN if either does not close. It is the error by neglecting the model over a range of readings.
     """
     reached = forward(machine.legs, rho)
     asked = readings_at(structure, machine, reached.p, reached.R)

@@ -1,7 +1,7 @@
 """Rigid legs on a platform that may deform: the kinematic model and its linearisation (telescope report, eq. 5, 9, 30).
 
-The kinematic model takes legs of any closure. In the linear one actuators move in proportion to the platform's motion
-from its reference pose: the kinematic closing to first order there, divided by what a reading does to its own leg.
+The kinematic model takes legs of any closure. The linear model has readings proportional to the platform's motion from
+its reference pose: it is the kinematic residual to first order there, divided by its derivative by the leg's reading.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Closing
 
 @dataclass(frozen=True)
 class KinematicModel:
-    """Closing of a leg: its length less the distance of its joints, l - |p + R b* - c| (eq. 30), or its closure's own.
+    """Closure residual of a leg: its length minus the distance of its joints, l - |p + R b* - c| (eq. 30), or the
+    closure's own.
 
-    Named as the closure, ``6-pus`` or ``ups`` or a lab's own.
+    The model has the name of the closure, ``6-pus``, ``ups`` or a lab's own.
     """
 
     name: str
 
     def fits(self, machine: Machine) -> bool:
-        """Return whether the machine's legs are of the kind that the model is named after."""
+        """Whether the machine's legs are of the type that the model is named after."""
         return machine.legs.closure.name == self.name
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
-        """Return the closing at poses p (..., 3), R (..., 3, 3) and readings rho (..., L), m."""
+        """Return the closure residuals at poses p (..., 3), R (..., 3, 3) and readings rho (..., L), m."""
         legs = machine.legs
         arms = attachments(legs, machine.delta_bz(rho)) @ np.swapaxes(R, -1, -2)
         upper = p[..., None, :] + arms
@@ -46,7 +47,7 @@ class KinematicModel:
 
 
 def reading_change(machine: Machine, upper: NDArray, rho: NDArray) -> NDArray:
-    """Return the derivative (..., L) of each leg's closing by its own reading, upper joints (..., L, 3) held."""
+    """Return the derivative (..., L) of each leg's residual by its own reading, with fixed upper joints (..., L, 3)."""
     legs = machine.legs
     driven = Change({"rho": np.ones((legs.count, 1))}, 1)
     return legs.closure.close_change(legs, upper, rho, driven)[..., 0]
@@ -64,7 +65,7 @@ def shift_change(machine: Machine, rho: NDArray, change: Change) -> NDArray:
 
 
 def shifting(machine: Machine, rho: NDArray, change: Change) -> Change:
-    """Return a change of the machine with what it makes of the attachments' shift, as ``delta_bz``."""
+    """Add the change of the attachments' shift, as ``delta_bz``, to a change of the machine."""
     return Change({**change.fields, "delta_bz": shift_change(machine, rho, change)}, change.size)
 
 
@@ -73,7 +74,8 @@ _STEP = 1e-30
 
 @dataclass(frozen=True)
 class _Reference:
-    """Pose at the reference readings, and the closing's rows there per reading of their own leg."""
+    """Pose at the reference readings, and the rows of the residuals there, divided by the derivative by the leg's
+    reading."""
 
     p: NDArray  # (..., 3)
     R: NDArray  # (..., 3, 3)
@@ -83,21 +85,22 @@ class _Reference:
 
 @dataclass(frozen=True)
 class JacobianModel:
-    """Closing of leg i: (rho - rho0) - J0^-1 (X - X0), m, with X - X0 = (p - p0; log(R R0')), any R0 (eq. 9 and 31).
+    """Closure residual of leg i: (rho - rho0) - J0^-1 (X - X0), m, X - X0 = (p - p0; log(R R0')), any R0 (eq. 9 and
+    31).
 
-    The reference pose X0 follows from rho0 by the forward kinematics of the rigid legs, which takes at least six. Where
-    the platform deforms, its shift K (rho - rho0) reaches a reading through the leg and the actuator, which is the
-    report's (1 - kappa)(rho - rho0) for actuators along z of the platform.
+    The reference pose X0 follows from rho0 by the forward kinematics of the rigid legs, at least six. A deformation of
+    the platform, K (rho - rho0), changes a reading through leg and actuator; for actuators along z of the platform this
+    is the report's (1 - kappa)(rho - rho0).
     """
 
     name: str = "jacobian"
 
     def fits(self, machine: Machine) -> bool:
-        """Return whether readings fix the pose, as they have to at the reference."""
+        """Whether readings determine the pose, which is needed at the reference."""
         return machine.legs.count >= 6
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
-        """Return the closing at poses p (..., 3), R (..., 3, 3) and readings rho (..., L), m."""
+        """Return the closure residuals at poses p (..., 3), R (..., 3, 3) and readings rho (..., L), m."""
         reference = _reference(machine)
         moved = rho - machine.legs.rho0
         theta = log_so3(R @ np.swapaxes(reference.R, -1, -2))
@@ -115,26 +118,26 @@ class JacobianModel:
 def _by_parameter(
     machine: Machine, reference: _Reference, away: NDArray, turn: NDArray, moved: NDArray, change: Change
 ) -> NDArray:
-    """Return the derivative (..., L, P): of the rows at the reference, of the pose there, and of the readings there."""
+    """Return the derivative (..., L, P) through the rows at the reference, the pose there, and the readings there."""
     if change.size == 0:
         return np.zeros((*moved.shape, 0))
     twist = reference_twist(machine.legs, reference.p, reference.R, change)
     rows = _reference_slope(machine, reference, twist, change)
     steered = np.einsum("...ijp,...j->...ip", rows.by_twist, away) + np.einsum("...ijp,...j->...ip", rows.by_rho, moved)
-    # log(R R0') loses J^-T w where R0 turns by w: the right Jacobian is the left one's transpose.
+    # log(R R0') changes by -J^-T w if R0 turns by w: the right Jacobian is the transpose of the left one.
     left = np.swapaxes(turn, -1, -2) @ twist[..., 3:, :]
     followed = reference.by_twist @ np.concatenate([np.broadcast_to(twist[..., :3, :], left.shape), left], -2)
     return steered - followed - reference.by_rho @ change.get("rho0", (machine.legs.count,))
 
 
 def _reference(machine: Machine) -> _Reference:
-    """Return the reference of a machine, batched as its arrays are; NaN where it has none."""
+    """Return the reference of a machine, with its batch; NaN if the legs do not close there."""
     reference = forward(machine.legs, machine.legs.rho0)
     return _rows(machine, np.where(reference.converged[..., None], reference.p, np.nan), reference.R)
 
 
 def _rows(machine: Machine, p: NDArray, R: NDArray) -> _Reference:
-    """Return the closing's rows at a reference pose, where the attachments are not shifted."""
+    """Return the rows of the residuals at a reference pose with unshifted attachments."""
     rho0 = machine.legs.rho0
     closing = KinematicModel(machine.legs.closure.name).close(machine, p, R, rho0, NO_CHANGE)
     own = reading_change(machine, upper_joints(machine.legs, p, R), rho0)[..., None]
@@ -142,12 +145,12 @@ def _rows(machine: Machine, p: NDArray, R: NDArray) -> _Reference:
 
 
 def _reference_slope(machine: Machine, reference: _Reference, twist: NDArray, change: Change) -> _Reference:
-    """Return the derivatives of the rows (..., L, 6, P) and (..., L, L, P): complex steps, exact to rounding.
+    """Return the derivatives of the rows, (..., L, 6, P) and (..., L, L, P), by complex steps, exact to rounding.
 
-    They are second derivatives of the closure, which a closure of a lab's own need not state for that.
+    They are second derivatives of the closure; thus a lab's own closure need not define them.
     """
     nudge = 1j * _STEP * np.moveaxis(twist, -1, 0)
-    with np.errstate(invalid="ignore"):  # where there is no reference pose, and nothing is a number
+    with np.errstate(invalid="ignore"):  # NaN if there is no reference pose
         turned = exp_so3(nudge[..., 3:]) @ reference.R
         there = _rows(_nudged(machine, change, reference.p.ndim - 1), reference.p + nudge[..., :3], turned)
     slopes = (np.moveaxis(rows.imag, 0, -1) / _STEP for rows in (there.by_twist, there.by_rho))
@@ -155,7 +158,8 @@ def _reference_slope(machine: Machine, reference: _Reference, twist: NDArray, ch
 
 
 def _nudged(machine: Machine, change: Change, batch: int) -> Machine:
-    """Return the machine a complex step along each parameter, which lead its batch of so many axes: (P, ..., L, 3)."""
+    """Return the machine with a complex step along each parameter as leading axis, before ``batch`` axes: (P, ...,
+    L, 3)."""
     arrays = {}
     for name, rank in {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2}.items():
         held = machine.deformation if name == "deformation" else getattr(machine.legs, name)

@@ -1,12 +1,12 @@
-"""The stiffness model: readings that balance the platform between elastic legs (telescope report, eq. 19, 29 and 33).
+"""Model of elastic legs: readings at which the platform is in equilibrium (telescope report, eq. 19, 29 and 33).
 
-Every leg is a chain of beams, as stiff as at the reference; a reading moves its root, or lengthens it, which is the
-same in linear theory. As a leg does not answer to a common shift of its ends, P = K21 u_a' + K22 u_b' (eq. 29, signs as
-corrected) is K22 times the displacement of b' less that of the root. P is the wrench that the platform puts on the leg
-at b': the sum of all, moved to the platform's origin, is the external load.
+Every leg is a chain of beams, with the stiffness of the reference pose; a reading moves its root, or lengthens the leg,
+which is the same in linear theory. As a common shift of a leg's ends causes no load, P = K21 u_a' + K22 u_b' (eq. 29,
+signs as corrected) is K22 times the displacement of b' minus that of the root. P is the wrench of the platform on the
+leg at b'; the sum of all, about the platform's origin, is the external load.
 
-The report's residual is a force; solved for the readings it is a length and can be weighed by their noise. All
-derivatives are those of the equilibrium at the readings that it asks for.
+The report's residual is a force. Solved for the readings it is a length and can be weighted by their noise. All
+derivatives are those of the equilibrium at the readings that satisfy it.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ PLATFORM_END = slice(6, 12)  # b' among the ends of a condensed chain
 
 @dataclass(frozen=True)
 class ReferenceLegs:
-    """The legs at the reference, unstrained, in the base frame; batches of machines lead, one axis at least.
+    """The legs at the reference, unstrained, in the base frame; batches of machines lead, at least one axis.
 
-    half: half a flexure along its leg (..., L, 3), m; drive: motion of a leg's root per reading (..., L, 3);
-    stiffness: K22 (..., L, 6, 6) of the legs at b', the root held.
+    half: half a flexure along its leg (..., L, 3), m; drive: motion of a leg's root per reading (..., L, 3); stiffness:
+    K22 (..., L, 6, 6) of the legs at b', with fixed root.
     """
 
     reference: ReferencePose
@@ -61,12 +61,12 @@ class ReferenceLegs:
 
 @dataclass(frozen=True)
 class Balance:
-    """The equilibrium at B poses, solved for the readings; base frame.
+    """Equilibrium at B poses, solved for the readings; base frame.
 
     arm: from the platform's origin to b' (B, L, 3), m; theta: rotation vector from the reference (B, 3); inverse:
-    readings per force and moment (B, 6, 6); excess: given readings less those that balance (B, 6), m; balanced: those,
-    less rho0; strain: displacement of b' less that of the root, and rotation (B, L, 6), load: wrench on b' (B, L, 6),
-    in balance.
+    readings per force and moment (B, 6, 6); excess: given readings minus those of equilibrium (B, 6), m; balanced:
+    readings of equilibrium minus rho0. In equilibrium: strain, the displacement of b' minus that of the root, and
+    rotation (B, L, 6); load, the wrench on b' (B, L, 6).
     """
 
     arm: NDArray
@@ -79,7 +79,7 @@ class Balance:
 
 
 def chain_of(machine: Machine) -> Chain:
-    """Return the chains of the legs; raises ValueError where flexures or tubes are not known."""
+    """Return the legs as chains of beams; raises ValueError if flexures or tubes are unknown."""
     l_b, flexure, tube, legs = machine.flexure_length, machine.flexure, machine.tube, machine.legs
     if l_b is None or flexure is None or tube is None:
         raise ValueError("stiffness: found a machine without flexure_length, flexure or tube, expected all three")
@@ -90,7 +90,7 @@ def chain_of(machine: Machine) -> Chain:
 
 
 def at_rest(machine: Machine) -> ReferenceLegs:
-    """Return the legs in the reference pose; raises ValueError where flexures or tubes are not known."""
+    """Return the legs in the reference pose; raises ValueError if flexures or tubes are unknown."""
     legs, chain = machine.legs, chain_of(machine)
     reference = reference_pose(legs)
     local = condensed(assembled(chain))[..., PLATFORM_END, PLATFORM_END]
@@ -99,9 +99,9 @@ def at_rest(machine: Machine) -> ReferenceLegs:
 
 
 def drive(legs: Legs, z: NDArray) -> NDArray:
-    """Return the motion (..., L, 3) per reading of the roots of legs that keep their direction z (..., L, 3).
+    """Return the motion (..., L, 3) per reading of the roots of legs with fixed directions z (..., L, 3).
 
-    Along the actuator for a 6-pus, along the leg for a ups: from the closure, straight in the readings.
+    Along the actuator for a 6-pus, along the leg for a ups; follows from the closure, which is linear in the readings.
     """
     zero, closure = np.zeros(legs.count), legs.closure
     along = closure.length(legs, zero + 1.0) - closure.length(legs, zero)
@@ -111,7 +111,7 @@ def drive(legs: Legs, z: NDArray) -> NDArray:
 def unbalanced(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArray:
     """Return the load missing for equilibrium (B, 6), N and N m, at the platform's origin (eq. 33).
 
-    At poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m: the sum of M P over the legs less the external load.
+    At poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m: the sum of M P over the legs minus the external load.
     """
     rest = at_rest(machine)
     arm, theta, shift = _displaced(machine, rest, p, R, rho)
@@ -135,7 +135,7 @@ def _displaced(
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return R b' (B, L, 3), log(R R0') (B, 3) and the displacement of b' (B, L, 3), before eq. 30 as corrected.
 
-    The platform is as it was made at the reference, so that its deformation counts as displacement.
+    The platform is undeformed at the reference, so that its deformation counts as displacement.
     """
     legs, reference = machine.legs, rest.reference
     at_reference = nodes(legs.a, legs.b, rest.half, reference.R).b
@@ -157,29 +157,29 @@ def _total(arm: NDArray, load: NDArray) -> NDArray:
 
 
 def _carried(arm: NDArray, load: NDArray) -> NDArray:
-    """Return wrenches (B, L, 6) at arms (B, L, 3) as they are about the platform's origin: M P (eq. 19)."""
+    """Return wrenches (B, L, 6) at arms (B, L, 3) as wrenches about the platform's origin: M P (eq. 19)."""
     force, moment = np.broadcast_arrays(load[..., :3], arm)[0], load[..., 3:]
     return np.concatenate([force, moment + np.cross(arm, force)], -1)
 
 
 class StiffnessModel:
-    """Closing: readings less those that balance the platform at the pose, deformed as at the readings.
+    """Closure residuals: readings minus those of equilibrium at the pose, deformed as at the readings.
 
-    For six legs, where six equations determine six readings. Fewer leave loads that no reading balances; more can be
-    strained against each other, so that the readings do not follow from the pose.
+    Only for six legs, where six equations determine six readings. With fewer legs, some loads have no equilibrium; with
+    more, legs can strain each other, so that the readings do not follow from the pose.
     """
 
     name = "stiffness"
 
     def fits(self, machine: Machine) -> bool:
-        """Return whether there are six legs whose flexures and tubes are known."""
+        """Whether there are six legs with known flexures and tubes."""
         known = (machine.flexure_length, machine.flexure, machine.tube)
         return machine.legs.count == 6 and all(part is not None for part in known)
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
-        """Return the closing at poses p (B, 3), R (B, 3, 3) and readings rho (B, 6), m.
+        """Return the closure residuals at poses p (B, 3), R (B, 3, 3) and readings rho (B, 6), m.
 
-        Raises ValueError where flexures or tubes are not known.
+        Raises ValueError if flexures or tubes are unknown.
         """
         rest = at_rest(machine)
         found = balance(machine, rest, p, R, rho)
@@ -193,7 +193,7 @@ class StiffnessModel:
 
 
 def compliance(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArray:
-    """Return the twist of the platform per wrench at its origin (B, 6, 6), readings held, at poses in equilibrium.
+    """Return the twist of the platform per wrench at its origin (B, 6, 6), at fixed readings and poses in equilibrium.
 
     Rows m and rad, columns per N and per N m, base frame.
     """
@@ -204,10 +204,10 @@ def compliance(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArra
 
 @dataclass(frozen=True)
 class _Response:
-    """How the closing answers at B poses, base frame, leg by leg.
+    """Derivatives of the residuals at B poses, base frame, leg by leg.
 
-    wrench: to more load on a node (B, L, 6, 6); strain: to more strain (B, L, 6, 6); node: to a motion of the node,
-    which moves the arm as well (B, L, 6, 3); turn: to a rotation of the platform that moves no node (B, 6, 3).
+    wrench: by load on a node (B, L, 6, 6); strain: by strain (B, L, 6, 6); node: by motion of the node, which also
+    moves the arm (B, L, 6, 3); turn: by rotation of the platform at fixed nodes (B, 6, 3).
     """
 
     wrench: NDArray
@@ -234,7 +234,7 @@ def _by_twist(found: Balance, response: _Response) -> NDArray:
 def _by_parameter(
     machine: Machine, rest: ReferenceLegs, found: Balance, response: _Response, R: NDArray, change: Change
 ) -> NDArray:
-    """Return the derivative (B, 6, P) by what the machine is at the reference: pose, nodes, drives and stiffness."""
+    """Return the derivative (B, 6, P) by the machine at the reference: pose, nodes, drives and stiffness."""
     moved = reference_change(machine.legs, rest.reference, change)
     reference_turn = -response.turn @ R @ np.swapaxes(rest.reference.R, -1, -2) @ moved.twist[..., 3:, :]
     answers = (
@@ -277,7 +277,7 @@ def _node_changes(
 
 
 def _drive_change(machine: Machine, moved: ReferenceChange, change: Change) -> NDArray:
-    """Return the change (..., L, 3, P) of `equilibrium.drive`."""
+    """Return the derivative (..., L, 3, P) of `drive`."""
     legs, zero = machine.legs, np.zeros(machine.legs.count)
     closure = legs.closure
     carried = closure.lower_change(legs, zero + 1.0, change) - closure.lower_change(legs, zero, change)
@@ -286,14 +286,14 @@ def _drive_change(machine: Machine, moved: ReferenceChange, change: Change) -> N
 
 
 def _by_axis(found: Balance, response: _Response, rest: ReferenceLegs) -> NDArray:
-    """Return the answer (B, L, 6, 3) to a rotation of the legs' stiffness: W ([w]x K e - K [w]x e)."""
+    """Return the derivative (B, L, 6, 3) by a rotation of the legs' stiffness: W ([w]x K e - K [w]x e)."""
     strain = np.concatenate([skew(found.strain[..., :3]), skew(found.strain[..., 3:])], -2)
     load = np.concatenate([skew(found.load[..., :3]), skew(found.load[..., 3:])], -2)
     return response.strain @ strain - response.wrench @ load
 
 
 def _by_stiffness(machine: Machine, found: Balance, response: _Response, rest: ReferenceLegs) -> NDArray:
-    """Return the answer (B, L, 6, 8) to the inputs of a chain's stiffness, in the order of `assembled_change`."""
+    """Return the derivative (B, L, 6, 8) by the inputs of a chain's stiffness, in the order of `assembled_change`."""
     chain = chain_of(machine)
     local = condensed_change(assembled(chain), assembled_change(chain))[..., PLATFORM_END, PLATFORM_END]
     slope = in_frame(local, beam_axes(rest.reference.z)[..., None, :, :])
@@ -313,6 +313,6 @@ def _chain_change(machine: Machine, change: Change) -> NDArray:
 
 
 def _stacked(parts: Sequence[NDArray]) -> NDArray:
-    """Return features (..., L, C, P) one after the other along C, whatever leads them."""
+    """Concatenate features (..., L, C, P) along C, with broadcast leading axes."""
     leading = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
     return np.concatenate([np.broadcast_to(part, (*leading, *part.shape[-2:])) for part in parts], -2)

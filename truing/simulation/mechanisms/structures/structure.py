@@ -1,7 +1,7 @@
-"""Models of the structure: what platform pose goes with what readings, for a machine with given numbers.
+"""Protocol `Structure` of models of a mechanism's structure, and kinematics of a machine (`Machine`) under any model.
 
-A model is an equation per leg (or six, of equilibrium) that vanishes where pose and readings belong together, with its
-exact derivatives. Pose from readings, readings from pose and every calibration follow from it alone.
+A model is one equation per leg (or six, of equilibrium) that is zero if pose and readings are consistent, with exact
+derivatives. Forward and inverse kinematics and all calibrations use only these equations.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ class BeamSection:
 
 @dataclass(frozen=True)
 class Machine:
-    """A mechanism with all numbers that a model of its structure may use; arrays may lead with a batch.
+    """A mechanism with all numbers that a model of its structure may use; arrays may have leading batch axes.
 
     deformation: K (..., L, L), shift of the attachments along z of the platform per displacement of the actuators
-    (telescope report, eq. 2), diagonal where each follows its own (eq. 1); flexure_length: (..., L) m, where the joints
-    are flexures; flexure, tube: their sections, where they are known; load: wrench (6,) on the platform at its
-    origin, base axes, N and N m.
+    (telescope report, eq. 2), diagonal if each depends on its own actuator only (eq. 1); flexure_length: (..., L) m, if
+    the joints are flexures; flexure, tube: their sections, if known; load: wrench (6,) on the platform at its origin,
+    base axes, N and N m.
     """
 
     legs: Legs
@@ -63,10 +63,10 @@ class Machine:
 
 @dataclass(frozen=True)
 class Closing:
-    """How far pose and readings are from belonging together, M equations in m, and all first derivatives.
+    """Closure residuals: M equations in m that are zero if pose and readings are consistent, and all first derivatives.
 
     The twist (v; omega) of the platform is in the base frame, R <- exp(omega) R. ``by_parameter`` is the derivative by
-    the P parameters of the change of the machine that was asked for.
+    the P parameters of the requested change of the machine.
     """
 
     value: NDArray  # (B, M)
@@ -76,7 +76,7 @@ class Closing:
 
 
 class Structure(Protocol):
-    """A model of the structure; immutable, told apart by its name.
+    """An immutable model of the structure, identified by its name.
 
     Changes have the fields a, b, u (..., L, 3, P), l, rho0, flexure_length (..., L, P), deformation (..., L, L, P),
     flexure, tube (..., 3, P) in the order bending, axial, torsion.
@@ -84,13 +84,13 @@ class Structure(Protocol):
 
     @property
     def name(self) -> str:
-        """Return the name that tells it from other models."""
+        """Unique name of the model."""
 
     def fits(self, machine: Machine) -> bool:
-        """Return whether the machine holds the numbers that this model needs."""
+        """Whether the machine has the numbers that this model needs."""
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
-        """Return the closing at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m."""
+        """Return the closure residuals at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m."""
 
 
 NO_CHANGE = Change({}, 0)
@@ -98,17 +98,17 @@ NO_CHANGE = Change({}, 0)
 
 @dataclass(frozen=True)
 class Readings:
-    """Readings that a set of poses asks for, and whether the iteration closed the equations."""
+    """Readings at a set of poses, and whether the iteration converged."""
 
     rho: NDArray  # (B, L) m
     converged: NDArray  # (B,) bool
 
 
 def poses_at(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
-    """Return the poses reached with readings rho (B, L), m, by Newton from those of rigid legs on the same platform.
+    """Return the poses at readings rho (B, L), m, by Newton's method from those of rigid legs on the same platform.
 
-    Where the structure does not close, the pose is the last one tried and does not count as converged.
-    Raises ValueError for fewer than six legs.
+    If the structure does not close, the last pose tried is returned as not converged. Raises ValueError for fewer than
+    six legs.
     """
     if is_batched(machine.legs) or machine.deformation.ndim > 2:
         return _newton(structure, machine, rho)
@@ -130,9 +130,9 @@ def _newton(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
 
 
 def readings_at(structure: Structure, machine: Machine, p: NDArray, R: NDArray) -> Readings:
-    """Return the readings at which the platform stands at p (B, 3), R (B, 3, 3), by Newton from those of rigid legs.
+    """Return the readings at poses p (B, 3), R (B, 3, 3) of the platform, by Newton's method from those of rigid legs.
 
-    Where no reading leads there, it is the last one tried and does not count as converged.
+    If no reading leads there, the last one tried is returned as not converged.
     """
     rigid = inverse(machine.legs, p, R)
     rho = np.where(np.isfinite(rigid), rigid, machine.legs.rho0)
@@ -147,15 +147,18 @@ def readings_at(structure: Structure, machine: Machine, p: NDArray, R: NDArray) 
     return Readings(rho, converged)
 
 
-# A platform whose legs hold one of its motions so much less than another is not held; motions counted in m and rad.
+# Condition number from which the legs do not hold the platform in some direction; motions in m, rad scaled to m.
 _SINGULAR = 1e8
-_LENGTHS = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # what a rad moves, m
+_LENGTHS = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # m moved per m, and per rad
 
 
 @dataclass(frozen=True)
 class ReachedPoses:
-    """Poses p (B, 3) m, R (B, 3, 3), and whether the legs closed and hold it; its twist (v; omega), base frame, per
-    reading (B, 6, L) and per parameter (B, 6, P)."""
+    """Poses p (B, 3) m, R (B, 3, 3) with the platform's twist (v; omega), base frame, per reading (B, 6, L) and per
+    parameter (B, 6, P).
+
+    ``converged``: the legs close and hold the platform.
+    """
 
     p: NDArray
     R: NDArray
@@ -164,7 +167,7 @@ class ReachedPoses:
     converged: NDArray
 
     def covariance(self, reading_sigma: float, parameters: NDArray) -> NDArray:
-        """Return the covariance (B, 6, 6) from readings of one sigma, m, and from parameters (P, P)."""
+        """Return the covariance (B, 6, 6) of the poses from readings of one sigma, m, and from parameters (P, P)."""
         readings = reading_sigma**2 * self.by_rho @ np.swapaxes(self.by_rho, -1, -2)
         return readings + self.by_parameter @ parameters @ np.swapaxes(self.by_parameter, -1, -2)
 
@@ -172,7 +175,7 @@ class ReachedPoses:
 def reached_poses(structure: Structure, machine: Machine, rho: NDArray, change: Change) -> ReachedPoses:
     """Return the poses at readings rho (B, L), m, with their derivatives by a change of the machine.
 
-    Raises ValueError for fewer than six legs, whose readings do not say where the platform is.
+    Raises ValueError for fewer than six legs, whose readings do not determine the pose.
     """
     found = poses_at(structure, machine, rho)
     closing = structure.close(machine, found.p, found.R, rho, change)
