@@ -17,6 +17,7 @@ from truing.estimation.sensor.calibration import (
     Figures,
     LegMatrix,
     MatrixEstimate,
+    angles_to_theory,
     condition_number,
     leg_force_matrix,
     per_length,
@@ -197,11 +198,11 @@ def _merit(rows: Rows, name: Name, estimate: MatrixEstimate, length: float) -> N
     value, sigma = _pair(condition_number(estimate))
     _merit_row(rows, name, length, "condition", value, sigma)
     _merit_row(rows, name, length, "isotropy", 1.0 / value, sigma / value**2)
-    if estimate.value.shape != (6, 6):
-        return
-    figures, each = merit(estimate.value), sensitivities(estimate)
-    _merit_row(rows, name, length, "force_isotropy", float(figures.force_isotropy), None)
-    _merit_row(rows, name, length, "torque_isotropy", float(figures.torque_isotropy), None)
+    each = sensitivities(estimate)
+    if estimate.value.shape == (6, 6):
+        figures = merit(estimate.value)
+        _merit_row(rows, name, length, "force_isotropy", float(figures.force_isotropy), None)
+        _merit_row(rows, name, length, "torque_isotropy", float(figures.torque_isotropy), None)
     for k, load in enumerate(LOADS):
         unit = "1" if k < 3 or length != 1.0 else "1/m"
         _merit_row(rows, name, length, "sensitivity", float(each.value[k]), float(each.sigma[k]), load, unit)
@@ -215,6 +216,10 @@ def _theory_errors(
     found = relative_errors(sensitivities(estimate).value, sensitivities(legs.estimate))
     for load, value, sigma in zip(LOADS, found.value.tolist(), found.sigma.tolist(), strict=True):
         _merit_row(rows, name, None, figure, 100 * value, 100 * sigma, load, "%")
+    angles = angles_to_theory(np.linalg.inv(estimate.value), legs.estimate)
+    for load, value, sigma in zip(LOADS, np.degrees(angles.value), np.degrees(angles.sigma), strict=True):
+        angle = figure.replace("error", "angle")
+        _merit_row(rows, name, None, angle, float(value), float(sigma), load, "deg")
     for length in lengths:
         theirs = condition_number(per_length(estimate, length)).value
         value, sigma = _pair(relative_errors(theirs, condition_number(per_length(legs.estimate, length))))

@@ -13,6 +13,7 @@ from truing.estimation.sensor.calibrate import fit_calibration
 from truing.estimation.sensor.calibration import (
     Figures,
     MatrixEstimate,
+    angles_to_theory,
     calibration_matrix,
     condition_number,
     leg_force_matrix,
@@ -108,3 +109,31 @@ def test_sensitivities_do_not_depend_on_the_order_of_legs():
     for figure in (condition_number, sensitivities):
         assert_close(figure(other).value, figure(matrix).value, atol=1e-9)
         assert_close(figure(other).sigma, figure(matrix).sigma, atol=1e-9)
+
+
+@pytest.mark.parametrize("channels", [6, 8])
+def test_figures_of_a_matrix_change_as_their_derivatives_say(channels):
+    rng = np.random.default_rng(channels)
+    G, theory = rng.normal(size=(6, channels)), rng.normal(size=(channels, 6))
+    for figure in (sensitivities, lambda matrix: angles_to_theory(theory, matrix)):
+        sigma = np.zeros(6)
+        for entry in range(G.size):
+            nudge = 1e-6 * np.eye(G.size)[entry].reshape(G.shape)
+            none = np.zeros((G.size, G.size))
+            slope = (
+                figure(MatrixEstimate(G + nudge, none)).value - figure(MatrixEstimate(G - nudge, none)).value
+            ) / 2e-6
+            sigma += slope**2
+        found = figure(MatrixEstimate(G, np.eye(G.size))).sigma
+        np.testing.assert_allclose(found, np.sqrt(sigma), rtol=1e-6)
+
+
+def test_an_angle_sees_the_sign_of_a_cell_that_a_norm_does_not():
+    rng = np.random.default_rng(3)
+    G = rng.normal(size=(6, 6))
+    turned, none = G * np.array([1, 1, -1, 1, 1, 1]), np.zeros((36, 36))
+    np.testing.assert_allclose(
+        sensitivities(MatrixEstimate(turned, none)).value, sensitivities(MatrixEstimate(G, none)).value
+    )
+    assert np.all(angles_to_theory(np.linalg.inv(G), MatrixEstimate(G, none)).value < 1e-6)
+    assert angles_to_theory(np.linalg.inv(G), MatrixEstimate(turned, none)).value.max() > 0.1

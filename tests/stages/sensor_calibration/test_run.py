@@ -175,6 +175,8 @@ def test_a_stated_sensitivity_gives_leg_forces_and_the_papers_errors(six):
     assert types["nominal"].max() > 10.0
     assert types["elastic joints"].max() < 2.0
     assert types["elastic joints"].notna().sum() == 6
+    angles = merit[(merit["figure"] == "type_2_angle")].set_index("model")["value"]
+    assert angles["elastic joints"].max() < 2.0 < angles["nominal"].max()
 
 
 def test_eight_channels_are_fitted_forward(tmp_path):
@@ -189,6 +191,11 @@ def test_eight_channels_are_fitted_forward(tmp_path):
     assert np.abs((back - np.eye(6)) * scale / scale[:, None]).max() < 2e-3
     assert "either sign of the load" in made.outcomes["calibrate"].figure
     assert not made.frame("sensor_matrix")["matrix"].eq("G_B'").any()  # nobody stated a sensitivity
+    stated = {"sensitivity_mv_per_n": (0.02,) * 8, "sensitivity_tolerance": 0.002}
+    again = _again(made, lambda table: table, signals=settings_of(made.folder).signals.model_copy(update=stated))
+    merit = again.artifacts["sensor_merit"].to_pandas().query("matrix == \"G_B'\" and figure == 'sensitivity'")
+    assert set(merit["subject"]) == set(LOADS)
+    assert (merit["sigma"] > 0).all()
 
 
 def _choices(outcome: str) -> pa.Table:

@@ -297,12 +297,37 @@ def condition_number(matrix: MatrixEstimate) -> Figures:
 
 
 def sensitivities(matrix: MatrixEstimate) -> Figures:
-    """Return the column norms (W,) of J = G^-1 of a square G (eq. 36, 37): 1 for forces, 1/m for torques."""
-    J = np.linalg.inv(matrix.value)
+    """Return the column norms (W,) of J = G^+ (eq. 36, 37): 1 for forces, 1/m for torques.
+
+    G (W, C) has C >= W channels; of more channels than loads J is the pseudo-inverse: the least channel forces.
+    """
+    J, change = _inverted_matrix(matrix.value)
     norm = np.linalg.norm(J, axis=0)
-    # J_j changes by -J dG J_j, so |J_j| by -(J^T J_j)_a dG_ab J_bj / |J_j|
-    change = -np.einsum("aj,bj->jab", J.T @ J, J) / norm[:, None, None]
-    return _propagated(norm, change.reshape(len(norm), -1), matrix)
+    by_entry = np.einsum("aj,ajib->jib", J / norm, change)
+    return _propagated(norm, by_entry.reshape(len(norm), -1), matrix)
+
+
+def angles_to_theory(theory: NDArray, matrix: MatrixEstimate) -> Figures:
+    """Return the angle (W,), rad, between each column of J = G^+ and that of the theory's J (C, W).
+
+    Column norms do not see a cell with the wrong sign or two exchanged cells; the angle does.
+    """
+    J, change = _inverted_matrix(matrix.value)
+    measured, expected = np.linalg.norm(J, axis=0), theory / np.linalg.norm(theory, axis=0)
+    cosine = np.clip(np.sum(J / measured * expected, axis=0), -1.0, 1.0)
+    across = expected - cosine * J / measured
+    size = np.linalg.norm(across, axis=0)
+    across = np.divide(across, size, out=np.zeros_like(across), where=size > 0.0)
+    by_entry = -np.einsum("aj,ajib->jib", across / measured, change)
+    return _propagated(np.arccos(cosine), by_entry.reshape(len(measured), -1), matrix)
+
+
+def _inverted_matrix(G: NDArray) -> tuple[NDArray, NDArray]:
+    """Return J = G^+ (C, W) of a G (W, C) of full row rank, and its derivative (C, W, W, C) by the entries of G."""
+    J = np.linalg.pinv(G)
+    rest, spread = np.eye(G.shape[1]) - J @ G, J.T @ J  # the second: (G G^T)^-1
+    change = -np.einsum("ai,bj->ajib", J, J) + np.einsum("ab,ij->ajib", rest, spread)
+    return J, change
 
 
 def per_length(matrix: MatrixEstimate, length_m: float) -> MatrixEstimate:

@@ -20,6 +20,7 @@ from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
 _TITLE = "Calibration of the sensor"
 _TYPES = {"type_1_error": "Type 1, with the synthetic error", "type_2_error": "Type 2, without"}
+_ANGLES = {"type_1_angle": "angle, with the synthetic error (deg)", "type_2_angle": "angle, without (deg)"}
 _AT_NOISE = 1.1  # times the noise that an error may be and count as noise
 _AS_PRINTED = "least squares, direct, zero none, linear"
 
@@ -254,7 +255,7 @@ def _merit_drawn(merit: pd.DataFrame) -> Drawn:
 
 
 def _merits(merit: pd.DataFrame) -> Listing:
-    shown = merit[~merit["figure"].isin(["type_1_error", "type_2_error"])]
+    shown = merit[~merit["figure"].isin([*_TYPES, *_ANGLES])]
     rows = tuple(
         (
             r.matrix,
@@ -276,15 +277,30 @@ def _types(merit: pd.DataFrame) -> list[Listing]:
         & ~(merit["length_m"] != 1.0).where(merit["length_m"].notna(), False)
     ]
     if not len(types):
-        return []
+        return _without_types(merit)
     subjects = [*LOADS, "condition"]
     rows = []
     for (figure, model), own in types.groupby(["figure", "model"], sort=False):
         cells = own.set_index("subject")
         words = f"{_TYPES[figure]}{', elastic joints' if model == 'elastic joints' else ''}"
         rows.append((words, *(with_uncertainty(cells.loc[s, "value"], cells.loc[s, "sigma"]) for s in subjects)))
+    angles = merit[merit["figure"].isin(_ANGLES)]
+    for (figure, model), own in angles.groupby(["figure", "model"], sort=False):
+        cells = own.set_index("subject")
+        words = f"{_ANGLES[figure]}{', elastic joints' if model == 'elastic joints' else ''}"
+        rows.append((words, *(with_uncertainty(cells.loc[s, "value"], cells.loc[s, "sigma"]) for s in LOADS), ""))
     heads = ("per cent", *(f"S {load}" for load in LOADS), "condition")
-    return [Listing(heads, tuple(rows), (), "Theory compared with the calibration (moments in N·m)")]
+    caption = "Theory compared with the calibration (moments in N·m). Errors compare lengths of columns, which do not "
+    caption += "change if a cell has the wrong sign; the angle between the columns does."
+    return [Listing(heads, tuple(rows), (), caption)]
+
+
+def _without_types(merit: pd.DataFrame) -> list[Listing]:
+    """Say why theory is not compared with a calibration that has other channels than the drawing has legs."""
+    if not (merit["matrix"] == "G_B'").any() or not (merit["matrix"] == "G'").any():
+        return []
+    why = "G_B' has another number of channels than the drawing has legs: no channel has a leg to be compared with."
+    return [Listing(("Type 1 and Type 2 errors",), (("not evaluated",),), (), why)]
 
 
 def held_out_errors(choice: pd.DataFrame, largest: dict[str, float]) -> go.Figure:
