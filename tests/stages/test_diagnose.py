@@ -156,7 +156,7 @@ def test_the_linear_deformation_is_named_and_sized(linear: Diagnosed) -> None:
 
 def test_an_explanation_says_what_how_large_and_how_sure(linear: Diagnosed) -> None:
     row = linear.rows[0]
-    for word in (row["clause"], "kappa_1 = 1", "±", "um/mm", "um rms", "held-out", "probability"):
+    for word in (row["clause"], "kappa_1 = 1", "±", "um/mm", "rms error", "held-out", "Probability"):
         assert word in row["explanation"], row["explanation"]
     assert row["reason_code"] == "found"
     assert row["largest_motion"] > 10.0

@@ -37,10 +37,8 @@ def test_a_sigma_of_a_reading_is_one_that_can_be(tmp_path: Path, sigma: str) -> 
     rows = ["run,step,time_s,load_axis,load,channel,reading,sigma"]
     rows += [f"a,{step},{60 * step},fx,{step},dx,{step}.5,{sigma if step == 3 else 0.5}" for step in range(6)]
     (said,) = load_faults(tmp_path, {"interferometer.csv": rows})
-    assert "interferometer.csv" in said
-    assert "row 5" in said
-    assert "sigma" in said
-    assert "standard deviation above 0" in said
+    assert (said.file, said.row, said.column) == ("interferometer.csv", 5, "sigma")
+    assert "standard deviation above 0" in str(said)
 
 
 @pytest.mark.parametrize("sigma", ["0", "5e-324", "1e29"])
