@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.inference.detectable import EffectSensitivity, sights
+from truing.inference.detectable import EffectSensitivity, effect_sensitivities
 from truing.simulation.cause import Cause
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def expected_sights(plan: Plan, data: DiagnosisData, settings: Campaign) -> list
     fitter = Fitter(data.model, data.calibration, data.held_out, settings.diagnosis.seed)
     fitted = fitter.prepared()
     rng = np.random.default_rng(settings.diagnosis.seed)
-    return sights(search_of(fitted, list(kinds.values()), _THRESHOLD_DRAWS, rng), rule.level)
+    return effect_sensitivities(search_of(fitted, list(kinds.values()), _THRESHOLD_DRAWS, rng), rule.level)
 
 
 def completed(bare: CampaignPlan, data: DiagnosisData, poses: pa.Table) -> CampaignPlan:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pyarrow as pa
 
-from truing.inference.detectable import POWER, EffectSensitivity, sight, sights
-from truing.inference.linear_problem import EARLIER, INPUTS, OBSERVATIONS, PLAUSIBLE, WIDE
+from truing.inference.detectable import POWER, EffectSensitivity, effect_sensitivities, sensitivity_to
+from truing.inference.linear_problem import INPUTS, OBSERVATIONS, PLAUSIBLE, PRIOR_CAMPAIGN, WIDE
 from truing.report.diagnosis.findings import detectable_words as in_words
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.detection_trials import reported_size
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 # Sources in words, by how a model calls its kinds of unknowns.
 _WORDS = {
-    EARLIER: "what the earlier campaign found",
+    PRIOR_CAMPAIGN: "what the earlier campaign found",
     PLAUSIBLE: "sizes of causes held to be plausible",
     WIDE: "numbers of which nothing is declared",
     "a": "tolerance of the lower joints",
@@ -62,7 +62,7 @@ _LARGER = 1.01
 def detectable_table(search: Search, level: float, legs: int) -> pa.Table:
     """Rows per cause, subject and parameter; ``search`` is the one in which nothing was left to be found."""
     found: dict[tuple[str, ...], dict[str, Any]] = {}
-    for own in sorted(sights(search, level), key=lambda s: len(s.cause.parameters(legs))):
+    for own in sorted(effect_sensitivities(search, level), key=lambda s: len(s.cause.parameters(legs))):
         row = _row(own, legs)
         found.setdefault((row["cause"], row["subject"], row["parameter"], row["unit"]), row)
     return pa.Table.from_pylist(_ordered(found.values()), schema=ARTIFACTS["detectable"].arrow_schema())
@@ -72,7 +72,7 @@ def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: 
     """By a cause's key, the size that would have been found, in words; nothing of those that have no one size."""
     words = {}
     for cause in causes:
-        own = sight(search, cause, level)
+        own = sensitivity_to(search, cause, level)
         if own is not None and cause.catalogued and (smallest := own.smallest()) is not None:
             size = reported_size(cause, smallest, legs)
             words[cause.key] = in_words(size.parameter, size.value, size.unit)

@@ -18,7 +18,7 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings
 from tests.blind.hidden_twice import Ground, as_hidden
 from tests.blind.judging import UNLUCKY
 from tests.blind.two_rates import Pair, unlike
-from truing.inference.detectable import sights
+from truing.inference.detectable import effect_sensitivities
 from truing.inference.fitted_model import Fitter
 from truing.inference.search import search_of
 from truing.inference.selection import CauseSelection
@@ -56,7 +56,8 @@ def hidden(ground: Ground) -> list[list[Effect]]:
     gathered = assembled_data(ground.power_tables([], 0), ground.settings)
     stand = Fitter(gathered.model, gathered.calibration, None, 0).prepared()
     search = search_of(stand, KINDS, 400, np.random.default_rng(0))
-    asked = questions(ground.plan, sights(search, rule_of(ground.settings).level), [kind.id for kind in KINDS], KINDS)
+    seen = effect_sensitivities(search, rule_of(ground.settings).level)
+    asked = questions(ground.plan, seen, [kind.id for kind in KINDS], KINDS)
     rng = np.random.default_rng([SEED, 1])
     return [[question.kind.draw(question.expected or 0.0, 6, rng) for _ in range(EACH)] for question in asked]
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from tests.inference import toy_campaign as toy
 from tests.tolerance import assert_close
+from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone
 from truing.inference.noise import components
 from truing.inference.rounds import Round, scored
 from truing.inference.search import CauseCandidate, Search
-from truing.inference.selection import CandidateChoice, choose, confirmed, is_outdone
 from truing.inference.signatures import signature
 
 LEVEL = 0.02

@@ -101,7 +101,7 @@ def test_only_what_chance_alone_decided_against_becomes_not_testable(monkeypatch
     sights.append(
         EffectSensitivity(_Named("one leg"), "seen", AcceptanceRule(1, 1e7, 1e-5), np.array([0.06]))
     )  # the other sort shows it
-    monkeypatch.setattr(detectable, "sights", lambda search, level: sights)
+    monkeypatch.setattr(detectable, "effect_sensitivities", lambda search, level: sights)
     given = [
         _verdict("found", FOUND, None),
         _verdict("seen"),

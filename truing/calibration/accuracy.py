@@ -16,7 +16,7 @@ from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.estimation.held_out import Contender, ContenderChoice, choose_model, held_out_misfit
 from truing.estimation.interval import Interval
 from truing.estimation.rotation import log_so3
-from truing.inference.pulls import TOLD
+from truing.inference.pulls import IDENTIFIABLE
 from truing.schemas.verdict import BY_A_FACTOR, does_not_fit
 from truing.simulation.cause import Effect
 from truing.simulation.change import Change
@@ -187,7 +187,7 @@ def _has_all_inputs(found: ExtendedModel, conditions: Conditions) -> NDArray:
 
 
 def identifiable(geometry: IdentifiedGeometry) -> NDArray:
-    return np.asarray(1.0 - geometry.sigma**2 / np.diag(geometry.prior) >= TOLD)
+    return np.asarray(1.0 - geometry.sigma**2 / np.diag(geometry.prior) >= IDENTIFIABLE)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
-"""Inference of causes from data: one whitened problem, a search over all candidates, and its null distribution.
+"""Decide which causes the data support: one whitened linear problem, a search over all candidates, its null
+distribution.
 
-Rows in time are *epochs*, each with local unknowns; what is measured at each is a *channel* of dimension d; channels
-that share an error are a *group*; *inputs* are what is read or set, with errors of its own; a *pathway* is a way by
-which causes act on observations.
+An epoch is one row in time, with local unknowns. A channel is a quantity of dimension d that is measured at each epoch.
+A group is a set of channels that share an error. Inputs are values that are read or set, with errors of their own. A
+pathway is a way by which causes act on observations.
 """

@@ -1,9 +1,9 @@
-"""Whether a final model holds as a whole: what it leaves is tested against plain noise, whatever causes it holds.
+"""Tests of a final model as a whole: are its residuals consistent with noise alone, whatever causes it holds?
 
-A search asks which of its forms is best; it does not ask whether the truth is among them. A wrong picture leaves more
-noise than was declared, of observations or of inputs (which stretch to swallow what no cause explains), residuals that
-are alike where something is alike, in time or in any input, or that have a mean where epochs repeat one another or lie
-in one region of the inputs: then the scatter within these tells what chance leaves, whatever was declared.
+A search compares forms with each other; it does not test whether the true form is among them. A wrong model leaves more
+noise than declared (of observations, or of inputs, which absorb what no cause explains), residuals that are correlated
+between neighbours in time or in an input, or residuals with a mean at repeated epochs or in a region of the inputs. The
+last two are tested against the scatter within repeats or regions, whatever noise was declared.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from truing.inference.noise import NOISE_PRIOR_FREEDOM, NoiseLevel
 
 _PERMUTATIONS = 499
 _NEIGHBOURS = 2
-# With fewer epochs no order of them says anything; with more, pairs of a sample of them say all that is to be said.
+# With fewer epochs, neighbours are not tested; of more epochs, a sample is tested.
 _FEWEST_EPOCHS, _MOST_EPOCHS = 8, 2_000
-# Repeats, beyond the first of each, that tell pure error; epochs of a region, each beyond the first.
+# Fewest epochs beyond the first of each group of repeats, or of each region, for an F test.
 _FEWEST_REPEATS = 4.0
-_RESOLVED = 10  # permutations beyond which a share of them is a p-value by itself
+_RESOLVED = 10  # with more permutations than this as extreme, their share is the p-value
 
 
 class MisfitKind(StrEnum):
-    """What kind of misfit is looked for."""
+    """Kind of misfit that is tested."""
 
     OBSERVATION_NOISE = "observation-noise"  # more noise of observations than declared
     INPUT_NOISE = "input-noise"  # more noise of inputs than declared
-    LIKE_NEIGHBOURS = "like-neighbours"  # residuals are alike where something is alike
-    PURE_ERROR = "pure-error"  # residuals of repeats have a mean, beyond what the repeats scatter
-    BY_REGION = "by-region"  # residuals of a region of the inputs have a mean, beyond what they scatter there
+    LIKE_NEIGHBOURS = "like-neighbours"  # residuals of neighbouring epochs are correlated
+    PURE_ERROR = "pure-error"  # residuals of repeats have a mean larger than their scatter explains
+    BY_REGION = "by-region"  # residuals in a region of the inputs have a mean larger than their scatter explains
 
 
 class WhyUntested(StrEnum):
@@ -50,10 +50,11 @@ class WhyUntested(StrEnum):
 
 @dataclass(frozen=True)
 class AdequacyTest:
-    """One test of the final model: what was looked for, along which column, how much was found, the chance of so much.
+    """One test of the final model: kind of misfit, column, value found, p-value.
 
-    ``value`` is noise over the declared one, the correlation of neighbours, or the mean square of means over the
-    scatter about them (F); ``along`` is empty for noise and repeats.
+    ``value`` is the noise over the declared one, the correlation of neighbours, or F: the mean square of means over
+    that of the scatter about them. ``along`` is the column whose neighbours are compared, or the inputs of the regions;
+    empty for noise and repeats.
     """
 
     lack: MisfitKind
@@ -68,21 +69,21 @@ class Adequacy:
 
     tests: tuple[AdequacyTest, ...]
     repeated: bool = False  # whether anything was measured twice at the same command
-    not_asked: frozenset[MisfitKind] = frozenset()  # of what nothing is known: which commands were given, which inputs
+    not_asked: frozenset[MisfitKind] = frozenset()  # kinds whose data (commands, inputs) the campaign does not have
 
     @property
     def worst(self) -> AdequacyTest | None:
-        """The test that speaks most against the model, None where nothing could be tested."""
+        """The test with the smallest corrected p-value, None where nothing could be tested."""
         return min(self.tests, key=self.corrected, default=None)
 
     @property
     def p_value(self) -> float:
-        """Chance that an adequate model does as badly in the worst of all tests."""
+        """Probability that the worst test of an adequate model is as bad as this one."""
         return 1.0 if self.worst is None else self.corrected(self.worst)
 
     @property
     def untested(self) -> list[MisfitKind]:
-        """Kinds of misfit that nothing was there to test."""
+        """Kinds of misfit that the campaign has too few data to test."""
         known = self.not_asked | {test.lack for test in self.tests}
         return [lack for lack in MisfitKind if lack not in known]
 
@@ -100,9 +101,9 @@ class Adequacy:
 def adequacy_of(
     final: FittedModel[CauseT], noise: NoiseLevel, rng: np.random.Generator, repeats: Integers | None = None
 ) -> Adequacy:
-    """Test what a final model leaves, beside the level of its noise over what was declared.
+    """Return all tests of a final model, with the level of its noise over the declared one.
 
-    ``repeats`` (B,): numbers of commands that were given more than once, -1 for the others.
+    ``repeats`` (B,): number of each command that was given more than once, -1 for the others; None if unknown.
     """
     tests = [AdequacyTest(MisfitKind.OBSERVATION_NOISE, "", noise.ratio, noise.p_value)]
     ratio, freedom = final.input_noise
@@ -124,7 +125,7 @@ def adequacy_of(
 
 
 def _orderings(fitted: FittedModel[CauseT]) -> dict[str, Array]:
-    """Return the columns (B,) along which epochs are neighbours, and all inputs together (B, D)."""
+    """Return the columns (B,) along which epochs can be neighbours, and all inputs together (B, D)."""
     inputs = dict(fitted.scene.inputs)
     columns = {name: values for name, values in fitted.scene.covariates.items() if np.ndim(values) == 1} | inputs
     if len(inputs) > 1:
@@ -133,8 +134,11 @@ def _orderings(fitted: FittedModel[CauseT]) -> dict[str, Array]:
 
 
 def is_unordered(rest: Array, own: Mask, fitted: FittedModel[CauseT], level: float) -> bool:
-    """Whether standardised residuals (B, K, d) in some places (B, K) are like noise, as far as that can be told: of
-    enough epochs, which resemble their neighbours along anything as much as noise does by a chance above level."""
+    """Return True if residuals of selected places are as uncorrelated between neighbours as noise.
+
+    ``rest`` (B, K, d) are standardised residuals, ``own`` (B, K) selects places, ``level`` is the p-value above which
+    no correlation counts. False where too few epochs can be tested.
+    """
     rng = np.random.default_rng(len(rest))
     inside = np.where(own[..., None], rest, np.nan)
     tests = list(like_neighbours(inside, _orderings(fitted), rng, fitted.model.error_groups))
@@ -142,15 +146,17 @@ def is_unordered(rest: Array, own: Mask, fitted: FittedModel[CauseT], level: flo
 
 
 def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[AdequacyTest]:
-    """Yield the F test of lack of fit against pure error, where enough was repeated; repeats (B,) by number, -1 for
-    none."""
+    """Yield the F test of lack of fit against pure error, if there are enough repeats.
+
+    ``repeats`` (B,): number of each epoch's command, -1 for none.
+    """
     found = means_against_scatter(residuals, repeats, _FEWEST_REPEATS)
     if found is not None:
         yield AdequacyTest(MisfitKind.PURE_ERROR, "", found.ratio, found.p_value)
 
 
 def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterator[AdequacyTest]:
-    """Yield the F test of the means over regions of the inputs, each (B,), against the scatter about them."""
+    """Yield the F test of the residual means in regions of the inputs, each (B,), against the scatter about them."""
     columns = np.column_stack(list(inputs.values())) if inputs else np.zeros((len(residuals.values), 0))
     varies = np.isfinite(columns).all(0) & (np.ptp(columns, axis=0) > 0.0)
     if not varies.any():
@@ -163,7 +169,10 @@ def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterato
 
 
 def noise_excess(lack: MisfitKind, ratio: float, freedom: float) -> AdequacyTest:
-    """Test noise found over declared noise, from so many degrees of freedom; declared noise is known to about 10 %."""
+    """Test the ratio of found to declared noise, one-sided; the declared noise is known to about 10 %.
+
+    ``freedom``: degrees of freedom of the noise found.
+    """
     spread = math.sqrt(0.5 / NOISE_PRIOR_FREEDOM + 0.5 / freedom)
     return AdequacyTest(lack, "", ratio, 0.5 * math.erfc(math.log(ratio) / spread / math.sqrt(2.0)))
 
@@ -171,11 +180,11 @@ def noise_excess(lack: MisfitKind, ratio: float, freedom: float) -> AdequacyTest
 def like_neighbours(
     rest: Array, columns: Mapping[str, Array], rng: np.random.Generator, groups: Integers | None = None
 ) -> Iterator[AdequacyTest]:
-    """Yield how alike residuals (B, K, d) of epochs are that are neighbours along each of the columns (B,) or (B, D).
+    """Yield the correlation of residuals (B, K, d) between epochs that are neighbours along each column (B,) or (B, D).
 
-    Residuals have unit noise, and are NaN where nothing was seen. Epochs are compared with the nearest ones, channel by
-    channel; the chance of as much is told from epochs in random orders, within their ``groups`` (B,) where only these
-    are exchangeable: noise that is the same throughout is as likely in any order.
+    Residuals have unit noise, NaN where unseen. Each epoch is compared with the nearest ones, channel by channel. The
+    p-value comes from random permutations of the epochs, within ``groups`` (B,) if only epochs of a group are
+    exchangeable.
     """
     rows = rest.reshape(len(rest), -1)
     kept = np.isfinite(rows).any(1)
@@ -190,12 +199,14 @@ def like_neighbours(
         own = np.asarray(values, float).reshape(len(values), -1)[chosen]
         if np.isfinite(own).all() and np.ptp(own, axis=0).any():
             yield AdequacyTest(
-                MisfitKind.LIKE_NEIGHBOURS, name, *_serial_correlation(products, _neighbours(own), orders)
+                MisfitKind.LIKE_NEIGHBOURS, name, *_neighbour_correlation(products, _neighbours(own), orders)
             )
 
 
 def _products(rows: Array) -> Array:
-    """Mean products (B, B) of epochs' residuals (B, C), channel by channel where both were seen, of unit variance."""
+    """Return the mean products (B, B) of two epochs' residuals (B, C), scaled to unit variance, over channels seen in
+    both.
+    """
     seen = np.isfinite(rows)
     count = np.maximum(seen.sum(0), 1)
     centred = np.where(seen, rows - np.where(seen, rows, 0.0).sum(0) / count, 0.0)
@@ -215,10 +226,12 @@ def _orders(count: int, groups: Integers | None, rng: np.random.Generator) -> li
     return found
 
 
-def _serial_correlation(
+def _neighbour_correlation(
     products: Array, pairs: tuple[Integers, Integers], orders: list[Integers]
 ) -> tuple[float, float]:
-    """Mean product of neighbours, and the chance of a larger one: the normal tail beyond what permutations resolve."""
+    """Return the mean product of neighbours and its p-value: a share of the permutations, or the normal tail beyond
+    them.
+    """
     from scipy.special import ndtr
 
     found = float(np.mean(products[pairs]))
@@ -231,13 +244,13 @@ def _serial_correlation(
 
 
 def _neighbours(columns: Array) -> tuple[Integers, Integers]:
-    """Pairs of epochs nearest to each other in columns (B, D), each column over its range."""
+    """Return pairs of epochs nearest to each other in columns (B, D), each scaled by its range."""
     from scipy.spatial import KDTree
 
     spread = np.ptp(columns, axis=0)
     scaled = columns / np.where(spread > 0.0, spread, 1.0)
     near = KDTree(scaled).query(scaled, k=_NEIGHBOURS + 1)[1]
     first = np.repeat(np.arange(len(scaled)), _NEIGHBOURS)
-    # Of several epochs in one place an epoch may come behind another as its own neighbour.
+    # Where several epochs coincide, an epoch may be listed after another one as its own neighbour.
     others = np.array([row[row != own][:_NEIGHBOURS] for own, row in enumerate(near)])
     return first, others.ravel()

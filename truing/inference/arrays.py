@@ -1,4 +1,4 @@
-"""Types of arrays: of real numbers of any precision, of yes and no, and of whole numbers (places, counts, groups)."""
+"""Array types: real numbers of any precision, booleans, and integers (indices, counts, group numbers)."""
 
 from __future__ import annotations
 

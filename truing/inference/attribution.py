@@ -1,8 +1,8 @@
-"""Which inputs predict what a model misses: asked of a machine that no model of causes explains as a whole.
+"""Inputs that predict the residuals of a machine which no model of causes explains as a whole.
 
-Residuals are regressed on smooth functions of each input, on its history and on pairs of inputs, one block after the
-other. A block counts only beyond chance, corrected for all blocks and residuals that were tried, and only beside what
-is alike in time anyway: what drifts as residuals do is no driver of theirs.
+Residuals are regressed on smooth functions of each input, on its history and on pairs of inputs, block by block. A
+block counts if it is significant after correction for all blocks and residuals tried, and after removal of the
+correlation in time: a column that drifts along with the residuals is no evidence of dependence.
 """
 
 from __future__ import annotations
@@ -20,23 +20,24 @@ from truing.inference.model import CauseT
 from truing.inference.search import LEAST_P
 
 _ORDER = "order"
-# Functions of one input, those that an interaction is tested beside, and those of a pair; never more than one for so
-# many epochs. Length scales in standard deviations of the inputs.
+# Most functions of one input, of one input held fixed while an interaction is tested, of time, and of a pair; and the
+# fewest epochs per function. Length scales are in standard deviations of the inputs.
 _OF_ONE, _BESIDE, _OF_TIME, _OF_TWO = 8, 10, 16, 24
 _EPOCHS_PER_FUNCTION, _EPOCHS_PER_FUNCTION_BESIDE, _EPOCHS_PER_FUNCTION_OF_TWO = 4, 5, 3
 _SCALE, _FINE_SCALE, _SCALE_OF_TWO, _SCALE_OF_FIELDS = 0.8, 0.5, 0.9, 1.0
-_FIELDS = 8  # smooth patterns over the places of a group, beside its common shift
+_FIELDS = 8  # smooth patterns over the places of a group, in addition to its common shift
 _THRESHOLDS = 0.08, 0.2, 0.4  # of play, over the range of an input
-# Functions below this share of the strongest, and blocks below this share of one function, say nothing new.
+# Functions below this share of the strongest are dropped, and blocks with less new variance than this share.
 _DISTINCT, _SAME, _NEW = 1e-2, 1e-3, 1e-3
 _MOST_BLOCKS = 5
-_DRIFT = 0.9  # of a column, that functions of time tell
-_MOST_HELD = 0.6  # of the epochs: beyond, too few are left to test with
+_DRIFT = 0.9  # a column drifts if functions of time explain this share of its variance
+_MOST_HELD = 0.6  # largest number of functions held fixed, as a share of the epochs
 _FEWEST_EPOCHS = 20
 _LAGS = 2  # of the correlation in time
-_MANY = 7  # columns from which on the largest root is told from chance
+_MANY = 7  # fewest columns for the test of the largest root
 _TRACY_WIDOM = 46.446, 0.186054, 9.84801  # as a gamma distribution: its shape, scale and offset
-# Random orders of epochs, drawn where white noise is ruled out at this p-value; so many of them tell a share.
+# Random orders of epochs are drawn where white noise is ruled out at this p-value. With more than _RESOLVED draws as
+# large, their share is the p-value.
 _ORDERS, _RULED_OUT, _RESOLVED, _LEAST_SKEWNESS = 150, 1e-3, 5, 0.3
 # Half the level goes to single inputs, a quarter each to their histories and to pairs.
 _WEIGHTS = {"input": 2.0, "history": 4.0, "pair": 4.0}
@@ -44,10 +45,10 @@ _WEIGHTS = {"input": 2.0, "history": 4.0, "pair": 4.0}
 
 @dataclass(frozen=True)
 class Attributed:
-    """Inputs that predict what a model misses: of some channels, of all where there are none.
+    """Inputs that predict residuals of some channels, or of all channels where ``channels`` is empty.
 
-    ``share`` is what they predict of the squares left there, chance taken out; ``p_value`` is corrected for all that
-    was tried.
+    ``share`` is the share of the residuals' squares that they predict beyond chance; ``p_value`` is corrected for all
+    tests.
     """
 
     channels: tuple[int, ...]
@@ -58,7 +59,9 @@ class Attributed:
 
 @dataclass(frozen=True)
 class _Residuals:
-    """Residuals (n, q) of epochs (B,) of unit noise, of some channels; of all where there are none."""
+    """Residuals (n, q) of unit noise at selected epochs (B,), of some channels, or of all where
+    ``channels`` is empty.
+    """
 
     channels: tuple[int, ...]
     epochs: Mask
@@ -67,18 +70,18 @@ class _Residuals:
 
 @dataclass(frozen=True)
 class _FunctionBlock:
-    """Functions (n, m) of some inputs, and what they are tested beside (n, k)."""
+    """Functions (n, m) of some inputs, and the functions (n, k) held fixed while they are tested."""
 
     inputs: tuple[str, ...]
     kind: str
     functions: Array
     beside: Array
-    taken: Array  # (n, l) what is taken out of residuals once it counts
+    taken: Array  # (n, l) functions removed from the residuals once the block counts
     is_time: bool = False
 
 
 def attributed(fitted: FittedModel[CauseT], level: float) -> tuple[Attributed, ...]:
-    """Return which inputs predict what a model misses, at a p-value of ``level`` for any of them."""
+    """Return the inputs that predict the residuals of a model, at a familywise p-value of ``level``."""
     order = fitted.scene.covariates.get(_ORDER)
     groups = fitted.model.error_groups
     columns = _columns(fitted, groups)
@@ -98,7 +101,7 @@ def _own(values: Array | Integers | None, at: Mask) -> Array | None:
 
 
 def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
-    """Yield one for all of the same channels whose inputs are among those of another."""
+    """Yield one entry for all entries of the same channels whose inputs are contained in it."""
     left = sorted(found, key=lambda one: -len(one.inputs))
     while left:
         first = left[0]
@@ -109,8 +112,7 @@ def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
 
 
 def _columns(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str, Array]:
-    """Return the inputs (B,) that vary; the order, and what counts the same time from elsewhere, only where there is no
-    time."""
+    """Return the inputs (B,) that vary, without the order of the epochs and without copies of the same clock."""
     scene = fitted.scene
     found: dict[str, Array] = {}
     for name, values in {**scene.covariates, **scene.inputs}.items():
@@ -122,14 +124,17 @@ def _columns(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str, 
 
 
 def _same(first: Array, second: Array, groups: Integers | None) -> bool:
-    """Return whether two columns (B,) differ by a constant of each group."""
+    """Return True if two columns (B,) differ only by a constant in each group."""
     apart = _centred((first - second)[:, None], groups)
     return bool(np.abs(apart).max() < 1e-9 * max(np.ptp(first), np.ptp(second)))
 
 
 def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
-    """Yield the residuals of every channel of numbers; in space those of inputs, one by one and together, and those of
-    each group, along its own axes by smooth fields over its places."""
+    """Yield the residuals to be explained.
+
+    Where observations are numbers: one set per channel. In space: each input, all inputs together, and for each group
+    the projection on smooth fields over its places, along its own axes.
+    """
     measured, whitened = fitted.measured, fitted.fit.whitened
     epochs, channels, size = measured.values.shape
     if size == 1:
@@ -167,22 +172,25 @@ def _fields(places: Array) -> Array:
 
 @dataclass(frozen=True)
 class _InTime:
-    """The order in time (n,) of epochs, and the groups (n,) within which they follow each other; None where unknown."""
+    """Order in time (n,) of the epochs and the groups (n,) within which they follow each other; None where unknown."""
 
     order: Array | None
     groups: Array | None
 
     @property
     def _sorted(self) -> tuple[Integers, Integers]:
-        """Return the epochs in time, group by group, and their groups."""
+        """Epochs sorted by time within each group, and their groups."""
         assert self.order is not None
         groups = np.zeros(len(self.order), int) if self.groups is None else self.groups.astype(int)
         in_time = np.lexsort((self.order, groups))
         return in_time, groups[in_time]
 
     def history(self, values: Array) -> Array | None:
-        """Return what an input (n,) was before: how far it is ahead of what follows it with play, and its last value
-        (n, 4); None where no order is known."""
+        """Return the history of an input (n,): its lead over play operators of several widths, and its previous value
+        (n, 4).
+
+        None where no order is known.
+        """
         if self.order is None:
             return None
         x, (in_time, groups) = _standard(values[:, None])[:, 0], self._sorted
@@ -197,7 +205,7 @@ class _InTime:
         return found
 
     def whitener(self, rows: Array) -> _Filter:
-        """Return what takes the correlation in time out of rows (n, q), by what the last ones predict of each."""
+        """Return the filter that removes the serial correlation of rows (n, q), an autoregression of order 2."""
         if self.order is None:
             return _Filter(None, np.zeros(0, int), np.zeros(0))
         in_time, groups = self._sorted
@@ -209,14 +217,14 @@ class _InTime:
 
 @dataclass(frozen=True)
 class _Filter:
-    """Epochs in time (n,), the places among them that follow others, and what each keeps of those before."""
+    """Epochs in time (n,), the indices of those that have predecessors, and the autoregression coefficients."""
 
     in_time: Integers | None
     places: Integers
     kept: Array
 
     def __call__(self, rows: Array) -> Array:
-        """Return what is new in rows (n, q) at each epoch; the rows where nothing is known of their order."""
+        """Return the innovations of rows (n, q); the rows themselves where the order is unknown."""
         if self.in_time is None:
             return rows
         past = (share * rows[self.in_time[self.places - lag]] for lag, share in enumerate(self.kept, 1))
@@ -226,7 +234,7 @@ class _Filter:
 def _dependences(
     rows: Array, columns: Mapping[str, Array], in_time: _InTime, level: float
 ) -> Iterator[tuple[tuple[str, ...], float, float]]:
-    """Yield the inputs that residuals (n, q) follow, block by block: their names, share and p-value."""
+    """Yield names, share and p-value of the inputs on which residuals (n, q) depend, block by block."""
     whole = _condensed(_centred(rows))
     total, rest = float(np.sum(whole**2)), whole
     held: Array = np.zeros((len(rows), 0))
@@ -247,7 +255,7 @@ def _dependences(
 
 
 def _blocks(columns: Mapping[str, Array], in_time: _InTime) -> Iterator[_FunctionBlock]:
-    """Yield all blocks of functions of inputs: of each, of its history, of every pair."""
+    """Yield all blocks of functions: of each input, of its history, of every pair."""
     epochs = len(next(iter(columns.values()), np.zeros(0)))
     none, timed = np.zeros((epochs, 0)), _timed(columns, in_time)
     most = _most(_OF_ONE, epochs, _EPOCHS_PER_FUNCTION)
@@ -275,7 +283,7 @@ def _most(count: int, epochs: int, each: int) -> int:
 
 
 def _timed(columns: Mapping[str, Array], in_time: _InTime) -> frozenset[str]:
-    """Return the columns that grow all the time: what follows these may well be alike in time."""
+    """Return the columns that never decrease in time: a dependence on these may itself be serial correlation."""
     if in_time.order is None:
         return frozenset()
     order = np.argsort(in_time.order, kind="stable")
@@ -283,32 +291,34 @@ def _timed(columns: Mapping[str, Array], in_time: _InTime) -> frozenset[str]:
 
 
 def _drifts(values: Array, of_time: Array) -> bool:
-    """Return whether functions of time (n, m) tell nearly all of a column (n,)."""
+    """Return True if functions of time (n, m) explain nearly all of a column (n,)."""
     own = values - values.mean()
     return bool(np.sum((of_time.T @ own) ** 2) > _DRIFT * np.sum(own**2))
 
 
 def _tested(block: _FunctionBlock, rest: Array, held: Array, whitener: _Filter) -> tuple[float, float] | None:
-    """Return the p-value of a block on residuals rest (n, q), beside functions held (n, h), and the squares that it
-    predicts, chance taken out; None where it says nothing new, or too few epochs are left to tell."""
+    """Return the p-value of a block on residuals (n, q) and the squares it predicts beyond chance.
+
+    ``held`` (n, h) are functions held fixed. None where the block adds no new function, or too few epochs are left.
+    """
     beside = _orthonormal(np.column_stack([held, block.beside]), _SAME) if block.beside.shape[1] else held
     functions = _beyond(block.functions, beside)
     if beside.shape[1] > _MOST_HELD * len(rest) or np.sum(functions**2) < _NEW * len(rest):
         return None
     own, free = rest - beside @ (beside.T @ rest), len(rest) - 1 - beside.shape[1]
     found = _chance(functions, own, free)
-    if found is None or (block.is_time and not held.shape[1]):  # beside others, what is left of them is alike in time
+    if found is None or (block.is_time and not held.shape[1]):  # what other functions leave is correlated in time
         return found
     in_time = _chance(whitener(functions), whitener(own), free - _LAGS)
     return max(found[0], 1.0 if in_time is None else in_time[0]), found[1]
 
 
 def _chance(functions: Array, rows: Array, free: int) -> tuple[float, float] | None:
-    """Return how often chance lets functions (n, m) predict as much of rows (n, q) that have so many degrees of
-    freedom, and the squares that they predict beyond that; None where the functions are too many.
+    """Return the p-value of functions (n, m) as predictors of rows (n, q), and the squares they predict beyond chance.
 
-    An F test of all columns, which count as many as they are independent of each other (Box, Ann. Math. Stat. 25 (1954)
-    290); of many columns also the largest root, which one course in all of them raises most.
+    ``free``: degrees of freedom of the rows. None where the functions are too many. An F test of all columns, with an
+    effective number of independent columns (Box, Ann. Math. Stat. 25 (1954) 290); for many columns also the largest
+    root, which responds to one pattern common to all of them.
     """
     from scipy.special import fdtrc
 
@@ -328,11 +338,11 @@ def _chance(functions: Array, rows: Array, free: int) -> tuple[float, float] | N
 
 
 def _of_largest_root(basis: Array, rows: Array, along: Array, left: Array, free: int) -> float:
-    """Return how often chance makes as large a root of the products of rows (n, q) along a basis (n, m).
+    """Return the p-value of the largest root of the products of rows (n, q) with a basis (n, m).
 
-    ``left`` (q, q) is what the rows are beside it, with so many degrees of freedom. White noise decides first:
-    Johnstone, Ann. Stat. 29 (2001) 295, by Chiani's gamma distribution, J. Multivariate Anal. 129 (2014) 69. What it
-    rules out is asked of the same rows at other epochs, in random orders: a few of them may be far off.
+    ``left`` (q, q) are the residual products, with ``free`` degrees of freedom. First against white noise: Johnstone,
+    Ann. Stat. 29 (2001) 295, by Chiani's gamma distribution, J. Multivariate Anal. 129 (2014) 69. If this rules out
+    white noise, against permuted epochs too, because a few outliers would also raise the root.
     """
     from scipy.special import gammaincc
 
@@ -350,8 +360,10 @@ def _of_largest_root(basis: Array, rows: Array, along: Array, left: Array, free:
 
 
 def _tail(drawn: Array, found: float) -> float:
-    """Return how often draws (D,) are as large as what was found: beyond all but a few, by a gamma distribution with
-    their mean, variance and skewness."""
+    """Return the share of draws (D,) at least as large as the value found; far out, by a gamma distribution.
+
+    The gamma distribution has the draws' mean, variance and skewness.
+    """
     from scipy.special import gammaincc
 
     if (larger := int(np.sum(drawn >= found))) > _RESOLVED:
@@ -364,8 +376,11 @@ def _tail(drawn: Array, found: float) -> float:
 
 
 def _smooth(columns: Array, most: int, scale: float) -> Array:
-    """Return at most so many functions (n, m) of inputs (n, D) whose products are those of a Gaussian process with a
-    length scale, in standard deviations of the inputs: exactly so at its landmarks."""
+    """Return at most ``most`` functions (n, m) of inputs (n, D) that approximate a Gaussian process.
+
+    The products of the functions are the covariance of the process, exact at its landmarks. ``scale`` is the length
+    scale in standard deviations of the inputs.
+    """
     x = _standard(columns)
     marks = _landmarks(x, most)
     values, vectors = np.linalg.eigh(_gaussian_kernel(marks, marks, scale))
@@ -374,7 +389,7 @@ def _smooth(columns: Array, most: int, scale: float) -> Array:
 
 
 def _landmarks(x: Array, most: int) -> Array:
-    """Return at most so many places (n, D): the one nearest to the middle, then each time the farthest one."""
+    """Return at most ``most`` landmarks (n, D): the place nearest to the middle, then repeatedly the farthest one."""
     distinct = np.unique(np.round(x, 9), axis=0)
     if len(distinct) <= most:
         return distinct
@@ -405,14 +420,14 @@ def _centred(rows: Array, groups: Integers | None = None) -> Array:
 
 
 def _condensed(rows: Array) -> Array:
-    """Return rows (n, q) in as many columns as they are of rank."""
+    """Return rows (n, q) reduced to as many columns as their rank."""
     left, size, _ = np.linalg.svd(rows, full_matrices=False)
     kept = size > 1e-6 * size.max(initial=0.0)
     return np.asarray(left[:, kept] * size[kept])
 
 
 def _beyond(functions: Array, held: Array) -> Array:
-    """Return functions (n, m), centred, less what orthonormal ones held (n, h) are of them."""
+    """Return functions (n, m), centred, without their projection on orthonormal functions held (n, h)."""
     own = _centred(functions)
     return np.asarray(own - held @ (held.T @ own))
 

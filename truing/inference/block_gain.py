@@ -1,9 +1,9 @@
-"""Whether a cause that was found pays where whole blocks of epochs were left out: series, runs, days, regions.
+"""Predictive gain of an accepted cause in blocks of epochs that are left out: series, runs, days, regions.
 
-Each block is predicted from the others with the cause and without it, as a density: by how much more probable the block
-is with it. What the others do not determine is as uncertain as its prior, so that a block in which alone a cause acts
-says nothing against it (leave-one-out predictive densities: Gelfand, Dey and Chang, Bayesian Statistics 4 (1992) 147).
-Fits are linear here: of the final model's whitened problem, where leaving out rows is an update of its normal matrix.
+Each block is predicted from all others, with the cause and without it; the gain is the log ratio of the two densities.
+What the others do not determine keeps the uncertainty of its prior, so a block in which alone a cause acts does not
+count against it (leave-one-out predictive densities: Gelfand, Dey and Chang, Bayesian Statistics 4 (1992) 147). Fits
+are linear: the final model's whitened problem, in which leaving out rows updates the normal matrix.
 """
 
 from __future__ import annotations
@@ -15,28 +15,44 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.blocks import BlockKind, EpochBlocks
+from truing.inference.fitted_model import FittedModel
 from truing.inference.linear_problem import Whitened
+from truing.inference.model import CauseT
 
-# A block tells of a cause whose effect there is this large, in squares of the noise, and better known from the others
-# than it is large. So many such blocks tell whether it holds elsewhere.
+# A block is informative if the effect there is at least this large (squares, in units of the noise) and larger than its
+# uncertainty from the other blocks. At least so many informative blocks are needed.
 _LEAST_EFFECT, FEWEST_TELLING = 4.0, 2
 
 
 @dataclass(frozen=True)
 class BlockGain:
-    """By how much more probable blocks are with a cause than without, predicted from the others (log); over ``blocks``
-    that tell of it."""
+    """Log ratio of the densities of blocks with a cause and without it, predicted from the others, over informative
+    blocks.
+    """
 
     kind: BlockKind
     blocks: int
     log_gain: float
 
 
-def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[EpochBlocks]) -> BlockGain | None:
-    """Return the gain by a cause in blocks of the first kind of which two tell; None where no kind has as many.
+def gain_in_blocks(
+    final: FittedModel[CauseT], cause: CauseT, size: int, possible: Sequence[EpochBlocks]
+) -> BlockGain | None:
+    """Return the gain of a cause of the final model in blocks that are left out; None where no kind of block is
+    informative.
 
-    ``own``: its places among the shared unknowns; ``value`` (P,): what is linear in them, as fitted in prior sigmas,
-    zero for its shape.
+    All parameters of the cause after the first ``size`` are its shape.
+    """
+    place = final.model.layout[cause.key]
+    linear = np.arange(place.stop - place.start) < size
+    return block_gain(final.fit.whitened, place, np.where(linear, final.fit.shared[place], 0.0), possible)
+
+
+def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[EpochBlocks]) -> BlockGain | None:
+    """Return the gain of a cause in blocks of the first kind with two informative blocks; None where no kind has two.
+
+    ``own``: places of the cause among the shared unknowns; ``value`` (P,): its linear parameters as fitted, in prior
+    sigmas, zero for parameters of its shape.
     """
     rows, height = whitened.rows, whitened.local_basis.shape[1]
     kept = np.ones(rows.shape[1], bool)
@@ -45,7 +61,7 @@ def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[
     effect = rows[:, own] @ value
     effect[len(rows) - len(kept) :] = 0.0
     start = whitened.residual + effect
-    start[len(rows) - len(kept) :][~kept] = 0.0  # nothing is known beforehand of what is left out
+    start[len(rows) - len(kept) :][~kept] = 0.0  # parameters that are left out have no prior row
     gram = whitened.normal_matrix
     left = start - rows[:, kept] @ np.linalg.solve(gram[np.ix_(kept, kept)], rows[:, kept].T @ start)
     for blocks in possible:
@@ -60,9 +76,10 @@ def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[
 def _gain_of(
     rows: Array, gram: Array, rest: tuple[Array, Array], effect: Array, kept: Mask, block: Integers
 ) -> float | None:
-    """Return the gain of one block, rows (n,) of all; None where it does not tell of the cause.
+    """Return the gain in one block, rows (n,) of all; None where the block is not informative.
 
-    rest: what fits to everything leave (N,), with the cause and without; kept (G,): unknowns but for the cause's.
+    ``rest``: residuals (N,) of fits to everything, with the cause and without; ``kept`` (G,): unknowns except the
+    cause's.
     """
     own = rows[block]
     others = gram - own.T @ own
@@ -78,10 +95,10 @@ def _gain_of(
 
 
 def _log_density(rows: Array, gram: Array, others: Array, rest: Array) -> float:
-    """Return the log density of a block, but for a constant, predicted from all other rows.
+    """Return the log density of a block predicted from all other rows, up to a constant.
 
-    rows (n, G) of the block, gram and others (G, G): normal matrices with it and without, rest (n,): what the fit to
-    everything leaves there.
+    ``rows`` (n, G) of the block; ``gram`` and ``others`` (G, G): normal matrices with it and without; ``rest`` (n,):
+    residuals of the fit to everything.
     """
     along = rows.T @ rest
     squares = float(rest @ rest + along @ np.linalg.solve(others, along))

@@ -1,4 +1,4 @@
-"""Epochs in blocks that belong together: which grouping of a campaign can be left out block by block."""
+"""Groupings of epochs into blocks (series, runs, days, directions, regions) that can be left out block by block."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers
 
-# A block holds so many epochs at least, and no more than this share of all; as many blocks, with this share of all.
+# Fewest epochs in a block, largest share of all epochs in one block, fewest blocks, least share of epochs in blocks.
 _FEWEST_IN_BLOCK, _MOST_OF_ALL, FEWEST_BLOCKS, _LEAST_TOGETHER = 4, 0.5, 3, 2.0 / 3.0
-_MOST_BLOCKS = 12  # of more, several are left out together
-_HALVINGS = 2  # of a workspace, one after the other: four regions
+_MOST_BLOCKS = 12  # where there are more, several are left out together
+_HALVINGS = 2  # successive halvings of the inputs' range: four regions
 _PAUSE_S = 6 * 3600.0  # between two days of measurement
 
 
 class BlockKind(StrEnum):
-    """What the epochs of a block have in common; the farther from any other epoch, the earlier."""
+    """Property that the epochs of a block have in common; kinds whose blocks are farther apart come first."""
 
     SERIES = "series"
     RUN = "run"
@@ -29,29 +29,31 @@ class BlockKind(StrEnum):
 
 @dataclass(frozen=True)
 class EpochBlocks:
-    """Which block each epoch (B,) is of, by number, -1 for none; what the epochs of a block have in common."""
+    """Block number (B,) of each epoch, -1 for none, and the kind of the blocks."""
 
     kind: BlockKind
     numbers: Integers
 
     @property
     def count(self) -> int:
-        """How many blocks there are."""
+        """Number of blocks."""
         return int(self.numbers.max(initial=-1)) + 1
 
 
 def possible_blocks(groupings: Mapping[BlockKind, Integers], epochs: int) -> list[EpochBlocks]:
     """Return the groupings (B,), -1 for none, that can be left out block by block, in the order of their kinds.
 
-    They have three blocks or more, each of four epochs or more and of at most half of all, and two thirds of the epochs
-    in them.
+    Such a grouping has at least three blocks, each of at least four epochs and at most half of all epochs, and its
+    blocks hold at least two thirds of all epochs.
     """
     numbered = ((kind, _large_enough(groupings[kind], epochs)) for kind in BlockKind if kind in groupings)
     return [EpochBlocks(kind, numbers) for kind, numbers in numbered if numbers is not None]
 
 
 def _large_enough(groups: Integers, epochs: int) -> Integers | None:
-    """Return the groups (B,) that are large enough, numbered anew, -1 for none; None where they are no blocks."""
+    """Return the groups (B,) that are large enough, renumbered, -1 for none; None where they do not qualify
+    as blocks.
+    """
     kept, counts = np.unique(groups[groups >= 0], return_counts=True)
     kept, counts = kept[counts >= _FEWEST_IN_BLOCK], counts[counts >= _FEWEST_IN_BLOCK]
     if len(kept) < FEWEST_BLOCKS or counts.max() > _MOST_OF_ALL * epochs or counts.sum() < _LEAST_TOGETHER * epochs:
@@ -62,10 +64,10 @@ def _large_enough(groups: Integers, epochs: int) -> Integers | None:
 
 
 def regions(inputs: Array) -> Integers:
-    """Return the region (B,) of each epoch by its inputs (B, D), by number.
+    """Return the number (B,) of the region of inputs (B, D) in which each epoch lies.
 
-    The inputs are halved at the median across their longest extension, then each half in turn; what is in one place is
-    in one region.
+    The inputs are halved at the median across their longest extension, then each half again; equal inputs share a
+    region.
     """
     spread = np.ptp(inputs, axis=0)
     scaled = inputs / np.where(spread > 0.0, spread, 1.0)
@@ -80,16 +82,16 @@ def regions(inputs: Array) -> Integers:
 
 
 def _upper_half(places: Array) -> Integers:
-    """Return which places (B, D) lie beyond the median along their longest extension."""
+    """Return 1 for places (B, D) beyond the median along their longest extension, otherwise 0."""
     centred = places - places.mean(0)
     along = np.round(centred @ np.linalg.svd(centred, full_matrices=False)[2][0], 9)
     return np.asarray(along > np.median(along), int)
 
 
 def days(time_s: Array) -> Integers:
-    """Return the day (B,) of each epoch, by number: where nothing was measured for a quarter of a day, the next begins.
+    """Return the number (B,) of the day of each epoch; a pause of six hours begins a new day.
 
-    Epochs without a time have none, -1.
+    Epochs without a time have -1.
     """
     known = np.isfinite(time_s)
     found = np.full(len(time_s), -1)

@@ -1,7 +1,7 @@
-"""Two estimates of the same numbers, from data of their own and knowledge that they share: what has changed between?
+"""Comparison of two estimates of the same numbers, from separate data and a shared prior: which numbers have changed?
 
-Each estimate is drawn to the knowledge that both rest on (tolerances), so their errors are correlated: with P the
-covariance of that knowledge and B, N those of the estimates, cov(before, now) = B P^-1 N where nothing has changed.
+Each estimate is drawn towards the prior that both share (tolerances), so their errors are correlated: with P the
+covariance of the prior and B, N those of the estimates, cov(before, now) = B P^-1 N where nothing has changed.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ import numpy as np
 
 from truing.inference.arrays import Array
 
-# Combinations of which the later data take away less than this share of what was not known carry no test.
-_TOLD = 0.05
-# A number is taken to have changed where chance would make any of them look so in one case of so many.
+# Combinations whose prior variance the later data reduce by less than this share are not tested.
+_LEAST_GAIN = 0.05
+# Familywise p-value at which a number counts as changed.
 LEVEL = 1e-3
-# Numbers whose change explains the difference within this factor of likelihood cannot be told from one another.
+# Numbers whose change explains the difference within this factor of likelihood are indistinguishable.
 _RIVAL = 20.0
-# What changes in more places than this is another machine.
+# With more changed numbers than this, the machine counts as another one.
 MOST = 12
 
 
 @dataclass(frozen=True)
 class NumberComparison:
-    """Numbers (n,) before and now, with the covariance (n, n) of their difference where nothing has changed.
+    """Difference of numbers (n,), now minus before, with its covariance (n, n) if nothing has changed.
 
-    ``answers`` (n, n) is how the difference follows true changes: less than one to one where data are few. ``told``
-    (r, n) are the combinations of which the later data tell more than both knew.
+    ``answers`` (n, n) is the response of the difference to true changes: less than one to one where data are few.
+    ``observable`` (r, n) are the combinations that the later data determine beyond the prior.
     """
 
     difference: Array
@@ -38,12 +38,12 @@ class NumberComparison:
 
     @property
     def sigma(self) -> Array:
-        """Return one sigma (n,) of the difference."""
+        """Standard deviation (n,) of the difference."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @cached_property
     def _whitened(self) -> tuple[Array, Array]:
-        """Return difference (r,) and answers (r, n) along the directions that carry a test, in standard deviations."""
+        """Difference (r,) and answers (r, n) along the observable combinations, in standard deviations."""
         white = np.linalg.solve(
             np.linalg.cholesky(self.observable @ self.covariance @ self.observable.T), self.observable
         )
@@ -51,15 +51,17 @@ class NumberComparison:
 
     @property
     def chi_square(self) -> tuple[float, int]:
-        """Return the whole difference as a chi-square, and its degrees of freedom."""
+        """Chi-square of the whole difference, and its degrees of freedom."""
         away, _ = self._whitened
         return float(away @ away), len(away)
 
     def changed(self, level: float = LEVEL) -> tuple[int, ...] | None:
-        """Return the fewest numbers (their places) whose changes explain the difference; None where they are too many.
+        """Return the fewest numbers (indices) whose changes explain the difference; None where they are more than
+        `MOST`.
 
-        The one that explains most comes first, then that which explains most of the rest, until chance explains it.
-        ``level``: how often chance alone makes any one of them look so, and how often all together.
+        The number that explains most comes first, then the one that explains most of the rest, until the rest is
+        consistent with noise. ``level``: p-value of the largest single score, corrected for their number, and of the
+        whole rest.
         """
         found: list[int] = []
         while (worst := self._worst(found, level)) is not None:
@@ -69,14 +71,14 @@ class NumberComparison:
         return tuple(found)
 
     def sizes(self, changed: tuple[int, ...]) -> tuple[Array, Array]:
-        """Return by how much the changed numbers (c,) changed, were they the only ones, and one sigma of that."""
+        """Return the sizes (c,) of the changes, if no other number changed, and their standard deviations."""
         away, answers = self._whitened
         own = answers[:, changed]
         covariance = np.linalg.inv(own.T @ own)
         return covariance @ (own.T @ away), np.sqrt(np.diag(covariance))
 
     def instead(self, changed: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
-        """Return, for each of the changed numbers, those whose change in its place explains the difference as well."""
+        """Return for each changed number the numbers whose change in its place explains the difference as well."""
         return tuple(self._rivals([i for i in changed if i != place], place) for place in changed)
 
     def _rivals(self, others: list[int], place: int) -> tuple[int, ...]:
@@ -86,8 +88,10 @@ class NumberComparison:
         return tuple(int(i) for i in np.flatnonzero(alike & (score > 0.0)))
 
     def _scores(self, free: list[int]) -> tuple[Array, float]:
-        """Return how much (n,) each number's change explains of what changes of others leave, in standard deviations;
-        zero where nothing of it is told; and the sum of squares that is left."""
+        """Return the score (n,) of each number's change on what changes of others leave, and the sum of squares left.
+
+        Scores are in standard deviations, zero where the data do not determine the change.
+        """
         away, answers = self._whitened
         basis = np.linalg.qr(answers[:, free])[0]
         rest, columns = (part - basis @ (basis.T @ part) for part in (away, answers))
@@ -98,7 +102,7 @@ class NumberComparison:
         return score, float(rest @ rest)
 
     def _worst(self, free: list[int], level: float) -> int | None:
-        """Return the number whose change explains most of what changes of others leave; None where chance does."""
+        """Return the number whose change explains most of the rest; None where the rest is consistent with noise."""
         from scipy.special import chdtrc, ndtr
 
         score, square = self._scores(free)
@@ -115,14 +119,14 @@ def compare(
     shared: Array,
     apart: Array | float = 0.0,
 ) -> NumberComparison:
-    """Return the comparison of estimates (n,), covariance (n, n) each.
+    """Return the comparison of two estimates (n,) with covariances (n, n).
 
-    shared (n, n): the information that both rest on; apart (n, n): by what else they differ (they are counted from
-    different frames), as a covariance.
+    ``shared`` (n, n): information of the prior of both; ``apart`` (n, n): covariance of further differences between
+    them, such as a different frame.
     """
     root = np.linalg.cholesky(shared)
     left, directions = np.linalg.eigh(root.T @ covariance_now @ root)
-    observable = directions[:, 1.0 - left > _TOLD].T @ root.T
+    observable = directions[:, 1.0 - left > _LEAST_GAIN].T @ root.T
     covariance, covariance_now = _within(covariance, root), _within(covariance_now, root)
     crossed = covariance @ shared @ covariance_now
     spread = covariance + covariance_now - crossed - crossed.T + apart
@@ -132,11 +136,11 @@ def compare(
 
 
 def _within(covariance: Array, root: Array) -> Array:
-    """Return a covariance (n, n) that is narrower everywhere than what was known before, of information root root'.
+    """Return a covariance (n, n) limited to be smaller than the prior's, whose information is root root'.
 
-    One that was enlarged for the noise is wider than that where the data tell next to nothing, and differences have a
-    negative variance there; least information takes its place.
+    A covariance that was scaled up for the noise can exceed the prior where the data hold almost no information; the
+    difference would then have a negative variance.
     """
     left, directions = np.linalg.eigh(root.T @ covariance @ root)
     back = np.linalg.solve(root.T, directions)
-    return np.asarray((back * np.minimum(left, 1.0 - _TOLD)) @ back.T)
+    return np.asarray((back * np.minimum(left, 1.0 - _LEAST_GAIN)) @ back.T)

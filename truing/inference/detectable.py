@@ -1,7 +1,7 @@
-"""How large an effect has to be for a search to find it: linear theory, from a candidate's signature.
+"""Detectable size of an effect: the size that a search finds with given power, by linear theory from its signature.
 
-Along the directions in which a campaign sees a candidate, an effect of a size shifts unit normals by the size times the
-strengths; the search's F test then has a noncentral distribution, and its power follows.
+An effect of a given size shifts unit normals, along the directions in which the campaign sees the candidate, by the
+size times the strengths. The search's F test then has a noncentral distribution, which gives its power.
 """
 
 from __future__ import annotations
@@ -19,21 +19,22 @@ from truing.inference.search import CauseCandidate, ChannelFamily, Search
 from truing.inference.verdicts import NOT_TESTABLE, REJECTED, Reason, Verdict
 
 POWER = 0.8
-# Patterns of an effect's parameters, over which its power is averaged.
+# Number of random patterns of an effect's parameters over which its power is averaged.
 _PATTERNS = 64
 _HALVINGS = 40
-# An effect so many times its plausible scale is not plausible: a candidate that shows from there on is not testable.
+# A candidate that is found only at more than this many times its plausible scale is not testable.
 _IMPLAUSIBLE = 10.0
-_SMALLEST, _LARGEST = 1e-6, 1e4  # plausible scales; beyond the larger one an effect counts as never seen
-# Power is tabulated up to this signal-to-noise; beyond it everything is found.
+_SMALLEST, _LARGEST = 1e-6, 1e4  # in plausible scales; an effect that needs more counts as never found
+# Signal-to-noise ratios at which power is tabulated; above the last one the power is 1.
 _ROOTS = np.linspace(0.0, 40.0, 401)
 
 
 @dataclass(frozen=True)
 class AcceptanceRule:
-    """When a search accepts a candidate: its F test of ``rank`` directions gives a p, not corrected, below a threshold.
+    """Rule by which a search accepts a candidate: the uncorrected p of its F test with ``rank`` directions is below a
+    threshold.
 
-    ``freedom`` are the degrees of freedom behind the noise, the candidate's included.
+    ``freedom`` are the degrees of freedom of the noise, including those of the candidate.
     """
 
     rank: int
@@ -42,7 +43,7 @@ class AcceptanceRule:
 
     @cached_property
     def _table(self) -> Array:
-        """Return the power at the tabulated signal-to-noise ratios."""
+        """Power at the tabulated signal-to-noise ratios."""
         from scipy.special import fdtri, ncfdtr
 
         left = max(self.freedom - self.rank, 1.0)
@@ -50,14 +51,19 @@ class AcceptanceRule:
         return np.asarray(np.nan_to_num(1.0 - ncfdtr(self.rank, left, _ROOTS**2, critical), nan=1.0))
 
     def power(self, signal_to_noise: Array) -> Array:
-        """Return the probability (...) of being accepted at a root of the non-centrality (...)."""
+        """Return the probability (...) of acceptance at signal-to-noise ratios (...), the roots of the
+        non-centrality.
+        """
         return np.interp(signal_to_noise, _ROOTS, self._table, right=1.0)
 
 
 @dataclass(frozen=True)
 class EffectSensitivity(Generic[CauseT]):
-    """How well a campaign sees one sort of effect: ``per_scale`` (D,) are the signal-to-noise ratios of patterns of its
-    parameters, in no particular direction, whose root mean square is one plausible scale."""
+    """Sensitivity of a campaign to one sort of effect.
+
+    ``per_scale`` (D,) are signal-to-noise ratios of random patterns of the parameters, with a root mean square of one
+    plausible scale.
+    """
 
     cause: CauseT  # a typical one of its sort
     kind: str
@@ -65,13 +71,13 @@ class EffectSensitivity(Generic[CauseT]):
     per_scale: Array
 
     def power(self, size: float) -> float:
-        """Return the probability of being found at a size in plausible scales; none of what cannot be seen."""
+        """Return the probability of finding the effect at a size in plausible scales; zero for what cannot be seen."""
         if self.rule.rank == 0:
             return 0.0
         return float(self.rule.power(size * self.per_scale).mean())
 
     def smallest(self, power: float = POWER) -> float | None:
-        """Return the size, in plausible scales, that is found with a probability; None where none is."""
+        """Return the size, in plausible scales, that is found with the given power; None where no size is."""
         low, high = np.log(_SMALLEST), np.log(_LARGEST)
         if self.power(_LARGEST) < power:
             return None
@@ -82,7 +88,7 @@ class EffectSensitivity(Generic[CauseT]):
 
     @property
     def is_plausible(self) -> bool:
-        """Whether a plausible size would be found."""
+        """Whether an effect of at most ten plausible scales would be found."""
         return self.power(_IMPLAUSIBLE) >= POWER
 
     def signal_to_noise(self, size: float) -> float:
@@ -91,7 +97,9 @@ class EffectSensitivity(Generic[CauseT]):
 
 
 def per_scale(strengths: Array, loadings: Array) -> Array:
-    """Return the signal-to-noise ratios (D,) of random patterns; strengths (r,), loadings (P, r) of a signature."""
+    """Return the signal-to-noise ratios (D,) of random patterns, from the strengths (r,) and loadings (P, r) of a
+    signature.
+    """
     return np.asarray(np.linalg.norm(_patterns(len(loadings)) @ loadings * strengths, axis=1))
 
 
@@ -102,29 +110,31 @@ def _patterns(parameters: int) -> Array:
     return np.asarray(pattern * np.sqrt(parameters) / np.linalg.norm(pattern, axis=1, keepdims=True))
 
 
-def sights(search: Search[CauseT], level: float) -> list[EffectSensitivity[CauseT]]:
-    """Return how well a search sees every sort of effect: per kind, subject (the whole, or a single one), parameters.
+def effect_sensitivities(search: Search[CauseT], level: float) -> list[EffectSensitivity[CauseT]]:
+    """Return the sensitivity of a search to every sort of effect, by kind, subject (the whole or a single thing) and
+    parameters.
 
-    Of candidates of one sort that differ in shape (onset, pitch, time constant) the one that is seen middling well.
+    Of candidates of one sort that differ in shape (onset, pitch, time constant), the one of median sensitivity.
     """
     sorts: dict[tuple[object, ...], list[EffectSensitivity[CauseT]]] = {}
-    for sight in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
-        sorts.setdefault((sight.kind, *_effect_kind(sight.cause, search.part_count)), []).append(sight)
-    return [_middling(own) for own in sorts.values()]
+    for one in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
+        sorts.setdefault((one.kind, *_effect_kind(one.cause, search.part_count)), []).append(one)
+    return [_median_sensitivity(own) for own in sorts.values()]
 
 
-def sight(search: Search[CauseT], cause: CauseT, level: float) -> EffectSensitivity[CauseT] | None:
-    """Return how well a search sees one of its candidates; None where it has no such candidate."""
+def sensitivity_to(search: Search[CauseT], cause: CauseT, level: float) -> EffectSensitivity[CauseT] | None:
+    """Return the sensitivity of a search to one of its candidates; None where it has no such candidate."""
     key = cause.key
     own = (candidate for candidate in search.candidates if candidate.key == key)
     return next(_of_candidates(search, level, own), None)
 
 
 def assessed(verdicts: Iterable[Verdict[CauseT]], search: Search[CauseT], level: float) -> tuple[Verdict[CauseT], ...]:
-    """Return verdicts in their order; a rejected kind of cause is not testable where no sort of it shows plausible
-    sizes."""
+    """Return the verdicts sorted; a rejected kind is not testable if no sort of it would be found at a
+    plausible size.
+    """
     plausible: dict[str, bool] = {}
-    for own in sights(search, level):
+    for own in effect_sensitivities(search, level):
         plausible[own.kind] = plausible.get(own.kind, False) or own.is_plausible
     found = (
         replace(verdict, verdict=NOT_TESTABLE) if _is_hidden(verdict, plausible) else verdict for verdict in verdicts
@@ -135,7 +145,7 @@ def assessed(verdicts: Iterable[Verdict[CauseT]], search: Search[CauseT], level:
 def _is_hidden(verdict: Verdict[CauseT], plausible: Mapping[str, bool]) -> bool:
     if verdict.verdict != REJECTED or verdict.reason not in (Reason.CHANCE, Reason.UNSEEN):
         return False
-    return not plausible.get(verdict.cause.id, verdict.reason == Reason.CHANCE)  # of some no size is computed
+    return not plausible.get(verdict.cause.id, verdict.reason == Reason.CHANCE)  # not every kind has a computed size
 
 
 def _of_candidates(
@@ -152,7 +162,7 @@ def _of_candidates(
 
 
 def _of_families(search: Search[CauseT], level: float) -> Iterator[EffectSensitivity[CauseT]]:
-    """Yield how well single channels are seen, each at its middling shape."""
+    """Yield the sensitivity to single channels, each at its shape of median strength."""
     for family in search.families:
         own = family.signatures
         if own.seen.any():
@@ -181,10 +191,10 @@ def _rule(search: Search[CauseT], kind: str, rank: int, level: float) -> Accepta
 
 
 def _effect_kind(cause: CauseT, parts: int) -> tuple[object, ...]:
-    """Return what effects of one sort have in common: their subject, and their parameters' names and units."""
+    """Return the subject and the names and units of parameters, which effects of one sort share."""
     return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(parts)))
 
 
-def _middling(own: Sequence[EffectSensitivity[CauseT]]) -> EffectSensitivity[CauseT]:
+def _median_sensitivity(own: Sequence[EffectSensitivity[CauseT]]) -> EffectSensitivity[CauseT]:
     ranked = sorted(own, key=lambda s: float(np.mean(s.per_scale**2)) if s.rule.rank else 0.0)
     return ranked[len(ranked) // 2]

@@ -1,7 +1,7 @@
-"""How much a residual speaks for an effect: its marginal likelihood over that of the model without it.
+"""Evidence for an effect in a residual: marginal likelihood of the model with it over that of the model without it.
 
-Parameters are N(0, size^2) in plausible scales. The size is shared by an effect's parameters and marginalised, so that
-the answer hangs on no one scale; the noise level is free, with declared knowledge as prior.
+Parameters are N(0, size^2) in plausible scales. The size is shared by an effect's parameters and marginalised, so no
+single scale decides. The noise level is free, with the declared noise as prior.
 """
 
 from __future__ import annotations
@@ -14,37 +14,38 @@ import numpy as np
 
 from truing.inference.arrays import Array
 
-# Effects may be this many times as large as plausible, all equally likely beforehand.
+# Prior of the size of an effect, in plausible scales: these values, with equal probability.
 SIZES = (3.0, 1.0, 1 / 3, 1 / 10, 1 / 30)
 _LEAST_LEFT = 1e-12
-# Sizes in plausible scales, all equally likely beforehand; neighbours overlap by the smallest spread about them.
+# The same for parameters of like size; neighbouring sizes overlap within the smallest spread about them.
 _SIZES = tuple(3.0 / 2.0 ** (step / 2) for step in range(13))
-# Parameters of like size scatter by one of these shares of it, each as likely: parts of one batch, or of one make only.
+# Relative scatter of parameters of like size, with equal probability: parts of one batch, or only of one make.
 _SPREADS = (0.15, 0.45)
-# Half the probability is that of one sign for all; with more parameters than these there is no other.
+# Probability that all parameters have the same sign; with more parameters than the second it is 1.
 _ONE_SIGN, _MOST_SIGNS = 0.5, 8
 
 
 def log_evidence(along: Array, strengths: Array, total: Array | float, freedom: float, stretch: float = 1.0) -> Array:
-    """Return the log ratio of marginal likelihoods with and without an effect, (...).
+    """Return the log ratio (...) of marginal likelihoods with and without an effect.
 
-    ``along`` (..., r) are a residual's parts along directions of strengths (..., r), ``total`` (...) its sum of squares
-    and ``freedom`` its degrees of freedom, declared knowledge included; ``stretch`` multiplies the plausible scales.
+    ``along`` (..., r): parts of a residual along directions of strengths (..., r); ``total`` (...): its sum of squares;
+    ``freedom``: its degrees of freedom, including those of the declared noise; ``stretch`` multiplies the plausible
+    scales.
     """
     power = np.square(stretch) * np.multiply.outer(strengths**2, np.square(SIZES))  # (..., r, sizes)
     before = np.asarray(total)[..., None]
     after = before - np.sum(np.square(along)[..., None] * (power / (1.0 + power)), -2)
-    after = np.maximum(after, _LEAST_LEFT * before)  # what is all but the whole residual may round to more than that
+    after = np.maximum(after, _LEAST_LEFT * before)  # rounding may make an almost complete reduction negative
     logs = -0.5 * np.sum(np.log1p(power), -2) - freedom / 2.0 * np.log(after / before)
     largest = logs.max(-1, keepdims=True)
     return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))
 
 
 def log_possible(values: Array, covariance: Array, places: Sequence[int]) -> float:
-    """Return what log evidence gains where parameters at some places are known to be no less than zero.
+    """Return the gain in log evidence from the knowledge that some parameters are not negative.
 
-    Half of what is probable beforehand is not, so the gain is twice the probability that the data, values (P,) in units
-    of the noise with covariance (P, P), leave to what is: a hundredth at two and a half sigma on the wrong side.
+    values (P,) in units of the noise, with covariance (P, P). Half the prior is excluded, so the gain is the log of
+    twice the posterior probability of the allowed side: about a hundredth at 2.5 sigma on the wrong side.
     """
     from scipy.special import log_ndtr
 
@@ -54,7 +55,7 @@ def log_possible(values: Array, covariance: Array, places: Sequence[int]) -> flo
 
 
 def probabilities(log_evidence: Mapping[str, float]) -> dict[str, float]:
-    """Return the probability of each candidate, and of none of them, all equally likely beforehand."""
+    """Return the probability of each candidate among all of them and none, all with equal prior."""
     values = np.array([0.0, *log_evidence.values()])
     weights = np.exp(values - values.max())
     return dict(zip(log_evidence, (float(w) for w in weights[1:] / weights.sum()), strict=True))
@@ -63,11 +64,11 @@ def probabilities(log_evidence: Mapping[str, float]) -> dict[str, float]:
 def like_sized_log_evidence(
     scores: Array, gram: Array, alike: Sequence[int], total: float, freedom: float, stretch: float = 1.0
 ) -> float:
-    """Return the log ratio of marginal likelihoods with and without an effect with parameters of like size.
+    """Return the log ratio of marginal likelihoods with and without an effect whose parameters have like size.
 
-    scores (P,): products of the parameters' columns with the residual, gram (P, P): with each other, in plausible
-    scales; ``alike``: positions of the parameters of like size, the others are N(0, size^2). ``total``, ``freedom`` and
-    ``stretch`` as in `evidence.log_evidence`.
+    scores (P,): products of the parameters' columns with the residual; gram (P, P): products with each other, in
+    plausible scales; ``alike``: positions of the parameters of like size, the others are N(0, size^2). ``total``,
+    ``freedom`` and ``stretch`` as in `log_evidence`.
     """
     sizes, places = stretch * np.array(_SIZES), list(alike)
     signs, weights = _patterns(len(alike))
@@ -75,7 +76,7 @@ def like_sized_log_evidence(
     spreads[:, places] = np.array(_SPREADS)[:, None]
     values, vectors = np.linalg.eigh(spreads[:, :, None] * gram * spreads[:, None])
     power = np.multiply.outer(sizes**2, np.maximum(values, 0.0))  # (S, 2, P), for both spreads
-    # Squares gained by a mean, size times a pattern: 2 g.m - m'Am; then by what is left along the spread.
+    # Reduction of squares by a mean m (size times a pattern): 2 g.m - m'Am; then by the rest along the spread.
     pulled = signs @ gram[places]  # (N, P)
     linear, square = signs @ scores[places], np.sum(pulled[:, places] * signs, 1)
     of_scores = np.einsum("p,zp,zpq->zq", scores, spreads, vectors)
@@ -93,7 +94,7 @@ def like_sized_log_evidence(
 
 @lru_cache(maxsize=64)
 def _patterns(parts: int) -> tuple[Array, Array]:
-    """Return signs (N, parts) and their probabilities; either sign of all is as likely as the other."""
+    """Return sign patterns (N, parts) and their probabilities; a pattern and its opposite are equally likely."""
     if not 1 < parts <= _MOST_SIGNS:
         return np.array([[1.0], [-1.0]]) * np.ones(parts), np.full(2, 0.5)
     signs = np.array(list(product((1.0, -1.0), repeat=parts)))

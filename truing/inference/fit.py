@@ -1,8 +1,7 @@
-"""Gauss-Newton fit of a model of observations to observations of all groups and epochs, each epoch in a frame of its
-own.
+"""Gauss-Newton fit of a model to observations of all groups and epochs, each epoch in a frame of its own.
 
-Knows no mechanism: the model is a function of shared and local unknowns that returns observations and derivatives. A
-observation has d coordinates: three, or one where an instrument reads a number; numbers have no frame.
+The model is a function of shared and local unknowns that returns observations and derivatives. An observation has d
+coordinates: three in space, or one where an instrument reads a number. Numbers have no frame.
 """
 
 from __future__ import annotations
@@ -19,18 +18,18 @@ from truing.inference.model import Predict
 from truing.inference.observations import Frames, Observations
 
 _MAX_ITERATIONS = 25
-# A step that makes things worse, far from the optimum, is halved until it does not.
+# A step that raises the sum of squares is halved at most so many times.
 _MOST_HALVINGS = 8
-# A fit has settled when its next step would lower the sum of squares by less than this: nothing moves by more than a
-# hundredth of its standard deviation then.
+# A fit has converged when its next step would lower the sum of squares by less than this: then no unknown moves by
+# more than a hundredth of its standard deviation.
 _SETTLED = 1e-4
-# After so many iterations, steps that lower the sum of squares by more than this share of what the last one did shrink
-# slowly: then so many of the last ones tell a better one, as far as they are distinct.
-_QUICK, _SLOW, _REMEMBERED, _DISTINCT = 3, 0.05, 5, 1e-6
+# Anderson acceleration starts after _QUICK iterations if a step would lower the sum of squares by more than the share
+# _SLOW of the last step's reduction. It uses the last _HISTORY steps, without directions below _DISTINCT.
+_QUICK, _SLOW, _HISTORY, _DISTINCT = 3, 0.05, 5, 1e-6
 
 
 class FitState(StrEnum):
-    """How a fit ended."""
+    """State in which a fit ended."""
 
     SETTLED = "settled"
     NOT_SETTLED = "not-settled"
@@ -38,7 +37,7 @@ class FitState(StrEnum):
 
 @dataclass(frozen=True)
 class Fit:
-    """The unknowns at the optimum, in prior sigmas, the frames, and the whitened problem there."""
+    """Unknowns at the optimum in prior sigmas, frames, and the whitened problem there."""
 
     shared: Array  # (G,)
     local: Array  # (B, H) without the frames
@@ -68,10 +67,9 @@ def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: 
 
 @dataclass
 class _Past:
-    """Where the last iterations stood, and their steps: what tells better ones where these shrink slowly.
+    """Shared unknowns and least-squares steps of the last iterations, for Anderson acceleration.
 
-    Anderson acceleration: of the shared unknowns; local ones follow as in any step. Source: Walker and Ni, SIAM
-    J. Numer. Anal. 49 (2011) 1715.
+    Local unknowns follow the shared ones as in any step. Source: Walker and Ni, SIAM J. Numer. Anal. 49 (2011) 1715.
     """
 
     places: list[Array] = field(default_factory=list)  # (G,) each
@@ -79,8 +77,10 @@ class _Past:
     explained: list[float] = field(default_factory=list)
 
     def steps(self, whitened: Whitened, shared: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield steps of shared (G,) and local (B, H) unknowns, to be tried in turn: the one that the last ones tell
-        where they shrink slowly, then the least-squares step, and shorter and shorter parts of it."""
+        """Yield steps of shared (G,) and local (B, H) unknowns to be tried in turn.
+
+        The accelerated step comes first where convergence is slow, then the least-squares step, then its halves.
+        """
         step, of_local = whitened.step()
         self.places.append(shared)
         self.taken.append(step)
@@ -92,8 +92,8 @@ class _Past:
             yield 0.5**halved * step, 0.5**halved * of_local
 
     def _better(self, whitened: Whitened) -> Array:
-        """Return the step (G,) to where the steps of the last places would be least, were they linear."""
-        places, steps = (np.array(own[-_REMEMBERED - 1 :]) for own in (self.places, self.taken))
+        """Return the accelerated step (G,): it leads to where linear extrapolation makes the next step smallest."""
+        places, steps = (np.array(own[-_HISTORY - 1 :]) for own in (self.places, self.taken))
         moved, changed = np.diff(places, axis=0).T, np.diff(steps, axis=0).T
         weights = np.linalg.lstsq(whitened.in_basis(changed), whitened.in_basis(steps[-1]), rcond=_DISTINCT)[0]
         return np.asarray(steps[-1] - (moved + changed) @ weights)
@@ -109,10 +109,10 @@ def linearise(
     *,
     compact: bool = False,
 ) -> LinearisedModel:
-    """Return the whitened problem at some values of the unknowns; the frames' six come first among the local ones.
+    """Return the whitened problem at given unknowns; the six of each frame come first among the local ones.
 
-    Derivatives by the shared unknowns are many, and left out (G = 0) where they are not asked for; ``compact`` keeps,
-    where it pays, those in every epoch that act there.
+    Derivatives by the shared unknowns are left out (G = 0) unless ``by_shared``. ``compact`` stores, where it saves
+    memory, only the columns that act in each epoch.
     """
     found = predict(shared, local, by_shared)
     arms = found.values @ np.swapaxes(frames.R, 1, 2)
@@ -139,11 +139,13 @@ def linearise(
 
 
 def _kept(slopes: Array, columns: Integers) -> Array:
-    """Return of derivatives (B, K, d, G) those in the columns (B, C) of each epoch, (B, K, d, C); zero for none, G."""
+    """Return derivatives (B, K, d, C) of the columns (B, C) of each epoch, from those of all, (B, K, d, G); zero for
+    column G.
+    """
     own = np.take_along_axis(slopes, np.minimum(columns, slopes.shape[-1] - 1)[:, None, None], 3)
     return np.asarray(own * (columns < slopes.shape[-1])[:, None, None])
 
 
 def _turned(turned: Array, slopes: Array) -> Array:
-    """Return slopes (B, K, d, G) multiplied by matrices (B, K, d, d): numbers where observations are numbers."""
+    """Return slopes (B, K, d, G) multiplied by matrices (B, K, d, d), elementwise where observations are numbers."""
     return turned * slopes if turned.shape[-1] == 1 else turned @ slopes

@@ -1,5 +1,6 @@
-"""A model with some causes, fitted to calibration epochs: what it leaves there, on held-out epochs, and to
-candidates."""
+"""A model with some causes, fitted to the calibration epochs; and the fitter, which keeps noise levels and gross
+errors.
+"""
 
 from __future__ import annotations
 
@@ -54,18 +55,20 @@ from truing.inference.scatter import (
 from truing.inference.screening import gross_errors
 from truing.inference.signatures import Pathways, pathways_of
 
-# How often gross errors are looked for, and the noise estimated anew, before the search.
+# Most repetitions of gross-error screening and noise estimation before the search.
 _PREPARATIONS = 3
 _SAME_NOISE = 0.05
-# How often the scatter of inputs is estimated anew.
+# Most repetitions of the estimate of the inputs' scatter.
 _MOST_SCALINGS = 8
-# Where no epoch is held out, so many blocks of epochs are left out in turn, each of so many epochs at least.
+# Where no epoch is held out: blocks of epochs left out in turn, fewest epochs in a block, most observations.
 _BLOCKS, _FEWEST_IN_BLOCK, _MOST_VALUES = 5, 4, 20_000
 
 
 @dataclass(frozen=True)
 class FittedModel(Generic[CauseT]):
-    """A model fitted to the calibration epochs, with what it leaves there and on held-out epochs."""
+    """A model fitted to the calibration epochs, with its residuals there and its prediction errors on
+    held-out epochs.
+    """
 
     causes: tuple[CauseT, ...]
     model: Model[CauseT]
@@ -73,54 +76,56 @@ class FittedModel(Generic[CauseT]):
     fit: Fit
     held_out: PredictionError[CauseT] | None
     seed: int
-    learned: tuple[float, float] = (1.0, 1.0)  # noise of inputs and survey used in the fit, over that declared
+    learned: tuple[float, float] = (1.0, 1.0)  # noise of inputs and survey used in the fit, over the declared one
 
     @cached_property
     def error(self) -> PredictionError[CauseT]:
-        """Return the error of its prediction from inputs."""
+        """Error of its prediction from inputs."""
         return prediction_error(self.model, self.measured, self.fit.frames, self.fit.shared)
 
     @cached_property
     def floor(self) -> NoiseFloor:
-        """Return what noise alone leaves in that error."""
+        """Part of that error that noise alone explains."""
         return noise_floor(self.model, self.fit, self.measured, np.random.default_rng(self.seed))
 
     @cached_property
     def scene(self) -> SceneLike[CauseT]:
-        """Return what the campaign offers to causes, with what was seen of it."""
+        """Candidates that the campaign offers, restricted to what was seen."""
         return self.model.scene.with_seen(self.measured.seen)
 
     @cached_property
     def design_matrix(self) -> Callable[[CauseT], Mapping[str, Array]]:
-        """Return what tells how a candidate acts at this fit."""
+        """Function that returns the design of a candidate by pathway, linearised at this fit."""
         return self.model.design_matrix(self.fit.shared, self.fit.local)
 
     @property
     def input_rows(self) -> slice:
-        """Return which of an epoch's local unknowns are inputs."""
+        """Places of the inputs among an epoch's local unknowns."""
         first = self.fit.frames.size
         return slice(first, first + int(np.sum(~self.model.unpredicted)))
 
     @cached_property
     def noise(self) -> NoiseComponents:
-        """Return the noise that the fit leaves, by component."""
+        """Noise of the fit's residuals by component."""
         return components(self.fit.whitened, _height(self.measured), self.input_rows)
 
     @property
     def noise_ratio(self) -> float:
-        """Return the noise found over the one used in the fit, declared knowledge included."""
+        """Noise found over the noise used in the fit, with the declared noise as prior."""
         found = self.noise
         return float(np.sqrt((found.observed_total + found.inputs_total) / (found.observed + found.inputs)))
 
     @property
     def standardised(self) -> Array:
-        """Residuals (B, K, d) brought to unit noise, NaN where nothing was seen or the fit leaves too little."""
+        """Residuals (B, K, d) scaled to unit noise, NaN where unseen or where the redundancy is too small."""
         rest, redundancy = informative_residuals(self.fit.whitened, self.measured.values.shape)
         return np.where(self.measured.seen[..., None], standardised(rest, redundancy), np.nan)
 
     @property
     def input_noise(self) -> tuple[float, float]:
-        """Noise found in the inputs over the declared one, and the degrees of freedom that tell it; none where 0."""
+        """Noise of the inputs over the declared one, and its degrees of freedom; (1, 0) where the fit
+        determines none.
+        """
         squares, freedom = input_squares(self.fit.whitened, _height(self.measured), self.input_rows)
         return (self.learned[0] * float(np.sqrt(squares / freedom)), freedom) if freedom > 0.0 else (1.0, 0.0)
 
@@ -129,7 +134,7 @@ class FittedModel(Generic[CauseT]):
         return self.fit.whitened.covariance() * self.noise_ratio**2
 
     def pathways(self) -> Pathways:
-        """Return the pathways through which candidates act on what the fit leaves."""
+        """Return the pathways through which candidates act on the residuals."""
         motions = self.model.pathways(self.fit.shared, self.fit.local)
         return pathways_of(self.fit.whitened, self.measured, self.fit.frames, motions, self.input_rows)
 
@@ -139,7 +144,9 @@ class FittedModel(Generic[CauseT]):
         return self.fit.shared[place] * sigma, self.covariance()[place, place] * np.outer(sigma, sigma)
 
     def contributions(self, cause: CauseT) -> tuple[Contribution, ...]:
-        """Return what each source gives to the covariance of an accepted cause's parameters, SI: all of it together."""
+        """Return the contribution of each source to the covariance of an accepted cause's parameters, SI; they sum to
+        the whole.
+        """
         whitened, place = self.fit.whitened, self.model.layout[cause.key]
         rows = rows_by_source(whitened, self.model.layout, {own.key for own in self.causes}, self.input_rows)
         sigma = self.noise_ratio * self.model.effect_sigma(cause)
@@ -153,17 +160,16 @@ class FittedModel(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class ScreenedValue:
-    """An observation or input taken out as a gross error: row and channel in its ``Epochs``, and its whitened
-    residual."""
+    """An observation excluded as a gross error: its row and channel in `Epochs`, and its whitened residual."""
 
     row: int
     channel: int
     held_out: bool
-    length: float  # in units of the noise as it was known then
+    length: float  # in units of the noise estimated at that time
 
 
 class Fitter(Generic[CauseT]):
-    """Fits a campaign's model with any causes; knows the noise and the gross errors found so far."""
+    """Fits a campaign's model with any causes; keeps the noise estimates and the gross errors found so far."""
 
     def __init__(
         self,
@@ -187,27 +193,26 @@ class Fitter(Generic[CauseT]):
 
     @property
     def repeats(self) -> Integers | None:
-        """Return the numbers (B,) of commands that were given more than once, -1 for the others."""
+        """Numbers (B,) of commands that were given more than once, -1 for the others."""
         return self.calibration.repeats
 
     @property
     def blocks(self) -> list[EpochBlocks] | None:
-        """Return the groupings of epochs that can be left out block by block; None where nobody asked."""
+        """Groupings of epochs that can be left out block by block; None where the campaign declares no groupings."""
         groupings = self.calibration.groupings
         return None if groupings is None else possible_blocks(groupings, len(self.calibration.measured.seen))
 
     def prepared(
         self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None
     ) -> FittedModel[CauseT]:
-        """Return the fit with some causes once gross errors are out and the noise is known; with what it predicts
-        wrongly of epochs that were left out."""
+        """Return the converged fit with some causes, with its prediction error on epochs that were left out."""
         fitted = self.converged(causes, start)
         return fitted if fitted.held_out is not None else replace(fitted, held_out=self._left_out_in_turn(fitted))
 
     def converged(
         self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None
     ) -> FittedModel[CauseT]:
-        """Return the fit with some causes once gross errors are out and the noise is known."""
+        """Return the fit with some causes after gross errors are screened and the noise is estimated."""
         fitted = self.fitted(causes, start)
         for _ in range(_PREPARATIONS):
             screened = self.screen(fitted)
@@ -217,7 +222,7 @@ class Fitter(Generic[CauseT]):
         return fitted
 
     def fitted(self, causes: tuple[CauseT, ...], start: FittedModel[CauseT] | None = None) -> FittedModel[CauseT]:
-        """Return the model with some causes, fitted from an earlier fit."""
+        """Return the fit of the model with some causes, started from another fit."""
         self._progress("fitting " + (", ".join(cause.id for cause in causes) or "the plain simulation"))
         model = self.model.with_causes(causes)
         measured, frames = self.calibration.measured, self.calibration.frames
@@ -237,9 +242,10 @@ class Fitter(Generic[CauseT]):
         return prediction_error(model, held.measured, held.frames, fit.shared)
 
     def _left_out_in_turn(self, fitted: FittedModel[CauseT]) -> PredictionError[CauseT] | None:
-        """Return what is predicted wrongly of blocks of epochs, one after the other in time, each left out of a fit.
+        """Return the prediction error of blocks of epochs, each left out of a fit in turn; for campaigns without
+        held-out epochs.
 
-        For campaigns that hold no epoch out; None where blocks would have too few epochs, or fits take too long.
+        None where blocks would have too few epochs, or fits take too long.
         """
         measured, numbers = fitted.measured, fitted.model.blocks
         if numbers is None or len(numbers) < _BLOCKS * _FEWEST_IN_BLOCK or measured.seen.size > _MOST_VALUES:
@@ -252,7 +258,7 @@ class Fitter(Generic[CauseT]):
         return merged([self._predicted_block(fitted, block == number) for number in range(count)], block, measured)
 
     def _predicted_block(self, fitted: FittedModel[CauseT], own: Mask) -> PredictionError[CauseT]:
-        """Return the error of the prediction of epochs own (B,) by a fit without them."""
+        """Return the error of the prediction by a fit without the epochs ``own`` (B,)."""
         model, measured, fit = fitted.model, fitted.measured, fitted.fit
         others = replace(measured, seen=measured.seen & ~own[:, None])
         local = np.where(own[:, None], 0.0, fit.local)
@@ -260,7 +266,7 @@ class Fitter(Generic[CauseT]):
         return prediction_error(model, measured, fit.frames, without.shared, by_shared=False)
 
     def screen(self, fitted: FittedModel[CauseT]) -> bool:
-        """Take out what is grossly wrong against a fit, held out or not; return whether there was anything."""
+        """Exclude gross errors of a fit, on held-out epochs too; return True if there were any."""
         seen, own = self.calibration.measured.seen, _height(self.calibration.measured)
         height = own + fitted.fit.whitened.problem.local_value.shape[1]
         rows = fitted.fit.whitened.rest[: len(seen) * height].reshape(len(seen), height)[:, :own]
@@ -282,8 +288,7 @@ class Fitter(Generic[CauseT]):
         return bool(found)
 
     def learn_noise(self, fitted: FittedModel[CauseT]) -> bool:
-        """Take over the noise that a fit shows, and what its parts have in common; return whether either is another
-        than before."""
+        """Adopt the noise estimates of a fit and the common share of like parts; return True if either changed."""
         measured, whitened = self.calibration.measured, fitted.fit.whitened
         rescaled = rescaled_noise(whitened, measured, fitted.model.channel_groups)
         size = len(whitened.rest) - len(fitted.fit.shared)
@@ -302,8 +307,7 @@ class Fitter(Generic[CauseT]):
         return moved > _SAME_NOISE or share_moved
 
     def _learn_share(self, fitted: FittedModel[CauseT]) -> bool:
-        """Take over how much of what parts are off by a fit shows them to have in common; return whether it is another
-        share than before."""
+        """Adopt a fit's estimate of the variance share that like parts have in common; return True if it changed."""
         split = fitted.model.split
         if split is None:
             return False
@@ -317,7 +321,7 @@ class Fitter(Generic[CauseT]):
     def noise_dependence(
         self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], level: float
     ) -> NoiseDependence | None:
-        """Return what the noise that a fit leaves follows, None where p exceeds the level."""
+        """Return the dependence of the residual noise with the smallest p-value, None where p exceeds the level."""
         scene = fitted.scene
         columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
         possible = drivers(columns, scene.shape, fitted.model.channel_groups)
@@ -327,8 +331,11 @@ class Fitter(Generic[CauseT]):
     def scatter(
         self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], level: float
     ) -> tuple[ScatterCandidate[CauseT], float] | None:
-        """Return the cause that makes inputs scatter most clearly, most of which are not known to scatter already, and
-        its p-value; None where p exceeds the level."""
+        """Return the cause that makes inputs scatter most significantly, and its p-value; None where p exceeds the
+        level.
+
+        Candidates most of whose inputs already have a wider prior are left out.
+        """
         known = self._input_factor > 1.0
         offered = [one for one in _scatters(fitted, kinds) if one.of_inputs]
         candidates = [one for one in offered if 2 * (known & one.own).sum() < one.own.sum()]
@@ -338,9 +345,10 @@ class Fitter(Generic[CauseT]):
     def widen(
         self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], kinds: Sequence[CauseT]
     ) -> ScatterCandidate[CauseT]:
-        """Bring the prior sigmas of a candidate's inputs to what they scatter by beside a fit's causes, fit by fit.
+        """Widen the prior sigmas of a candidate's inputs to their estimated scatter, by repeated fits.
 
-        Return the candidate, or one that has most of its inputs and is likelier, once these are known so badly.
+        Return the candidate, or a more likely one with at least half its inputs in common, whose inputs are widened
+        instead.
         """
         start = self._input_factor
         self._take_back()
@@ -354,13 +362,15 @@ class Fitter(Generic[CauseT]):
         return best
 
     def narrow(self) -> None:
-        """Bring the prior sigmas of all inputs back to what is known beforehand."""
+        """Reset the prior sigmas of all inputs to the declared ones."""
         self._input_factor = np.ones_like(self._input_factor)
         self._declared = self._declared.with_input_factor(self._input_factor)
         self.model = self._declared.rescaled(*self._ratios)
 
     def _take_back(self) -> None:
-        """Take back what was screened as grossly wrong: beside inputs known too well it may only have looked so."""
+        """Restore all screened observations: they may have looked wrong only because inputs or noise were trusted too
+        much.
+        """
         seen, unseen = self._recorded
         self.screened = []
         self.calibration = replace(self.calibration, measured=replace(self.calibration.measured, seen=seen))
@@ -370,9 +380,9 @@ class Fitter(Generic[CauseT]):
     def _with_widened_inputs(
         self, fitted: FittedModel[CauseT], own: Mask, factor: Array | float
     ) -> FittedModel[CauseT]:
-        """Bring the prior sigmas of inputs own (B, H), from factors on, to what they scatter by; return the fit."""
+        """Widen inputs ``own`` (B, H), from given factors on, to their estimated scatter; return the fit."""
         before, factor = 0.0, np.where(own, factor, self._input_factor)
-        self._ratios = 1.0, self._ratios[1]  # what was larger throughout may be these inputs alone
+        self._ratios = 1.0, self._ratios[1]  # a larger noise of all inputs may be due to these alone
         for _ in range(_MOST_SCALINGS):
             self._declared = self._declared.with_input_factor(factor)
             self.model = self._declared.rescaled(*self._ratios)
@@ -388,20 +398,24 @@ class Fitter(Generic[CauseT]):
     def input_scatter(
         self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], p_value: float
     ) -> FoundScatter[CauseT]:
-        """Return by how much inputs scatter beside a fit's causes, once their prior sigmas are nearly as large."""
+        """Return the scatter of a candidate's inputs beyond their declared sigmas, in a fit whose priors are already
+        widened.
+        """
         more, share = residuals_of_inputs(fitted).factor(candidate.own)
         wide = more**2 * self._mean_square(self._input_factor, candidate.own)
         size = max(wide - self._mean_square(np.ones((1, 1)), candidate.own), 0.0) ** 0.5
         return FoundScatter(candidate, p_value, *unbiased(size, wide / max(size, wide**0.5 / 2) * share))
 
     def _mean_square(self, factor: Array, own: Mask) -> float:
-        """Return the mean variance, SI, of inputs own (B, H) whose prior sigmas are larger by factors."""
+        """Return the mean variance, SI, of inputs ``own`` (B, H) with prior sigmas multiplied by ``factor``."""
         sigmas = self.model.input_scale * factor * np.ones(own.shape)
         return float(np.mean(sigmas[own] ** 2))
 
     def weigh(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
-        """Weight observations by what their noise follows; return it, with how much larger noise is in the places of a
-        cause once nothing is screened there that only such noise made seem grossly wrong."""
+        """Weight observations by a noise dependence; return the dependence with its ratio estimated anew.
+
+        If a cause makes the noise larger, screened observations are restored first: they may be part of that noise.
+        """
         self.reweight(found.factor)
         if found.driver.cause is None:
             return found
@@ -422,7 +436,7 @@ class Fitter(Generic[CauseT]):
         return np.where(self.calibration.measured.seen[..., None], fitted.standardised, np.nan)
 
     def reweight(self, factor: Array) -> None:
-        """Take the observations' noise to be larger by factors (B, K)."""
+        """Multiply the observations' noise by factors (B, K)."""
         measured, square = self.calibration.measured, factor[..., None, None] ** 2
         self.declared = self.declared * square
         self.calibration = replace(
@@ -436,16 +450,16 @@ def _scatters(fitted: FittedModel[CauseT], kinds: Sequence[CauseT]) -> list[Scat
 
 
 def residuals_of_inputs(fitted: FittedModel[CauseT]) -> InputResiduals:
-    """Return what a fit makes of its inputs."""
+    """Return the residuals of a fit's inputs."""
     return input_residuals(fitted.fit.whitened, _height(fitted.measured), fitted.input_rows)
 
 
 def _height(measured: Observations) -> int:
-    """Return how many rows the observations of an epoch are."""
+    """Return the number of rows of an epoch's observations."""
     return int(measured.seen.shape[1]) * measured.size
 
 
 def _screened(wrong: Mask, rest: Array, *, held_out: bool) -> list[ScreenedValue]:
-    """Return the observations wrong (B, K) with the lengths of their whitened residuals (B, K, d)."""
+    """Return the observations marked in ``wrong`` (B, K), with the lengths of their whitened residuals (B, K, d)."""
     length = np.sqrt(np.sum(rest**2, -1))
     return [ScreenedValue(int(b), int(k), held_out, float(length[b, k])) for b, k in np.argwhere(wrong)]

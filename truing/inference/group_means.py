@@ -1,7 +1,7 @@
-"""Residuals of epochs group by group: how far their means are from zero, against their scatter within a group.
+"""F test of group means of residuals against the scatter within the groups.
 
-Of epochs that repeat one another the scatter is pure error, whatever the model; what they have in common is lack of
-fit (the F test of ANOVA; Draper and Smith, Applied Regression Analysis, 2.1).
+Where the epochs of a group repeat one another, the scatter is pure error, whatever the model, and the means are lack of
+fit (ANOVA; Draper and Smith, Applied Regression Analysis, 2.1).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from truing.inference.observations import Frames, Observations
 class EpochResiduals:
     """Residuals (B, N) of unit noise in axes that all epochs share: of observations, then of inputs.
 
-    ``seen`` (B, N): which say something; ``told`` (B, N): the share of each that its epoch's own unknowns leave;
-    ``basis`` (B, N, G): orthonormal, over all epochs, with what shared unknowns explain.
+    ``seen`` (B, N) marks valid residuals; ``redundancy`` (B, N) is the share of each that its epoch's own unknowns
+    leave; ``basis`` (B, N, G) is orthonormal over all epochs and spans what the shared unknowns explain.
     """
 
     values: Array
@@ -31,7 +31,7 @@ class EpochResiduals:
 
 @dataclass(frozen=True)
 class MeansAgainstScatter:
-    """Mean squares of group means over those within groups, and the degrees of freedom of both."""
+    """F ratio: mean square of group means over that within groups, and the degrees of freedom of both."""
 
     ratio: float
     of_means: float
@@ -39,14 +39,14 @@ class MeansAgainstScatter:
 
     @property
     def p_value(self) -> float:
-        """The chance of as large a ratio where groups have nothing in common."""
+        """Probability of a ratio at least as large where all means are zero."""
         from scipy.special import fdtrc
 
         return float(fdtrc(self.of_means, self.within, self.ratio))
 
 
 def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, inputs: slice) -> EpochResiduals:
-    """Return what a fit leaves of each epoch, turned from the measurement's axes into those of the model."""
+    """Return the residuals of a fit by epoch, rotated from the measurement's axes into those of the model."""
     epochs, count, size = measured.values.shape
     height = count * size + whitened.problem.local_value.shape[1]
     rows = slice(0, epochs * height)
@@ -65,13 +65,15 @@ def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, 
 
 
 def _rotations(matrices: Array) -> Array:
-    """Return the rotations (B, K, d, d) next to matrices, by which whitened rows come into the model's axes."""
+    """Return the rotations (B, K, d, d) from whitened rows to the model's axes: the transposed polar factors of
+    matrices.
+    """
     left, _, right = np.linalg.svd(matrices)
     return np.asarray(np.swapaxes(left @ right, -1, -2))
 
 
 def _turned(turn: Array, rows: Array, inputs: slice, observed: int) -> Array:
-    """Return rows (B, H, P) of observations, turned, and of inputs."""
+    """Return rows (B, H, P) of observations, rotated, followed by those of inputs."""
     epochs, count, size = turn.shape[:3]
     own = rows[:, :observed].reshape(epochs, count, size, rows.shape[-1])
     own = own if size == 1 else turn @ own
@@ -84,9 +86,10 @@ def _chosen(rows: Mask, inputs: slice, observed: int) -> Mask:
 
 
 def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: float) -> MeansAgainstScatter | None:
-    """Return how far the means of groups (B,), by number, -1 for none, are from zero, residual by residual.
+    """Return the F ratio of the means of groups (B,) of epochs, by number, -1 for none, residual by residual.
 
-    Only what several epochs of a group have seen counts. None with fewer than so many epochs beyond one per group.
+    Only residuals seen in several epochs of a group count. None where there are fewer than ``fewest`` epochs beyond one
+    per group.
     """
     squares, freedom, beyond = np.zeros(2), np.zeros(2), 0
     for number in np.unique(groups[groups >= 0]):
@@ -94,7 +97,7 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
         seen = residuals.seen[own]
         count = seen.sum(0)
         redundancy = np.where(count > 1, residuals.redundancy[own], 0.0)
-        weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # of a mean's square, over that of the sum
+        weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # sum of squares of a mean over the squared sum
         of_mean = weight * residuals.values[own].sum(0) ** 2
         whole = np.where(count > 1, residuals.values[own] ** 2, 0.0).sum()
         explained = weight[:, None] * residuals.basis[own].sum(0) ** 2

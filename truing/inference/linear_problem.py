@@ -1,8 +1,8 @@
-"""One whitened linear problem: what was measured, what is not known exactly, and the projection onto what is left.
+"""Whitened linear problem of one fit: measured minus predicted, derivatives, priors, and the projection onto residuals.
 
-Rows are measurements and priors, each divided by its standard deviation; unknowns are counted in prior standard
-deviations (so a prior is a row of the identity). Unknowns of one epoch are eliminated epoch by epoch, those that all
-epochs share by one QR: `Whitened.rest` is then what no nuisance explains.
+Rows are measurements and priors, each divided by its standard deviation. Unknowns are in prior standard deviations, so
+a prior is a row of the identity. Local unknowns are eliminated epoch by epoch, shared ones by one orthogonal basis;
+`Whitened.rest` is what no unknown explains.
 """
 
 from __future__ import annotations
@@ -15,40 +15,40 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
 
-# Zero rows of missing observations are left out of products where more than the rest of them would be.
+# Zero rows of missing observations are left out of products if fewer than this share of all rows is present.
 _FEW_MISSING = 0.9
-# Columns that act in no more than this share of the epochs are kept in these alone, where that leaves no more than this
-# share of them in an epoch: the zeros of runs are many.
+# Columns that act in at most the first share of the epochs are stored only there, if no epoch keeps more than the
+# second share of all columns. This saves memory where each run has an unknown zero.
 _FEW_EPOCHS, _MOST_KEPT = 0.25, 0.5
-# Sources beside the kinds of shared unknowns, which bring their own names.
-OBSERVATIONS, INPUTS, EARLIER = "observations", "inputs", "earlier"
+# Sources of variance besides the kinds of shared unknowns, which have names of their own.
+OBSERVATIONS, INPUTS, PRIOR_CAMPAIGN = "observations", "inputs", "earlier"
 PLAUSIBLE, WIDE = "plausible", "wide"
 
 
 @dataclass(frozen=True)
 class LinearisedModel:
-    """Measured minus predicted, and derivatives, at some values of the unknowns; whitened, zero where missing.
+    """Measured minus predicted and derivatives at given unknowns; whitened, zero where missing.
 
-    Where many shared unknowns act in few epochs each (the zeros of runs), ``by_shared`` holds C columns for every epoch
-    that ``columns`` (B, C) name: the first ``common`` of them the same for all, then those that act there, and G for
-    none.
+    Where many shared unknowns act in few epochs each (the zeros of runs), ``by_shared`` is compact: the C columns of an
+    epoch belong to the unknowns ``columns`` (B, C). The first ``common`` columns are the same in all epochs, the others
+    act only there; G marks an empty column.
     """
 
     residual: Array  # (B, M) rows of each epoch
     by_local: Array  # (B, M, H)
     by_shared: Array  # (B, M, G), or (B, M, C)
-    local_value: Array  # (B, H) present distance from the prior's mean, in prior sigmas
+    local_value: Array  # (B, H) distance from the prior's mean, in prior sigmas
     shared_value: Array  # (G,)
     extra_residual: Array  # (E,) rows that concern no epoch
     extra_by_shared: Array  # (E, G)
     present: Mask  # (B, M) which rows were measured
-    local_known: Mask  # (H,) whose prior is knowledge, and not merely there to keep the equations scaled
+    local_known: Mask  # (H,) True where the prior is knowledge, False where it only keeps the equations scaled
     shared_known: Mask  # (G,)
     columns: Integers | None = None
     common: int = 0
 
     def moved(self, shared: Array) -> Array:
-        """Return how the rows (B, M, ...) follow shared unknowns (G, ...)."""
+        """Return the change of the rows (B, M, ...) by shared unknowns (G, ...)."""
         if self.columns is None:
             return np.asarray(self.by_shared @ shared)
         own = np.concatenate([shared, np.zeros((1, *shared.shape[1:]))])[self.columns]
@@ -56,14 +56,16 @@ class LinearisedModel:
 
     @property
     def squares(self) -> float:
-        """Return the sum of squares of all rows, those of priors among them."""
+        """Sum of squares of all rows, priors included."""
         parts = (self.residual, self.local_value, self.shared_value, self.extra_residual)
         return float(sum(np.sum(np.square(part)) for part in parts))
 
 
 @dataclass(frozen=True)
 class Whitened:
-    """The problem with its local unknowns eliminated; rows: those of epochs with local priors, extra ones, priors."""
+    """The problem after elimination of its local unknowns; rows: epochs with local priors, extra rows,
+    shared priors.
+    """
 
     problem: LinearisedModel
     local_basis: Array  # (B, M + H, H) orthonormal
@@ -71,16 +73,16 @@ class Whitened:
     own: Array  # (B, M + H, G or C) shared derivatives in the rows of epochs
     residual: Array  # (N,)
 
-    whole: Array | None = None  # (N, G), where the rows of epochs are no others
+    whole: Array | None = None  # (N, G) all rows, unless the problem is compact
 
     @cached_property
     def rows(self) -> Array:
-        """Return the shared derivatives (N, G) of all rows."""
+        """Derivatives (N, G) of all rows by the shared unknowns."""
         return _stacked(self.problem, self._spread) if self.whole is None else self.whole
 
     @property
     def _spread(self) -> Array:
-        """Return the shared derivatives (B, M + H, G) in the rows of epochs."""
+        """Derivatives (B, M + H, G) in the rows of epochs, expanded from the compact form."""
         assert self.problem.columns is not None
         size = len(self.problem.shared_value)
         wide = np.zeros((len(self.own), self.own.shape[1], size + 1))
@@ -89,21 +91,21 @@ class Whitened:
 
     @cached_property
     def _factor(self) -> Array:
-        """Return the rows' upper triangular factor (G, G): all that a step needs of them.
+        """Upper triangular factor (G, G) of the rows, from the Cholesky factor of their products.
 
-        The priors among the rows keep their products regular; the condition of these is the square of the rows', which
-        leaves nine digits.
+        The priors among the rows keep the products regular. Their condition is the square of that of the rows; nine
+        digits remain.
         """
         return np.linalg.cholesky(self._gram).T
 
     @cached_property
     def _inverse(self) -> Array:
-        """Return the inverse (G, G) of the rows' triangular factor."""
+        """Inverse (G, G) of the triangular factor."""
         return _inverse_of(self._factor)
 
     @cached_property
     def _gram(self) -> Array:
-        """Return the products (G, G) of the rows' columns: of those of few epochs in these alone."""
+        """Products (G, G) of the rows' columns; columns of few epochs are multiplied only there."""
         problem, columns = self.problem, self.problem.columns
         if columns is None:
             return np.asarray(self._informative_rows.T @ self._informative_rows)
@@ -121,12 +123,12 @@ class Whitened:
 
     @property
     def normal_matrix(self) -> Array:
-        """Return the products (G, G) of the rows' columns, those of priors among them."""
+        """Products (G, G) of the rows' columns, priors included."""
         return self._gram
 
     @cached_property
     def _along(self) -> Array:
-        """Return the parts (G,) of the residual along the basis."""
+        """Parts (G,) of the residual along the basis."""
         return _solved(self._factor, self._of_columns(self.residual), transposed=True)
 
     def _of_columns(self, residual: Array) -> Array:
@@ -142,7 +144,7 @@ class Whitened:
 
     @cached_property
     def basis(self) -> Array:
-        """Return an orthonormal basis (N, G) of what the shared unknowns explain."""
+        """Orthonormal basis (N, G) of what the shared unknowns explain."""
         nearly = _times_upper(self._informative_rows, self._inverse)
         orthonormal = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
         if len(orthonormal) == len(self.rows):
@@ -153,7 +155,7 @@ class Whitened:
 
     @property
     def _informative_rows(self) -> Array:
-        """Return the rows (n, G) without those of missing observations, which are zero, where these are many."""
+        """Rows (n, G), without the zero rows of missing observations where these are many."""
         return self.rows if self._is_informative.mean() > _FEW_MISSING else self.rows[self._is_informative]
 
     @cached_property
@@ -166,12 +168,12 @@ class Whitened:
 
     @cached_property
     def rest(self) -> Array:
-        """Return the residual (N,) that is left after all unknowns were fitted."""
+        """Residual (N,) after the fit of all unknowns."""
         return self.residual - self.basis @ (self.basis.T @ self.residual)
 
     @cached_property
     def explained(self) -> float:
-        """Return by how much the unknowns' next step lowers the sum of squares."""
+        """Reduction of the sum of squares by the next step of all unknowns."""
         local = np.einsum(
             "bmh,bm->bh", self.local_basis, _with_priors(self.problem.residual, -self.problem.local_value)
         )
@@ -179,7 +181,7 @@ class Whitened:
 
     @cached_property
     def leverage(self) -> Array:
-        """Return the share (N,) of each row that the unknowns follow; 1 where nothing of it is left to test."""
+        """Share (N,) of each row that the unknowns follow; 1 where nothing is left to test."""
         local = np.sum(self.local_basis**2, -1).ravel()
         shared = np.sum(self.basis**2, -1)
         shared[: len(local)] += local
@@ -187,7 +189,7 @@ class Whitened:
 
     @cached_property
     def present(self) -> Mask:
-        """Return which rows (N,) say something: what was measured, and priors that are knowledge."""
+        """True for rows (N,) with information: measured values, and priors that are knowledge."""
         priors = np.broadcast_to(self.problem.local_known, self.problem.local_value.shape)
         epoch_rows = np.concatenate([self.problem.present, priors], 1).ravel()
         extra = np.ones(len(self.problem.extra_residual), bool)
@@ -195,7 +197,7 @@ class Whitened:
 
     @cached_property
     def freedom(self) -> float:
-        """Return the degrees of freedom of `rest`."""
+        """Degrees of freedom of `rest`."""
         return float(np.sum((1.0 - self.leverage)[self.present]))
 
     def step(self) -> tuple[Array, Array]:
@@ -204,21 +206,21 @@ class Whitened:
         return shared, self.local_step(shared)
 
     def local_step(self, shared: Array) -> Array:
-        """Return the least-squares step of the local unknowns (B, H) beside one (G,) of the shared ones."""
+        """Return the least-squares step of the local unknowns (B, H) for a given step (G,) of the shared ones."""
         left = _with_priors(self.problem.residual - self.problem.moved(shared), -self.problem.local_value)
         local = np.linalg.solve(self.local_factor, np.einsum("bmh,bm->bh", self.local_basis, left)[..., None])
         return np.asarray(local[..., 0])
 
     def in_basis(self, shared: Array) -> Array:
-        """Return steps (G, ...) of the shared unknowns along the basis, in standard deviations."""
+        """Return steps (G, ...) of the shared unknowns as parts along the basis, in standard deviations."""
         return self._factor @ shared
 
     def fitted(self, rows: Array) -> Array:
-        """Return the shared unknowns (G, ...) that fit rows (N, ...) best, in prior sigmas."""
+        """Return the shared unknowns (G, ...), in prior sigmas, that fit rows (N, ...) best."""
         return self._inverse @ (self._inverse.T @ (self.rows.T @ rows))
 
     def from_basis(self, parts: Array) -> Array:
-        """Return the shared unknowns (G, ...) whose rows are the basis times parts (G, ...), in prior sigmas."""
+        """Return the shared unknowns (G, ...), in prior sigmas, whose rows are the basis times parts (G, ...)."""
         return self._inverse @ parts
 
     def covariance(self) -> Array:
@@ -226,15 +228,15 @@ class Whitened:
         return self._inverse @ self._inverse.T
 
     def covariance_from(self, rows: Mapping[str, Mask], place: slice) -> dict[str, Array]:
-        """Return the covariance (P, P) of shared unknowns that the errors of each group of rows (N,) give to them.
+        """Return the covariance (P, P) of some shared unknowns that the errors of each group of rows (N,) cause.
 
-        Rows err independently, each by one; groups that hold every row sum to `covariance`.
+        Rows have independent errors of unit variance; if the groups hold every row once, they sum to `covariance`.
         """
         follows = (self._inverse[place] @ self._inverse.T) @ self.rows.T
         return {name: follows[:, own] @ follows[:, own].T for name, own in rows.items()}
 
     def without_local(self, columns: Array) -> Array:
-        """Return columns (B, M + H, P) less what the local unknowns explain of them."""
+        """Return columns (B, M + H, P) without their projection on the local unknowns."""
         explained = self.local_basis @ (np.swapaxes(self.local_basis, 1, 2) @ columns)
         return np.subtract(columns, explained, out=explained)
 
@@ -256,8 +258,10 @@ def whiten(problem: LinearisedModel) -> Whitened:
 
 
 def _shared_rows(problem: LinearisedModel, basis: Array) -> Array:
-    """Return the derivatives (N, G) by the shared unknowns less what the local ones explain; they are the largest array
-    of all, so that each is written in its place at once."""
+    """Return the derivatives (N, G) by the shared unknowns without their projection on the local ones.
+
+    This is the largest array of all, so each part is written directly into its place.
+    """
     rows = _stacked(problem, None)
     (epochs, height, size), tall = problem.by_shared.shape, basis.shape[1]
     own = rows[: epochs * tall].reshape(epochs, tall, size)
@@ -267,7 +271,7 @@ def _shared_rows(problem: LinearisedModel, basis: Array) -> Array:
 
 
 def _stacked(problem: LinearisedModel, own: Array | None) -> Array:
-    """Return rows (N, G): those of epochs (B, M + H, G), left open where none are given, extra ones, priors."""
+    """Return rows (N, G): epochs (B, M + H, G), uninitialised if None, then extra rows, then priors."""
     extra, size = problem.extra_by_shared.shape
     first = problem.residual.size + problem.local_value.size
     rows = np.empty((first + extra + size, size))
@@ -279,13 +283,15 @@ def _stacked(problem: LinearisedModel, own: Array | None) -> Array:
 
 
 def _padded(rows: Array, count: int) -> Array:
-    """Return rows (B, M, C) with those of so many priors (B, M + H, C), which are zero."""
+    """Return rows (B, M + H, C): rows (B, M, C), then the zero rows of ``count`` priors."""
     return np.concatenate([rows, np.zeros((len(rows), count, rows.shape[2]))], 1)
 
 
 def columns_of(acting: Mask) -> tuple[Integers, int] | None:
-    """Return which columns (B, C) to keep for every epoch where columns act, acting (B, G), and how many of them are
-    common to all; G stands for none. None where most act in most epochs."""
+    """Return the columns (B, C) to store for each epoch, and the number of them that are common to all epochs.
+
+    ``acting`` (B, G) marks the columns that act; G stands for an empty column. None where most act in most epochs.
+    """
     few = acting & (acting.mean(0) <= _FEW_EPOCHS)
     common = np.flatnonzero(acting.mean(0) > _FEW_EPOCHS)
     count = few.sum(1)
@@ -305,14 +311,14 @@ def _inverse_of(factor: Array) -> Array:
 
 
 def _solved(factor: Array, values: Array, *, transposed: bool = False) -> Array:
-    """Return what an upper triangular factor (G, G), or its transpose, makes values (G,) of."""
+    """Return the solution (G,) of an upper triangular system (G, G), or of its transpose, for values (G,)."""
     from scipy.linalg.lapack import dtrtrs
 
     return np.asarray(dtrtrs(factor, values, trans=int(transposed))[0])
 
 
 def _times_upper(rows: Array, upper: Array) -> Array:
-    """Return rows (N, G) times an upper triangular matrix (G, G), at half the cost of any other."""
+    """Return rows (N, G) times an upper triangular matrix (G, G), at half the cost of a full product."""
     from scipy.linalg.blas import dtrmm
 
     return np.asarray(dtrmm(1.0, upper, rows.T, trans_a=1)).T
@@ -324,7 +330,7 @@ def _with_priors(rows: Array, priors: Array) -> Array:
 
 @dataclass(frozen=True)
 class Contribution:
-    """What one source gives to the covariance (P, P) of some parameters, SI, and what a fit leaves of its rows."""
+    """Contribution of one source to the covariance (P, P) of some parameters, SI, and the redundancy of its rows."""
 
     source: str
     covariance: Array
@@ -332,9 +338,10 @@ class Contribution:
 
 
 def rows_by_source(whitened: Whitened, layout: Mapping[str, slice], causes: Set[str], inputs: slice) -> dict[str, Mask]:
-    """Return which rows (N,) of a whitened problem are of each source; every row is of one.
+    """Return the rows (N,) of each source; every row belongs to exactly one.
 
-    Priors of causes are ``PLAUSIBLE`` sizes, those that are no knowledge ``WIDE``, others are called as in the layout.
+    Priors of causes belong to ``PLAUSIBLE``, priors that are no knowledge to ``WIDE``, others to their kind in the
+    layout.
     """
     problem = whitened.problem
     epochs, height = problem.residual.shape
@@ -343,13 +350,13 @@ def rows_by_source(whitened: Whitened, layout: Mapping[str, slice], causes: Set[
     places = np.arange(len(whitened.rows))
     within, of_epoch = places % tall, places < first
     shared = places - first - extra
-    # What measurements of an epoch share is an error of theirs, though it has an unknown of its own.
+    # An error that the measurements of an epoch share counts as theirs, though it has an unknown of its own.
     of_observations = np.concatenate([np.ones(height, bool), problem.local_known])
     of_observations[height + inputs.start : height + inputs.stop] = False
     found = {
         OBSERVATIONS: of_epoch & of_observations[within],
         INPUTS: of_epoch & (within >= height + inputs.start) & (within < height + inputs.stop),
-        EARLIER: ~of_epoch & (shared < 0),
+        PRIOR_CAMPAIGN: ~of_epoch & (shared < 0),
         PLAUSIBLE: np.zeros(len(places), bool),
     }
     known = np.concatenate([np.zeros(first + extra, bool), problem.shared_known])

@@ -1,4 +1,4 @@
-"""What a model brings to be fitted, and to take up causes."""
+"""Protocols of a model that can be fitted and can take up causes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Generic, Protocol, Self, TypeVar
 
 from truing.inference.arrays import Array, Integers, Mask
 
-# The pathway on which a cause acts on the observations themselves, whose motions are the identity.
+# Pathway of causes that act on the observations themselves; its motions are the identity.
 OBSERVED = "observed"
 
 
@@ -24,7 +24,9 @@ class ParameterLike(Protocol):
 
 
 class CauseLike(Protocol):
-    """What is asked of a cause. Causes of one sort belong to one sort of model; `SceneLike` tells which to propose."""
+    """What inference needs of a cause. Causes of one sort belong to one sort of model; `SceneLike` proposes
+    candidates.
+    """
 
     @property
     def id(self) -> str:
@@ -32,19 +34,19 @@ class CauseLike(Protocol):
 
     @property
     def key(self) -> str:
-        """Name that tells it from all other candidates."""
+        """Name that identifies this candidate among all others."""
 
     @property
     def share(self) -> float:
-        """Weight of its kind in the budget of false alarms and among the probabilities beforehand."""
+        """Weight of its kind in the budget of false alarms and in the prior probabilities."""
 
     @property
     def catalogued(self) -> bool:
-        """Whether its form was declared; else it is a nonparametric effect, in a form that nobody declared."""
+        """Whether its form is in the catalogue; otherwise it is a nonparametric effect."""
 
     @property
     def subject(self) -> str:
-        """What it concerns, as tables name it; empty for the whole."""
+        """Name in the tables of the thing it concerns; empty for the whole."""
 
     @property
     def concerns_several(self) -> bool:
@@ -55,35 +57,35 @@ class CauseLike(Protocol):
         """Whether this adds higher-order terms to a cause that must be accepted first."""
 
     def excludes(self, other: Self, /) -> bool:
-        """Whether a model that holds this cause has no place for another."""
+        """Whether a model that holds this cause cannot take up another."""
 
     def parameters(self, parts: int, /) -> Sequence[ParameterLike]:
-        """Return the parameters for so many like parts."""
+        """Return the parameters for a number of like parts."""
 
     def alike(self, parts: int, /) -> Sequence[int]:
-        """Return the positions of parameters that are of like size."""
+        """Return the positions of parameters of like size."""
 
     def one_sided(self, parts: int, /) -> Sequence[int]:
-        """Return the positions of parameters that nature makes no less than zero."""
+        """Return the positions of parameters that cannot be negative."""
 
     def refined(self) -> Self:
         """Return the form that is fitted once it is chosen, with its shape among the parameters."""
 
     def with_fixed_shape(self, shape: Array, /) -> Self | None:
-        """Return the form with its shape held; None where that need not be asked."""
+        """Return the form with its shape held fixed; None where the shape needs no check."""
 
     def narrowed(self, values: Array, covariance: Array, parts: int, /) -> Self:
-        """Return the cause without the parts that clearly do nothing once it is fitted."""
+        """Return the cause, after a fit, without the parts that clearly have no effect."""
 
     def covers(self, covariates: Mapping[str, Array], epochs: int, /) -> Mask:
-        """Return at which epochs (B,) it claims to hold."""
+        """Return True for the epochs (B,) at which the cause claims to hold."""
 
 
 CauseT = TypeVar("CauseT", bound=CauseLike)
 
 
 class ConditionsLike(Protocol):
-    """What is known of some epochs, and all that a model needs there."""
+    """Known conditions of some epochs: all that a model needs there."""
 
     @property
     def covariates(self) -> Mapping[str, Array]:
@@ -99,23 +101,24 @@ ConditionsT_contra = TypeVar("ConditionsT_contra", bound=ConditionsLike, contrav
 class ChannelCandidates(Generic[CauseT]):
     """Candidates that each shift one of T channels, along the axes of its group, by one of S shapes over the epochs.
 
-    Their parameters are the shifts, d for each of m columns. There are as many as channels times shapes, so that they
-    are scored by their shapes; ``member(t, s)`` is the cause for the t-th of ``channels`` and shape s. With
-    ``patterns`` each shifts n channels together, and its parameters, q for every column, are those of the pattern.
+    The parameters are the shifts, d for each of m columns. The T times S candidates are scored together by their
+    shapes; ``member(t, s)`` makes the cause for the t-th of ``channels`` and shape s. With ``patterns`` each candidate
+    shifts n channels together, and has q parameters per column.
     """
 
-    values: Array  # (S, B, m), without dimension: what a shift is multiplied with
+    values: Array  # (S, B, m) dimensionless factors of a shift
     channels: Integers  # (T,) places of the channels; (T, n) with patterns
-    usable: Mask  # (S, T) whether that channel was seen often enough for that shape
+    usable: Mask  # (S, T) True where the channel was seen often enough for the shape
     scale: float  # one sigma of a plausible shift, SI
     member: Callable[[int, int], CauseT]
-    patterns: Array | None = None  # (T, n, d, q), shifts over a plausible one
+    patterns: Array | None = None  # (T, n, d, q) shifts relative to a plausible one
 
 
 @dataclass(frozen=True)
 class ScatterCandidate(Generic[CauseT]):
-    """A cause that moves nothing on average: it makes the inputs, or observations, that ``own`` (B, C) marks scatter
-    more than the others."""
+    """A cause with zero mean effect that makes the inputs or observations marked by ``own`` (B, C) scatter more than
+    others.
+    """
 
     cause: CauseT
     own: Mask
@@ -123,7 +126,7 @@ class ScatterCandidate(Generic[CauseT]):
 
 
 class SceneLike(Protocol[CauseT]):
-    """What a campaign offers to causes of one sort: which candidates are worth testing there."""
+    """Candidates of one sort of cause that are worth testing in a campaign."""
 
     @property
     def covariates(self) -> Mapping[str, Array]:
@@ -131,34 +134,35 @@ class SceneLike(Protocol[CauseT]):
 
     @property
     def inputs(self) -> Mapping[str, Array]:
-        """Columns (B,) of what was asked at every epoch, by name."""
+        """Columns (B,) of the commanded values of every epoch, by name."""
 
     @property
     def shape(self) -> Array:
         """Places (K, 0 to 3) of the channels on their groups, m."""
 
     def with_seen(self, seen: Mask) -> Self:
-        """Return the scene of which so many observations (B, K) were seen."""
+        """Return the scene in which only the observations ``seen`` (B, K) were seen."""
 
     def candidates(self, kind: CauseT, /) -> Sequence[CauseT]:
         """Return the candidates of a kind worth testing."""
 
     def channel_candidates(self, kind: CauseT, /) -> Sequence[ChannelCandidates[CauseT]]:
-        """Return those over single channels, too many to be told one by one."""
+        """Return the candidates over single channels, which are too many to list one by one."""
 
     def higher_order_terms(self, cause: CauseT, /) -> Sequence[CauseT]:
-        """Return the forms that go on where a cause ends."""
+        """Return the causes that add higher-order terms to a cause."""
 
     def prior(self, cause: CauseT, /) -> float:
-        """Return a candidate's share of its kind's probability beforehand."""
+        """Return a candidate's share of the prior probability of its kind."""
 
     def scatters(self, kind: CauseT, /) -> Sequence[ScatterCandidate[CauseT]]:
         """Return the candidates of a kind that make inputs or observations scatter."""
 
 
 class PredictionLike(Protocol):
-    """What a model predicts, with derivatives per prior sigma, and whitened rows of knowledge, which concern no
-    epoch."""
+    """Prediction of a model, with derivatives per prior sigma, and whitened rows of prior knowledge that concern no
+    epoch.
+    """
 
     @property
     def values(self) -> Array:
@@ -182,25 +186,28 @@ class PredictionLike(Protocol):
 
     @property
     def shared_known(self) -> Mask:
-        """Which shared unknowns (G,) have a prior that is knowledge, and not merely wide."""
+        """True for shared unknowns (G,) whose prior is knowledge, not only a wide scale."""
 
     @property
     def local_known(self) -> Mask:
-        """Which local unknowns (H,) have such a prior."""
+        """The same for local unknowns (H,)."""
 
 
 class Predict(Protocol):
-    """Observations as a function of unknowns, which are counted in standard deviations of their priors."""
+    """Observations as a function of unknowns, which are in standard deviations of their priors."""
 
     def __call__(self, shared: Array, local: Array, by_shared: bool = True) -> PredictionLike:
-        """Return observations and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked
-        for."""
+        """Return observations and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones only if
+        requested.
+        """
 
 
 @dataclass(frozen=True)
 class Split:
-    """Shared unknowns (P,) that split into what is common to all like parts and each part's own: their places, which of
-    them are common, and the share of their variance that is."""
+    """Shared unknowns (P,) of like parts, split into a common part and each part's own.
+
+    ``places`` are their indices, ``common`` marks the common ones, ``share`` is the common share of the variance.
+    """
 
     places: Integers
     common: Mask
@@ -208,7 +215,7 @@ class Split:
 
 
 class Model(Protocol[CauseT]):
-    """A model of observations that takes up causes of one sort; each brings parameters and a design per pathway."""
+    """A model of observations that can take up causes of one sort, each with parameters and a design per pathway."""
 
     @property
     def predict(self) -> Predict:
@@ -216,97 +223,97 @@ class Model(Protocol[CauseT]):
 
     @property
     def layout(self) -> Mapping[str, slice]:
-        """Return where each kind of shared unknown stands; effects by their key."""
+        """Places of each kind of shared unknown; effects by their key."""
 
     @property
     def survey(self) -> slice:
-        """Return where the shared unknowns stand whose prior is the survey's noise; empty where nothing is surveyed."""
+        """Places of the shared unknowns whose prior is the survey's noise; empty where nothing is surveyed."""
 
     @property
     def local_size(self) -> int:
-        """Return the number of local unknowns H."""
+        """Number of local unknowns H."""
 
     @property
     def unpredicted(self) -> Mask:
-        """Return which local unknowns (H,) the model does not claim to predict."""
+        """True for local unknowns (H,) that the model does not claim to predict."""
 
     @property
     def channel_word(self) -> str:
-        """Return what one channel is called, in words."""
+        """Word for one channel."""
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """Return the names (K,) of the channels, as tables have them."""
+        """Names (K,) of the channels, as in the tables."""
 
     @property
     def channel_kinds(self) -> tuple[str, ...]:
-        """Return what each channel (K,) belongs to, or what sort of channel it is; none where none is told."""
+        """Sort of each channel (K,), or the thing it belongs to; empty where none is known."""
 
     @property
     def channel_groups(self) -> Integers:
-        """Return the number of each channel's group (K,)."""
+        """Number of each channel's group (K,)."""
 
     @property
     def part_count(self) -> int:
-        """Return the number of like parts L, each of which has parameters of its own in some causes."""
+        """Number of like parts L, each of which has parameters of its own in some causes."""
 
     @property
     def zero_groups(self) -> Integers | None:
-        """Return which observations (B, K) share a zero, by number, -1 for none; None where observations have
-        frames."""
+        """Number (B, K) of the zero that observations share, -1 for none; None where observations have frames."""
 
     @property
     def error_groups(self) -> Integers | None:
-        """Return which epochs (B,) err together, by number: those of a run; None where each stands for itself."""
+        """Number (B,) of the run whose epochs have correlated errors; None where epochs are independent."""
 
     @property
     def split(self) -> Split | None:
-        """Return which shared unknowns split into what is common to all parts and each part's own; None where none
-        do."""
+        """Shared unknowns with a common part and each part's own; None where there are none."""
 
     @property
     def blocks(self) -> Integers | None:
-        """Return which epochs (B,) can be left out of a fit together, by number in time; None where none can be, since
-        they would have to be predicted from others before and after."""
+        """Numbers (B,), in time, of epochs that can be left out of a fit together.
+
+        None where they cannot be predicted from epochs before and after.
+        """
 
     @property
     def scene(self) -> SceneLike[CauseT]:
-        """Return what the campaign offers to causes."""
+        """Candidates that the campaign offers."""
 
     def with_causes(self, causes: Sequence[CauseT], /) -> Self:
         """Return the model with these causes among its unknowns."""
 
     def rescaled(self, inputs: float, survey: float, /) -> Self:
-        """Return the model with the noise of inputs and survey so many times as large."""
+        """Return the model with the noise of inputs and survey multiplied by factors."""
 
     @property
     def input_scale(self) -> Array:
-        """Return one prior sigma of each input (H,), SI."""
+        """Prior sigma of each input (H,), SI."""
 
     def with_input_factor(self, factor: Array, /) -> Self:
-        """Return the model whose inputs at each epoch have prior sigmas (B, H) so many times as large."""
+        """Return the model with the prior sigmas of each epoch's inputs multiplied by factors (B, H)."""
 
     def with_share(self, share: float, /) -> Self:
-        """Return the model with another share of what splits in common."""
+        """Return the model with another common share of the variance of like parts."""
 
     def embedded(self, shared: Array, model: Self, /) -> Array:
-        """Return shared unknowns of this model as those of another."""
+        """Return the shared unknowns of this model as those of another."""
 
     def pathways(self, shared: Array, local: Array) -> Mapping[str, Array]:
-        """Return how the observations (B, K, d, C) follow each pathway."""
+        """Return the derivatives (B, K, d, C) of the observations by each pathway."""
 
     def design_matrix(self, shared: Array, local: Array) -> Callable[[CauseT], Mapping[str, Array]]:
-        """Return what tells a cause's change (B or 1, C, P) of each pathway that it acts on, per plausible scale."""
+        """Return the function from a cause to its change (B or 1, C, P) of each pathway, per plausible scale."""
 
     def rotations(self, shared: Array, local: Array) -> Array:
         """Return the rotations (B, K, d, d) from the axes of the channels' groups to those of the observations."""
 
     def effect_sigma(self, cause: CauseT, /) -> Array:
-        """Return the prior sigma (P,), SI, that a cause's parameters are fitted with."""
+        """Return the prior sigma (P,), SI, of a cause's parameters in the fit."""
 
 
 class CampaignModel(Model[CauseT], Protocol[CauseT, ConditionsT_contra]):
-    """A model that can be brought to other epochs of its campaign."""
+    """A model that can be evaluated at other epochs of its campaign."""
 
     def at(self, conditions: ConditionsT_contra, /) -> Self:
         """Return the model at other epochs."""

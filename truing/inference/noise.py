@@ -1,7 +1,7 @@
-"""How large the noise of a campaign really is, component by component, with what was declared as prior knowledge.
+"""Noise level of a campaign by component, with the declared noise as prior, and dependences of the noise.
 
-Observations have a covariance in the axes of the measurement, group by group; inputs and the survey a factor each. A
-declared noise that is wrong by a tenth would otherwise make clean campaigns look wrong, and faulty ones clean.
+Observations have a covariance in the axes of the measurement, group by group; inputs and the survey have a factor each.
+Otherwise a declared noise that is wrong by 10 % would hide causes, or simulate them.
 """
 
 from __future__ import annotations
@@ -18,35 +18,35 @@ from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseLike
 from truing.inference.observations import Observations
 
-# How many observations the declared noise level counts for: known to about 10 %.
+# Number of observations for which the declared noise level counts: it is known to about 10 %.
 NOISE_PRIOR_FREEDOM = 50.0
-# Residuals count less from here on, as those of Student's t with so many degrees of freedom do.
+# Degrees of freedom of Student's t, by which large residuals are weighted down.
 _TAIL = 5.0
 _ROUNDS = 5
 _LEAST_NOISE = 0.2
-# A declared noise may be wrong by this factor before what exceeds it counts as an effect.
+# Noise estimates stay within this factor of the declared noise; any larger excess counts as an effect.
 _MOST_OFF = 1.5
-# A residual tells of its observation's noise where the fit left it at least this share of every direction.
-_TOLD = 0.1
-# Logarithms of what is very small say nothing of noise. A single coordinate is often near zero by chance: with one
-# added to its square, the logarithm keeps nine tenths of what there is to know of the noise, and four without.
+# A residual is informative about noise if its redundancy is at least this in every direction.
+_LEAST_REDUNDANCY = 0.1
+# Squares below _LEAST carry no information. A single coordinate is often near zero by chance: with 1 added to its
+# square, the logarithm keeps 90 % of the information on the noise, without it 40 %.
 _LEAST = 1e-3
 _ADDED = {1: 1.0}
 _FEWEST_VALUES = 20
 _LEAD = math.log(20.0)
-# Angles whose squared cosine is the share in common, all equally likely beforehand (Jeffreys' prior of a share). At the
-# ends a part is a thousandth of what it may be, which no data show, and not nothing: so a fit can still tell of it.
+# Angles whose squared cosine is the common share, with equal prior probability (Jeffreys' prior of a share). At either
+# end a part keeps a thousandth of its prior sigma: invisible in data, but not zero, so a fit can still estimate it.
 _END = 1e-3
 _ANGLES = np.linspace(0.0, 0.5 * np.pi, 10).clip(_END, 0.5 * np.pi - _END)
-_SAME = 0.02  # rad: nothing to fit anew for
+_SAME = 0.02  # rad: smaller changes need no new fit
 
 
 @dataclass(frozen=True)
 class NoiseComponents:
-    """Degrees of freedom behind the noise of observations and of inputs, declared knowledge included, and their totals.
+    """Degrees of freedom and sums of squares of the noise of observations and of inputs, declared knowledge included.
 
-    ``observed_total`` and ``inputs_total`` are the sums of squares found, in units of the noise used for whitening,
-    declared knowledge included; they equal the degrees of freedom where that noise is right.
+    ``observed_total`` and ``inputs_total`` are the sums of squares, in units of the noise used for whitening; they
+    equal the degrees of freedom if that noise is right.
     """
 
     observed: float
@@ -55,11 +55,13 @@ class NoiseComponents:
     inputs_total: float
 
     def freedom(self, input_share: float) -> float:
-        """Return the degrees of freedom of an estimate that rests on inputs by a share (Satterthwaite)."""
+        """Return the degrees of freedom of a noise estimate of which the share ``input_share`` rests on inputs
+        (Satterthwaite).
+        """
         return 1.0 / (input_share**2 / self.inputs + (1.0 - input_share) ** 2 / self.observed)
 
     def without(self, squares: float, rank: int, input_share: float) -> float:
-        """Return the variance of the noise, in units of the one used, once a candidate's squares are taken out."""
+        """Return the variance of the noise, in units of the one used, without the squares that a candidate explains."""
         freedom = self.freedom(input_share)
         ratios = self.inputs_total / self.inputs, self.observed_total / self.observed
         level = input_share * ratios[0] + (1.0 - input_share) * ratios[1]
@@ -67,7 +69,7 @@ class NoiseComponents:
 
 
 def components(whitened: Whitened, observed: int, inputs: slice) -> NoiseComponents:
-    """Return the noise of a fit by component: the first ``observations`` rows of an epoch, and its inputs' priors."""
+    """Return the noise of a fit by component: the first ``observed`` rows of an epoch, and its inputs' priors."""
     squares, freedom = _by_row(whitened)
     epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
     own = np.s_[: epochs * height]
@@ -81,13 +83,13 @@ def components(whitened: Whitened, observed: int, inputs: slice) -> NoiseCompone
 
 
 def _by_row(whitened: Whitened) -> tuple[Array, Array]:
-    """Return the squared residual and the degrees of freedom (N,) of every row that says something."""
+    """Return the squared residual and the degrees of freedom (N,) of every row; zero for rows without information."""
     present = whitened.present
     return np.where(present, whitened.rest**2, 0.0), np.where(present, 1.0 - whitened.leverage, 0.0)
 
 
 def input_squares(whitened: Whitened, observed: int, inputs: slice) -> tuple[float, float]:
-    """Sum of squares of the inputs' residuals, in units of the noise used for whitening, and its degrees of freedom."""
+    """Return the sum of squares of the inputs' residuals, in units of the noise used, and its degrees of freedom."""
     squares, freedom = _by_row(whitened)
     epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
     rows = np.s_[observed + inputs.start : observed + inputs.stop]
@@ -96,28 +98,30 @@ def input_squares(whitened: Whitened, observed: int, inputs: slice) -> tuple[flo
 
 
 def input_ratio(whitened: Whitened, observed: int, inputs: slice, used: float) -> float:
-    """Return the inputs' noise over the declared one (Foerstner's estimate), ``used`` times which was used."""
+    """Return the inputs' noise over the declared one (Foerstner's estimate); ``used``: the ratio used in the fit."""
     return _ratio(*input_squares(whitened, observed, inputs), used)
 
 
 def survey_ratio(whitened: Whitened, places: Integers, used: float) -> float:
-    """Return the survey's noise over the declared one, from its rows' places among all rows (N,)."""
+    """Return the survey's noise over the declared one; ``places`` are its rows among all rows (N,)."""
     squares, freedom = _by_row(whitened)
-    robust = np.minimum(squares[places], 9.0 * freedom[places])  # a channel that was moved is no noise
+    robust = np.minimum(squares[places], 9.0 * freedom[places])  # a channel that was displaced is not noise
     return _ratio(float(robust.sum()), float(freedom[places].sum()), used)
 
 
 def _ratio(squares: float, freedom: float, used: float) -> float:
-    """Return a noise level, with the declared one as prior; held near it, since what an effect leaves is no noise."""
+    """Return a noise ratio with the declared noise as prior, limited to `_MOST_OFF`: residuals of an effect are not
+    noise.
+    """
     variance = (NOISE_PRIOR_FREEDOM + squares * used**2) / (NOISE_PRIOR_FREEDOM + freedom)
     return float(np.clip(np.sqrt(variance), 1.0 / _MOST_OFF, _MOST_OFF))
 
 
 def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers) -> Observations:
-    """Return the observations with their covariances brought to what a fit found, group by group, in the measurement's
-    axes.
+    """Return the observations with covariances as estimated from a fit, group by group, in the measurement's axes.
 
-    ``groups`` (K,) numbers each channel's group. Residuals of an effect count little (Student's t).
+    ``groups`` (K,) numbers each channel's group. Large residuals, which effects cause, have little weight (Student's
+    t).
     """
     rest, redundancy = informative_residuals(whitened, measured.values.shape)
     axes = np.eye(measured.size)
@@ -132,8 +136,7 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers)
 
 
 def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[Array, Array]:
-    """Return the observations' whitened residuals, of shape (B, K, d), and how much of each observation's noise they
-    tell (B, K, d, d)."""
+    """Return the observations' whitened residuals (B, K, d) and their redundancy matrices (B, K, d, d)."""
     epochs, count, size = shape
     height, width = size * count + whitened.problem.local_value.shape[1], whitened.basis.shape[1]
 
@@ -150,8 +153,8 @@ def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tu
 def _scatter(rest: Array, redundancy: Array, prior: Array) -> Array:
     """Return the robust scatter matrix of the noise behind residuals (n, d) with ``redundancy`` (n, d, d).
 
-    The prior counts as `NOISE_PRIOR_FREEDOM` values. Where residuals tell nothing (across a group of three channels),
-    the noise is taken to be what it is on average.
+    The prior counts as `NOISE_PRIOR_FREEDOM` values. In directions without redundancy (as across a group of three
+    channels), the noise is the average one.
     """
     size = rest.shape[1]
     amount, axes = np.linalg.eigh(np.sum(redundancy, 0))
@@ -171,8 +174,9 @@ def _scatter(rest: Array, redundancy: Array, prior: Array) -> Array:
 
 @lru_cache(maxsize=8)
 def _consistent(size: int) -> float:
-    """Return what the weighted scatter of so many unit normals comes to along an axis: E[(5 + d) q / (5 + q)] / d, q
-    the sum of their squares."""
+    """Return the expected weighted scatter of unit normals along an axis: E[(5 + d) q / (5 + q)] / d, q chi-square of
+    d.
+    """
     from scipy.integrate import quad
     from scipy.special import gammaln
 
@@ -185,8 +189,9 @@ def _consistent(size: int) -> float:
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """The noise found over the declared one, its standard deviation, and the chance of so much where the declared
-    one is right to within what it is taken to be known."""
+    """Noise found over the declared one, its standard deviation, and its p-value if the declared noise is right to 10
+    %.
+    """
 
     ratio: float
     sigma: float
@@ -196,10 +201,10 @@ class NoiseLevel:
 def noise_level(
     whitened: Whitened, measured: Observations, declared: Array, channels: Mask | None = None
 ) -> NoiseLevel:
-    """Return the level of the noise that a fit leaves in the observations over the declared covariances (B, K, d, d).
+    """Return the noise of a fit's observations over the declared covariances (B, K, d, d).
 
-    Of all channels, or of those that ``channels`` (K,) marks. Its logarithm is tested, one-sided; ``measured`` holds
-    the covariances that the fit used.
+    ``channels`` (K,) selects channels; ``measured`` holds the covariances used in the fit. The log of the ratio is
+    tested, one-sided.
     """
     epochs, count = measured.seen.shape
     seen = measured.seen if channels is None else measured.seen & channels
@@ -222,11 +227,11 @@ def noise_level(
 
 @dataclass(frozen=True)
 class Driver:
-    """Something that the noise may follow: values (B, K), what it is called, and its column of the configurations.
+    """A quantity on which the noise may depend: values (B, K), name, and its column of the configurations.
 
-    ``within`` (K,) numbers groups whose own level says nothing: channels for what changes from epoch to epoch, groups
-    for what changes from channel to channel. ``channels`` are those concerned where it is noise of these alone.
-    ``cause`` makes it larger where values are.
+    ``within`` (K,) numbers groups whose mean is removed: single channels for what varies over epochs, groups of
+    channels for what varies over channels. ``channels`` are set where the noise of single channels is tested, ``cause``
+    where a cause makes the noise larger where values are 1.
     """
 
     name: str
@@ -238,17 +243,17 @@ class Driver:
 
     @property
     def is_one_sided(self) -> bool:
-        """Return whether noise can only be larger where values are."""
+        """Whether the noise can only be larger where values are larger."""
         return bool(self.channels) or self.cause is not None
 
 
 @dataclass(frozen=True)
 class NoiseDependence:
-    """What the noise follows; its p-value, corrected for all that was tried; and how much larger it is where it is
-    largest than where it is least.
+    """A dependence of the noise on a driver, with a p-value corrected for all drivers tried.
 
-    ``factor`` (B, K) is each observation's noise over the typical one; ``doubt``: why a cause that makes it so is
-    only suspected (a value of ``Reason``), empty where it is found.
+    ``ratio``, with ``sigma``: the largest noise over the smallest. ``factor`` (B, K): each observation's noise over the
+    typical one. ``doubt``: the reason why a cause of it is only suspected (a value of ``Reason``), empty where it is
+    found.
     """
 
     driver: Driver
@@ -260,18 +265,19 @@ class NoiseDependence:
 
 
 def standardised(rest: Array, redundancy: Array) -> Array:
-    """Return residuals (B, K, d) brought to unit noise, NaN where a fit leaves too little of an observation.
+    """Return residuals (B, K, d) scaled to unit noise, NaN where the redundancy is too small.
 
-    ``redundancy`` (B, K, d, d) is the covariance of the whitened residuals ``rest`` where noise is unit noise.
+    ``redundancy`` (B, K, d, d) is the covariance of the whitened residuals ``rest`` if the noise is unit noise.
     """
     amount, axes = np.linalg.eigh(redundancy)
-    enough = amount[..., 0] > _TOLD
-    own = np.einsum("bkij,bki->bkj", axes, rest) / np.sqrt(np.maximum(amount, _TOLD))
+    enough = amount[..., 0] > _LEAST_REDUNDANCY
+    own = np.einsum("bkij,bki->bkj", axes, rest) / np.sqrt(np.maximum(amount, _LEAST_REDUNDANCY))
     return np.where(enough[..., None], own, np.nan)
 
 
 def drivers(covariates: Mapping[str, Array], shape: Array, groups: Integers) -> list[Driver]:
-    """What the noise may follow: columns (B,) and their squares, the place on the group, a channel.
+    """Return the quantities on which the noise may depend: columns (B,) and their squares, the place on the group, a
+    channel.
 
     shape (K, 3) in m, groups (K,) numbers of the channels' groups.
     """
@@ -292,9 +298,10 @@ def drivers(covariates: Mapping[str, Array], shape: Array, groups: Integers) -> 
 
 
 def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) -> NoiseDependence | None:
-    """Return what the noise behind standardised residuals (B, K, d) follows; None where p exceeds the level.
+    """Return the strongest dependence of the noise behind standardised residuals (B, K, d); None where p exceeds the
+    level.
 
-    NaN where an observation was not seen. p-values are corrected for the number of candidates (Bonferroni).
+    NaN marks observations that were not seen. p-values are corrected for the number of candidates (Bonferroni).
     """
     square = np.sum(rest**2, -1)
     known = np.isfinite(square)
@@ -305,7 +312,7 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
     follows, spread = _log_moments(size)
     logs = np.where(known, np.log(squares) / follows, 0.0)
     scores = [_slope(logs, known, driver, spread) for driver in candidates]
-    # By the log likelihood; a cause has to be clearly likelier than a column, which follows it, too.
+    # By the log likelihood. A cause must be clearly likelier than a column, because a column may be correlated with it.
     gains = [_gain(score, driver) for score, driver in zip(scores, candidates, strict=True)]
     best = int(np.argmax(gains))
     strength = _strength(scores[best], candidates[best])
@@ -313,7 +320,7 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
     p_value = min(1.0, tails * 0.5 * math.erfc(max(strength, 0.0) / math.sqrt(2.0)) * len(candidates))
     if p_value > level:
         return None
-    if candidates[best].cause is not None:  # which epochs are concerned is told best by the squares themselves
+    if candidates[best].cause is not None:  # squares locate the epochs better than their logarithms
         squares = np.where(known, square, np.nan)
         likely = [0.0 if one.cause is None else variance_gain(squares, one.values > 0.5) for one in candidates]
         return larger_where(candidates[int(np.argmax(likely))], rest, p_value)
@@ -322,8 +329,11 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
 
 @lru_cache(maxsize=8)
 def _log_moments(size: int) -> tuple[float, float]:
-    """Return how the mean logarithm of a chi-square of so many degrees of freedom (and of what is added to it) follows
-    that of the noise's variance, and the variance of such logarithms once that slope is one."""
+    """Return the slope of E[log(q + added)] by the log of the noise variance, and the variance of the log over that
+    slope squared.
+
+    q is chi-square of ``size`` degrees of freedom.
+    """
     from scipy.integrate import quad
     from scipy.special import gammaincinv, polygamma
 
@@ -340,8 +350,10 @@ def _log_moments(size: int) -> tuple[float, float]:
 
 
 def _slope(logs: Array, known: Mask, driver: Driver, spread: float) -> tuple[float, float]:
-    """Return the slope of the logarithms (B, K) along a driver, and its standard deviation; they scatter by no less
-    than the variance ``spread``."""
+    """Return the slope of the logarithms (B, K) along a driver, and its standard deviation.
+
+    The variance of the logarithms is taken to be at least ``spread``.
+    """
     y, x = _within(logs, known, driver.within), _within(driver.values, known, driver.within)
     size = float(np.sum(x**2))
     if size <= 1e-12 * max(float(np.sum(driver.values[known] ** 2)), 1e-300):
@@ -351,13 +363,13 @@ def _slope(logs: Array, known: Mask, driver: Driver, spread: float) -> tuple[flo
 
 
 def _strength(score: tuple[float, float], driver: Driver) -> float:
-    """Return how many standard deviations a slope is; on one side only where noise can but be larger there."""
+    """Return a slope over its standard deviation, without its sign for two-sided drivers."""
     ratio = score[0] / score[1]
     return ratio if driver.is_one_sided else abs(ratio)
 
 
 def variance_gain(square: Array, own: Mask) -> float:
-    """Return by how much the log likelihood of squares (B, H) rises with a larger variance for own (B, H)."""
+    """Return the gain in log likelihood of squares (B, H) by a separate, larger variance for ``own`` (B, H)."""
     known = np.isfinite(square)
     inside, outside = square[known & own], square[known & ~own]
     if not len(inside) or not len(outside) or inside.mean() <= outside.mean():
@@ -367,13 +379,13 @@ def variance_gain(square: Array, own: Mask) -> float:
 
 
 def _gain(score: tuple[float, float], driver: Driver) -> float:
-    """Return by how much a slope makes the logarithms likelier, less what a cause has to lead by."""
+    """Return the gain in log likelihood by a slope, less the lead that a cause must have."""
     strength = _strength(score, driver)
     return math.copysign(strength**2 / 2.0, strength) - (_LEAD if driver.cause is not None else 0.0)
 
 
 def _within(values: Array, known: Mask, groups: Integers) -> Array:
-    """Return values (B, K) less the mean of their group of channels; zero where not known."""
+    """Return values (B, K) without the mean of their group of channels; zero where not known."""
     left = np.where(known, values, 0.0)
     number = np.unique(groups, return_inverse=True)[1]
     mean = np.bincount(number, left.sum(0)) / np.maximum(np.bincount(number, known.sum(0)), 1)
@@ -381,8 +393,9 @@ def _within(values: Array, known: Mask, groups: Integers) -> Array:
 
 
 def larger_where(driver: Driver, rest: Array, p_value: float) -> NoiseDependence:
-    """Return by how much standardised residuals (B, K, d) are larger where a driver says than elsewhere, beside those
-    of the same ``within``."""
+    """Return the ratio of standardised residuals (B, K, d) where a driver is 1 to those elsewhere of the same
+    ``within``.
+    """
     own, known = driver.values > 0.5, np.isfinite(rest).all(-1)
     beside = ~own & np.isin(driver.within, driver.within[own.any(0)])
     inside, outside = rest[own & known], rest[beside & known]
@@ -401,10 +414,11 @@ def _noise_dependence(driver: Driver, score: tuple[float, float], known: Mask, p
 
 
 def estimated_share(shift: Array, covariance: Array, common: Mask, share: float) -> float:
-    """Return the share in common that a fit speaks for, on average over all; the present one where it is nearly that.
+    """Return the common share of the variance of like parts, averaged over its posterior; the present one if nearly
+    equal.
 
-    Parameters, of which ``common`` (P,) are those of all parts, moved by shift (P,) and are known to covariance (P, P),
-    both in prior sigmas with the present share.
+    Parameters, of which ``common`` (P,) belong to all parts, moved by shift (P,) and have covariance (P, P), both in
+    prior sigmas at the present share.
     """
     precision = np.linalg.inv(covariance)
     information, moved = precision - np.eye(len(shift)), precision @ shift
@@ -420,7 +434,7 @@ def _angle(share: float) -> float:
 
 
 def _widths(common: Mask, angle: float, present: float) -> Array:
-    """Return the prior sigmas (P,) at an angle over those at the present one."""
+    """Return the ratio of the prior sigmas (P,) at an angle to those at the present one."""
     return np.asarray(np.where(common, np.cos(angle) / np.cos(present), np.sin(angle) / np.sin(present)))
 
 

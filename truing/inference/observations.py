@@ -1,4 +1,4 @@
-"""Observations of all groups at some epochs, and the frame that each epoch is measured in."""
+"""Observations of all groups at some epochs, and the frame in which each epoch is measured."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from truing.inference.blocks import BlockKind
 from truing.inference.model import ConditionsT_co
 
 _SPACE, _FRAME = 3, 6
-# Nothing is known of an epoch's frame; these keep the equations scaled, and bend it by parts in 1e8.
+# Prior sigmas of an unknown frame. They only keep the equations scaled, and bias a frame by parts in 1e8.
 _FRAME_SIGMA = np.array([0.1] * 3 + [0.1] * 3)  # m, rad
 
 
 @dataclass(frozen=True)
 class Observations:
-    """Observations (B, K, d), SI, each epoch in its own frame, with covariance (B, K, d, d); seen (B, K)."""
+    """Observations (B, K, d), SI, each epoch in its own frame, with covariance (B, K, d, d); ``seen`` (B, K)."""
 
     values: Array
     covariance: Array
@@ -29,12 +29,12 @@ class Observations:
 
     @property
     def size(self) -> int:
-        """Return the number of coordinates d of an observation."""
+        """Number of coordinates d of an observation."""
         return int(self.values.shape[-1])
 
     @cached_property
     def whitener(self) -> Array:
-        """Return the matrices (B, K, d, d) that make the noise unit and white; zero where an observation is missing."""
+        """Matrices (B, K, d, d) that make the noise unit and white; zero where an observation is missing."""
         covariance = np.where(self.seen[..., None, None], self.covariance, np.eye(self.size))
         return np.linalg.inv(np.linalg.cholesky(covariance)) * self.seen[..., None, None]
 
@@ -43,7 +43,7 @@ class Observations:
 class Frames:
     """Frames of the epochs: R (B, d, d) and t (B, d) in m, from the model's frame to that of the measurement.
 
-    They are fitted unless ``free`` is false: then the measurement has one frame for the campaign, the model's.
+    They are fitted if ``free``; otherwise the measurement has one frame for the campaign, which is the model's.
     """
 
     R: Array
@@ -52,17 +52,19 @@ class Frames:
 
     @classmethod
     def of_numbers(cls, epochs: int) -> Frames:
-        """Return the frames of inputs that are numbers, d = 1: none."""
+        """Return empty frames for observations that are numbers, d = 1."""
         return cls(np.ones((epochs, 1, 1)), np.zeros((epochs, 1)), free=False)
 
     @property
     def size(self) -> int:
-        """Return how many unknowns a frame is: six, or none where observations are numbers."""
+        """Number of unknowns of a frame: six, or none where observations are numbers."""
         return _FRAME if self.t.shape[1] == _SPACE else 0
 
     def columns(self, arms: Array) -> Array:
-        """Return how observations (B, K, d) move with their frames, (B, K, d, size), in units of the frame's scale;
-        arms are the observations from their frame's origin, in the measurement's axes."""
+        """Return the derivatives (B, K, d, size) of observations by their frames, in units of the frame's scale.
+
+        ``arms`` (B, K, d) are the observations relative to their frame's origin, in the measurement's axes.
+        """
         if not self.size:
             return np.zeros((*arms.shape, 0))
         moved = rigid_motions(arms)
@@ -78,11 +80,11 @@ class Frames:
 
 @dataclass(frozen=True)
 class Epochs(Generic[ConditionsT_co]):
-    """Measured observations of some epochs, the conditions that the model needs there, and frames to start from.
+    """Measured observations of some epochs, the conditions that the model needs there, and initial frames.
 
-    ``kept`` (B, K): observations that are no gross errors, for a person says so; ``repeats`` (B,): numbers of commands
-    that were given more than once, -1 for the others; ``groupings`` (B,): what epochs belong to, by number, -1 for
-    none. Each is None where nobody asked.
+    ``kept`` (B, K): observations that a person declared correct, so they are never screened; ``repeats`` (B,): numbers
+    of commands that were given more than once, -1 for the others; ``groupings`` (B,): group numbers of the epochs by
+    kind, -1 for none. Each is None where it is unknown.
     """
 
     measured: Observations
@@ -93,7 +95,7 @@ class Epochs(Generic[ConditionsT_co]):
     groupings: Mapping[BlockKind, Integers] | None = None
 
     def removable(self, wrong: Mask) -> Mask:
-        """Return which observations (B, K) are to be taken out, of those that look grossly wrong."""
+        """Return the gross errors (B, K) that may be excluded, of those suspected."""
         return wrong if self.kept is None else wrong & ~self.kept
 
     def without(self, wrong: Mask) -> Self:

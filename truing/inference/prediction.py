@@ -1,7 +1,8 @@
-"""What a model of observations gets wrong when it predicts from inputs alone, and what pure noise would leave there.
+"""Error of predictions from inputs alone, and the part of it that noise alone explains.
 
-Removed from measured minus predicted are only one motion per epoch common to all groups, local unknowns that the model
-does not claim to predict (how a part lies about an axis that nothing holds), and the zero that inputs of one run share.
+Only three things are removed from measured minus predicted: one motion per epoch common to all groups; local unknowns
+that the model does not claim to predict, such as the free rotation of a part about its axis; and the zero that inputs
+of one run share.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseT, Model
 from truing.inference.observations import Frames, Observations
 
-# Newton on frames and local unknowns: after two rounds from an epoch's own fit, nothing is left to gain.
+# Newton steps on frames and local unknowns; from the fit of an epoch, two converge.
 _ROUNDS = 2
 _FLOOR_DRAWS = 24
-# A cause is rejected where held-out epochs are predicted worse, by so much that chance does it this rarely; how much
-# chance does is known from the noise as well as from so many epochs (or runs, whose epochs go together).
+# p-value at which a cause is rejected because it predicts held-out epochs worse. The variance of this test comes from
+# the epochs (or runs) and from the noise, which counts as so many epochs.
 _WORSE, _EPOCHS_OF_NOISE = 0.006, 10
-# Keeps what is fitted to an epoch that lacks channels finite, in units of the noise.
+# Regularisation of the fit to an epoch that lacks channels, in units of the noise.
 _HELD = 1e-3
 
 
@@ -33,8 +34,9 @@ _HELD = 1e-3
 class PredictionError(Generic[CauseT]):
     """Measured minus predicted observations (B, K, d), SI, in the measurement's axes, zero where unseen.
 
-    ``frames``, ``local`` (B, H) and the derivatives by the shared unknowns (B, M, G) and by what is fitted to each
-    epoch (B, M, h) are those at the prediction, whitened; ``model`` predicted, with ``shared`` unknowns (G,).
+    ``frames`` and ``local`` (B, H) are those at the prediction. ``by_shared`` (B, M, G) and ``by_fitted`` (B, M, h) are
+    whitened derivatives by the shared unknowns and by what is fitted to each epoch. ``model`` predicted, with
+    ``shared`` unknowns (G,).
     """
 
     gap: Array
@@ -49,67 +51,69 @@ class PredictionError(Generic[CauseT]):
 
     @cached_property
     def pathways(self) -> Mapping[str, Array]:
-        """Return how the observations (B, K, d, C) follow each pathway at the prediction."""
+        """Derivatives (B, K, d, C) of the observations by each pathway at the prediction."""
         return self.model.pathways(self.shared, self.local)
 
     @cached_property
     def design_matrix(self) -> Callable[[CauseT], Mapping[str, Array]]:
-        """Return what tells a cause's change of each pathway at the prediction."""
+        """Function that returns a cause's change of each pathway at the prediction."""
         return self.model.design_matrix(self.shared, self.local)
 
     @property
     def seen(self) -> Mask:
-        """Return which observations (B, K) were measured."""
+        """True for observations (B, K) that were measured."""
         return self.measured.seen
 
     def less(self, columns: Array) -> PredictionError[CauseT]:
-        """Return the error where the prediction moves by columns (B, M), whitened, and each epoch is fitted anew."""
+        """Return the error after the prediction moves by whitened columns (B, M) and each epoch is fitted anew."""
         moved = self.whitened.reshape(columns.shape) - columns
         left = _freed(moved[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
         return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
     def growth_over(self, other: PredictionError[CauseT]) -> float:
-        """The rms of this error over that of another one of the same epochs, where both see, in units of the noise that
-        the other one counts with: what noise is found to be changes with the model."""
+        """Return the ratio of the rms of this error to that of another one, over observations seen by both.
+
+        Both are weighted by the other error's noise, because the noise estimate changes with the model.
+        """
         weights = other.measured.whitener * (self.seen & other.seen)[..., None, None]
         own, before = (float(np.sum((weights @ error.gap[..., None]) ** 2)) for error in (self, other))
         return float(np.sqrt(own / before)) if before > 0.0 else 1.0
 
     @property
     def squares(self) -> Array:
-        """Return the whitened sum of squares of each epoch (B,)."""
+        """Whitened sum of squares of each epoch (B,)."""
         return np.asarray(np.sum(self.whitened**2, (1, 2)))
 
     @property
     def rms_by_epoch(self) -> Array:
-        """Return the root mean square per coordinate of each epoch (B,) in m, zero where nothing was seen."""
+        """Root mean square per coordinate of each epoch (B,), SI, zero where nothing was seen."""
         return np.asarray(np.sqrt(np.sum(self.gap**2, (1, 2)) / np.maximum(self.measured.size * self.seen.sum(1), 1)))
 
     @property
     def largest_by_epoch(self) -> Array:
-        """Return the largest distance of an observation in each epoch (B,) in m."""
+        """Length of the largest error in each epoch (B,), SI."""
         return np.asarray(np.sqrt(np.max(np.sum(self.gap**2, -1), 1)))
 
     @property
     def rms(self) -> float | None:
-        """Return the root mean square per coordinate in m, None where nothing was seen."""
+        """Root mean square per coordinate, SI; None where nothing was seen."""
         return self.rms_of(slice(None))
 
     def rms_of(self, channels: Integers | slice) -> float | None:
-        """Return the root mean square per coordinate of some channels, None where nothing of them was seen."""
+        """Return the root mean square per coordinate of some channels; None where none of them was seen."""
         count = self.measured.size * int(self.seen[:, channels].sum())
         return float(np.sqrt(np.sum(self.gap[:, channels] ** 2) / count)) if count else None
 
     @property
     def largest(self) -> float | None:
-        """Return the largest distance of an observation in m, None where nothing was seen."""
+        """Length of the largest error, SI; None where nothing was seen."""
         return float(self.largest_by_epoch.max()) if self.seen.any() else None
 
 
 def merged(
     errors: Sequence[PredictionError[CauseT]], block: Integers, measured: Observations
 ) -> PredictionError[CauseT]:
-    """Return the error of every epoch as it is in the one of errors that block (B,) names."""
+    """Return the errors of all epochs, each epoch from the element of ``errors`` that ``block`` (B,) names."""
     each = np.arange(len(block))
 
     def chosen(arrays: list[Array]) -> Array:
@@ -137,7 +141,7 @@ def prediction_error(
 ) -> PredictionError[CauseT]:
     """Return the error of the prediction from inputs; local unknowns that the model does not predict are fitted.
 
-    Derivatives by the shared unknowns are left out (G = 0) where they are not asked for.
+    Derivatives by the shared unknowns are left out (G = 0) unless ``by_shared``.
     """
     unpredicted = model.unpredicted
     kept = np.concatenate([np.ones(frames.size, bool), unpredicted])
@@ -160,9 +164,9 @@ def predicts_worse(
     after: PredictionError[CauseT] | None,
     covered: Mask,
 ) -> bool:
-    """Return whether held-out epochs that a cause covers (B,) are predicted significantly worse, epoch against epoch.
+    """Return True if held-out epochs that a cause covers (B,) are predicted significantly worse, in a paired test.
 
-    Epochs that err together count as one.
+    Epochs of one error group count as one.
     """
     if before is None or after is None:
         return False
@@ -173,7 +177,7 @@ def predicts_worse(
     groups = np.unique(groups[covered], return_inverse=True)[1]
     if not len(groups) or groups.max() < 1:
         return False
-    whitener = before.measured.whitener * after.seen[..., None, None]  # after another fit the noise is told anew
+    whitener = before.measured.whitener * after.seen[..., None, None]  # one weighting for both: refits change the noise
     former, latter = (np.einsum("bkij,bkj->bki", whitener, error.gap)[covered] for error in (before, after))
     worse = np.bincount(groups, np.sum(latter**2 - former**2, (1, 2)))
     of_noise = 4.0 * np.bincount(groups, np.sum((latter - former) ** 2, (1, 2))).mean()
@@ -190,8 +194,9 @@ def _unwhitened(measured: Observations, rows: Array) -> Array:
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """What noise alone leaves in a prediction error: the mean square (K,) per coordinate of each channel, SI, and how
-    often it was seen (K,)."""
+    """Mean square (K,) per coordinate of each channel that noise alone causes in a prediction error, SI; counts
+    ``seen`` (K,).
+    """
 
     square: Array
     seen: Integers
@@ -203,9 +208,9 @@ class NoiseFloor:
 
 
 def noise_floor(model: Model[CauseT], fit: Fit, measured: Observations, rng: np.random.Generator) -> NoiseFloor:
-    """What declared noise alone leaves in the prediction error of a fitted model.
+    """Return the prediction error of a fitted model that declared noise alone causes.
 
-    Draws of all noise (of observations, inputs and what is known of shared unknowns) go through the linearised fit.
+    Draws of all noise (of observations, inputs and known shared unknowns) go through the linearised fit.
     """
     whitened, problem = fit.whitened, fit.whitened.problem
     epochs, count = problem.residual.shape
@@ -223,7 +228,9 @@ def noise_floor(model: Model[CauseT], fit: Fit, measured: Observations, rng: np.
 
 
 def _freed(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:
-    """Return whitened rows (B, M, D) without what columns (B, M, h) of each epoch, or the zeros of runs, explain."""
+    """Return whitened rows (B, M, D) without the projection on each epoch's columns (B, M, h), or on the
+    zeros of runs.
+    """
     if zero_groups is None:
         return np.asarray(rows - columns @ _fit(columns, rows))
     weight = np.where(measured.seen & (zero_groups >= 0), measured.whitener[..., 0, 0], 0.0).ravel()
@@ -231,7 +238,7 @@ def _freed(rows: Array, columns: Array, measured: Observations, zero_groups: Int
 
 
 def _without_zeros(rows: Array, weight: Array, zero_groups: Integers) -> Array:
-    """Return rows (N, D) of inputs less the zero that those with one number (N,) share, weight (N,) times it."""
+    """Return rows (N, D) without the zero shared by rows of one group number (N,), which acts with weight (N,)."""
     norm = np.bincount(zero_groups, weight**2)
     found = np.stack([np.bincount(zero_groups, weight * column) for column in rows.T], -1)
     shared = found / np.where(norm > 0.0, norm, 1.0)[:, None]
@@ -239,7 +246,7 @@ def _without_zeros(rows: Array, weight: Array, zero_groups: Integers) -> Array:
 
 
 def _shared_error(whitened: Whitened, noise: Array, prior: Array, rng: np.random.Generator) -> Array:
-    """Return the errors (G, D) of the shared unknowns that noise (B, M, D) and prior noise (B, H, D) lead to."""
+    """Return the errors (G, D) of the shared unknowns caused by noise (B, M, D) and prior noise (B, H, D)."""
     own = whitened.without_local(np.concatenate([noise, prior], 1)).reshape(-1, noise.shape[-1])
     others = rng.standard_normal((len(whitened.rows) - len(own), noise.shape[-1]))
     others *= whitened.present[len(own) :, None]
@@ -247,8 +254,9 @@ def _shared_error(whitened: Whitened, noise: Array, prior: Array, rng: np.random
 
 
 def _fit(columns: Array, rows: Array) -> Array:
-    """Return coefficients (B, h, D) of rows (B, M, D) on columns (B, M, h), held finite where an epoch lacks
-    channels."""
+    """Return the coefficients (B, h, D) of rows (B, M, D) on columns (B, M, h), regularised where an epoch lacks
+    channels.
+    """
     size = columns.shape[-1]
     if not size:
         return np.zeros((len(columns), 0, rows.shape[-1]))

@@ -1,4 +1,4 @@
-"""What one fitted model leaves for every candidate cause: a search, evidence one by one, and evidence in pairs."""
+"""One round of the search: evidence of every candidate, alone and in pairs, given one fitted model."""
 
 from __future__ import annotations
 
@@ -15,42 +15,44 @@ from truing.inference.evidence import like_sized_log_evidence, log_evidence, log
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseLike, CauseT
 from truing.inference.search import (
-    FURTHER_SHARE,
+    HIGHER_ORDER_SHARE,
     CauseCandidate,
     NullDistribution,
     Search,
+    admissible,
     candidate_of,
-    opened,
     search_of,
     total_of,
 )
 from truing.inference.signatures import Pathways, Signature, joint, signature
 
-# How many of the most probable candidates are tried in pairs.
+# Number of the most probable candidates that are tried in pairs, and of those of one kind.
 _PAIRED = 20
 _OF_A_KIND = 3
-# Beside a form that nobody declared, on most of what it acts on, a name explains at least this share of its squares:
-# half its amplitude.
+# If the model holds a nonparametric effect that acts on at least the share _SAME_GROUND of what a catalogued cause acts
+# on, the cause must explain at least the share _OF_ITS_SIZE of that effect's squares (half its amplitude).
 _OF_ITS_SIZE, _SAME_GROUND = 0.25, 0.5
-# A cause of the catalogue is named unless a dependence in no declared form is more probable by this factor.
+# Log odds by which a nonparametric effect must lead to be preferred to a cause of the catalogue.
 NAMED = float(np.log(3.0))
-# Rivals within this factor of the best in evidence cannot be told from it.
+# Rivals within this factor of the best in evidence are indistinguishable from it.
 RIVAL_FACTOR = 20.0
-# Plausible scales are also tried this many times as large.
+# Factor on the plausible scales in the test of robustness against them.
 STRETCH = 3.0
-# The probability that parameters of parts that were made alike are of like size, and not independent of each other.
+# Prior probability that parameters of like parts have like size instead of independent sizes.
 _ALIKE = 0.7
 
 
 def is_nonparametric_of_subject(cause: CauseLike) -> bool:
-    """Return whether a cause is a form that nobody declared, of something in particular: what concerns all is about
-    nothing in particular, and no name's rival for its subject."""
+    """Return True for a nonparametric effect with a subject; one of the whole is no rival of a catalogued cause."""
     return not cause.catalogued and bool(cause.subject)
 
 
 def share_explained(final: FittedModel[CauseT], cause: CauseT) -> float:
-    """The share (0 to 1) of a cause of the model in what it explains together with forms that nobody declared and that
-    act on most of what it acts on, in squares."""
+    """Return the share (0 to 1) of a catalogued cause in the squares that it and nonparametric effects explain
+    together.
+
+    Only nonparametric effects that act on most of what the cause acts on count.
+    """
     unnamed = [other for other in final.causes if not other.catalogued]
     if not unnamed:
         return 1.0
@@ -62,7 +64,7 @@ def share_explained(final: FittedModel[CauseT], cause: CauseT) -> float:
 
 
 def _acting(fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT) -> tuple[Signature, float]:
-    """How a cause of a model acts, and its squares over those of its own uncertainty."""
+    """Return the signature of a cause that the model holds, and its squares over its own covariance."""
     values, covariance = fitted.values(cause)
     squares = float(values @ np.linalg.solve(covariance, values))
     return signature(pathways, fitted.design_matrix(cause)), squares
@@ -70,9 +72,9 @@ def _acting(fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT) -> t
 
 @dataclass(frozen=True)
 class CandidatePair(Generic[CauseT]):
-    """Two candidates that together explain what no single one does, the one to be accepted first before the other.
+    """Two candidates that together explain more than any single one; ``first`` is accepted first.
 
-    ``rivals`` would explain it as well in place of the first, beside the second, with their log odds over the first.
+    ``rivals`` could replace the first, together with the second, with their log odds over it.
     """
 
     first: CauseCandidate[CauseT]
@@ -82,7 +84,7 @@ class CandidatePair(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class Round(Generic[CauseT]):
-    """A fitted model, the candidates that are still open, and what the data say of each."""
+    """A fitted model, the candidates that are still open, and their scores."""
 
     fitted: FittedModel[CauseT]
     null: NullDistribution
@@ -92,7 +94,7 @@ class Round(Generic[CauseT]):
     search: Search[CauseT] | None = field(repr=False)  # None once the round is over
 
     def p_value(self, candidate: CauseCandidate[CauseT]) -> float:
-        """Return a candidate's p-value, corrected for everything that was tried."""
+        """Return a candidate's p-value, corrected for all candidates tried."""
         if not candidate.signature.rank:
             return 1.0
         group = self.null.group_of(candidate.kind, candidate.signature.rank)
@@ -100,7 +102,7 @@ class Round(Generic[CauseT]):
 
     @cached_property
     def best(self) -> dict[str, CauseCandidate[CauseT]]:
-        """Return the most probable candidate of every kind."""
+        """Most probable candidate of every kind."""
         found: dict[str, CauseCandidate[CauseT]] = {}
         for candidate in self.candidates:
             rival = found.setdefault(candidate.kind, candidate)
@@ -109,7 +111,7 @@ class Round(Generic[CauseT]):
         return found
 
     def closed(self) -> Round[CauseT]:
-        """Return the round as it was decided, without what is needed only to decide: large campaigns fill memory."""
+        """Return the round without the designs and the search, which need much memory and only serve the decision."""
         kept = tuple(candidate.light() for candidate in self.best.values())
         return replace(self, candidates=kept, search=None)
 
@@ -119,11 +121,11 @@ class Round(Generic[CauseT]):
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
-        """Return the probability of every kind of cause, among them and none."""
+        """Probability of every kind of cause, among all kinds and none."""
         return probabilities({kind: self.posterior(candidate) for kind, candidate in self.best.items()})
 
     def scale_holds(self, candidate: CauseCandidate[CauseT], rivals: Sequence[CauseCandidate[CauseT]]) -> bool:
-        """Return whether a candidate stays the most probable where plausible scales are tripled."""
+        """Return True if a candidate stays the most probable when plausible scales are tripled."""
         own = self._stretched(candidate)
         return all(own >= self._stretched(rival) for rival in rivals)
 
@@ -137,7 +139,7 @@ class Round(Generic[CauseT]):
 
     @cached_property
     def best_pair(self) -> CandidatePair[CauseT] | None:
-        """Return the pair of candidates with the most evidence, the stronger one first, if it beats any single one."""
+        """Pair of candidates with the most evidence, if it clearly beats every single one; None otherwise."""
         if len(self.candidates) < 2 or self.search is None:
             return None
         tried = self._paired
@@ -156,16 +158,20 @@ class Round(Generic[CauseT]):
         return CandidatePair(tried[first], tried[second], tuple(rivals))
 
     def _least_of_pair(self, pair: Sequence[CauseCandidate[CauseT]]) -> float:
-        """Return the least log odds at which a name is told beside a form that nobody declared: that form is rough, so
-        that what is left of it is its own further terms, or another form of the same subject, unless the name is far
-        more probable."""
+        """Return the least log odds of a pair of a catalogued cause and a nonparametric effect.
+
+        A nonparametric effect is rough. The pair must clearly beat the effect with its own higher-order terms, or with
+        another form of the same subject.
+        """
         unnamed = [candidate for candidate in pair if not candidate.cause.catalogued]
         if len(unnamed) != 1 or not is_nonparametric_of_subject(unnamed[0].cause):
             return -np.inf
         return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
 
     def _with_rest(self, form: CauseCandidate[CauseT]) -> float:
-        """Return the log odds of a form that nobody declared with what speaks most for it in forms of its subject."""
+        """Return the log odds of a nonparametric effect with the best addition among nonparametric effects of its
+        subject.
+        """
         if form.key not in self._rests:
             assert self.search is not None
             pathways = self.search.pathways
@@ -175,8 +181,9 @@ class Round(Generic[CauseT]):
         return self._rests[form.key]
 
     def is_remainder(self, candidate: CauseCandidate[CauseT]) -> bool:
-        """Return whether a candidate is small beside a form that nobody declared and that the model holds, where it
-        acts on the same."""
+        """Return True if a candidate is small compared with a nonparametric effect of the model that acts
+        on the same.
+        """
         if self.search is None:
             return False
         pathways, squares = self.search.pathways, self.scores[candidate.key].squares
@@ -185,9 +192,7 @@ class Round(Generic[CauseT]):
 
     @cached_property
     def _held_nonparametric(self) -> list[tuple[Signature, float]]:
-        """Return the forms that nobody declared and that the model holds, of something in particular: how they act, and
-        their squares.
-        """
+        """Signatures and squares of the nonparametric effects with a subject that the model holds."""
         assert self.search is not None
         return [
             _acting(self.fitted, self.search.pathways, cause)
@@ -201,21 +206,24 @@ class Round(Generic[CauseT]):
 
     @cached_property
     def _unnamed_best(self) -> list[CauseCandidate[CauseT]]:
-        """Return the most probable forms that nobody declared, those of an accepted one's further terms among them."""
+        """Most probable nonparametric effects, and all higher-order terms of an accepted one."""
         ranked = sorted(self.candidates, key=self.posterior, reverse=True)
         unnamed = [c for c in ranked if not c.cause.catalogued and c.signature.rank]
         return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.is_higher_order]
 
     def _higher_order_candidates(self, form: CauseCandidate[CauseT]) -> list[CauseCandidate[CauseT]]:
-        """Return the further terms of a form as candidates, as they would be proposed once it was accepted."""
+        """Return the higher-order terms of an effect as candidates, as they would be proposed after its acceptance."""
         assert self.search is not None
-        pathways, proposed = self.search.pathways, opened(self.fitted, self.fitted.scene.higher_order_terms(form.cause))
-        prior = FURTHER_SHARE / max(len(proposed), 1)
+        pathways, proposed = (
+            self.search.pathways,
+            admissible(self.fitted, self.fitted.scene.higher_order_terms(form.cause)),
+        )
+        prior = HIGHER_ORDER_SHARE / max(len(proposed), 1)
         found = [candidate_of(self.fitted, pathways, cause, form.kind, prior) for cause in proposed]
         return [candidate for candidate in found if candidate.signature.rank]
 
     def _score(self, candidate: CauseCandidate[CauseT]) -> Score:
-        """Return what the data say of a candidate, of one that is not yet proposed as well."""
+        """Return the score of a candidate, also of one that is not yet proposed."""
         if candidate.key in self.scores or self.search is None:
             return self.scores[candidate.key]
         pathways = self.search.pathways
@@ -224,7 +232,7 @@ class Round(Generic[CauseT]):
 
     @cached_property
     def _paired(self) -> list[CauseCandidate[CauseT]]:
-        """Return the most probable candidates, a few of each kind."""
+        """Most probable candidates, a few of each kind."""
         taken: list[CauseCandidate[CauseT]] = []
         for candidate in sorted(self.candidates, key=self.posterior, reverse=True):
             if candidate.signature.rank and sum(c.kind == candidate.kind for c in taken) < _OF_A_KIND:
@@ -242,7 +250,9 @@ class Round(Generic[CauseT]):
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
 
     def _signs(self, pair: Sequence[CauseCandidate[CauseT]], values: Array, covariance: Array) -> float:
-        """Return what the evidence of candidates together owes to signs, from all their parameters (P,)."""
+        """Return the log evidence of candidates together that is due to impossible signs, from all their parameters
+        (P,).
+        """
         parts, first, found = self.fitted.model.part_count, 0, 0.0
         for candidate in pair:
             own = np.s_[first : first + candidate.signature.parameters]
@@ -251,14 +261,14 @@ class Round(Generic[CauseT]):
         return found
 
     def _like_size_log_evidence(self, candidate: CauseCandidate[CauseT]) -> float:
-        """Return what a candidate's log evidence owes to parameters of like size."""
+        """Return the part of a candidate's log evidence that is due to parameters of like size."""
         score, (total, freedom) = self._score(candidate), total_of(self.fitted)
         owed = score.log_evidence - score.log_signs
         return owed - float(log_evidence(score.along, candidate.signature.strengths, total, freedom))
 
 
 def _index_pairs(tried: Sequence[CauseCandidate[CauseT]]) -> list[tuple[int, int]]:
-    """Return the pairs worth trying: of two kinds, or of two single channels."""
+    """Return the index pairs worth trying: of two kinds, or of separate pathways such as two single channels."""
     return [
         (i, j)
         for i, j in combinations(range(len(tried)), 2)
@@ -267,24 +277,24 @@ def _index_pairs(tried: Sequence[CauseCandidate[CauseT]]) -> list[tuple[int, int
 
 
 def _unnamed(candidates: Iterable[CauseCandidate[CauseT]]) -> int:
-    """Return how many candidates are dependences in a form that nobody declared."""
+    """Return the number of candidates that are nonparametric effects."""
     return sum(not candidate.cause.catalogued for candidate in candidates)
 
 
 def _apart(first: CauseCandidate[CauseT], second: CauseCandidate[CauseT]) -> bool:
-    """Return whether two candidates act on pathways none of which they share, as two single channels do."""
+    """Return True if two candidates share no pathway, as two single channels do."""
     return not np.isin(first.signature.index, second.signature.index).any()
 
 
 def score_round(
     fitted: FittedModel[CauseT], kinds: Sequence[CauseT], draws: int, rng: np.random.Generator
 ) -> Round[CauseT]:
-    """Return what a fitted model leaves for all candidates that the kinds of cause propose."""
+    """Return the round of a fitted model: scores of all candidates that the kinds of cause propose."""
     return scored(fitted, search_of(fitted, kinds, draws, rng))
 
 
 def scored(fitted: FittedModel[CauseT], search: Search[CauseT]) -> Round[CauseT]:
-    """Return what a fitted model leaves for all candidates of a search."""
+    """Return the round of a fitted model with the candidates of a search."""
     along = search.pathways.along(fitted.fit.whitened.rest[None])[0]
     scores = {c.key: score_of(c, fitted, search.pathways, along) for c in search.candidates}
     return Round(fitted, search.null, tuple(search.candidates), scores, len(search.candidates), search)
@@ -292,17 +302,17 @@ def scored(fitted: FittedModel[CauseT], search: Search[CauseT]) -> Round[CauseT]
 
 @dataclass(frozen=True)
 class Score:
-    """What the data say of one candidate."""
+    """Score of one candidate."""
 
-    squares: float  # by which it lowers the sum of squares
+    squares: float  # reduction of the sum of squares
     log_evidence: float  # marginal likelihood over that of the model without it
-    log_posterior: float  # the same with what was probable beforehand
+    log_posterior: float  # log evidence plus log prior
     along: Array  # (r,) scores along its directions
-    log_signs: float = 0.0  # what of the evidence is owed to signs that nature does not have
+    log_signs: float = 0.0  # part of the log evidence due to signs that are physically impossible
 
     @property
     def signal_to_noise(self) -> float:
-        """Return the root of the reduction of the sum of squares."""
+        """Root of the reduction of the sum of squares."""
         return float(np.sqrt(self.squares))
 
 
@@ -317,7 +327,7 @@ def score_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], pat
 
 
 def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], parts: Array) -> float:
-    """Return what a candidate's log evidence owes to the signs of parameters that nature makes on one side only."""
+    """Return the part of a candidate's log evidence that is due to parameters that cannot be negative."""
     places = candidate.cause.one_sided(fitted.model.part_count)
     if not places:
         return 0.0
@@ -329,7 +339,9 @@ def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], par
 def log_evidence_of(
     candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], parts: Array, stretch: float = 1.0
 ) -> float:
-    """Return a candidate's log evidence: of parameters of like size where there are such, or independent ones."""
+    """Return a candidate's log evidence, averaged over parameters of like size, where it has such, and independent
+    ones.
+    """
     own, (total, freedom) = candidate.signature, total_of(fitted)
     independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))
     members = candidate.cause.alike(fitted.model.part_count)
@@ -342,5 +354,5 @@ def log_evidence_of(
 
 
 def raw_scores(own: Signature, score: Score) -> Array:
-    """Return the scores (P,) of a candidate's parameters, from those along its directions."""
+    """Return the scores (P,) of a candidate's parameters, from the scores along its directions."""
     return np.asarray(own.loadings @ (score.along * own.strengths))

@@ -1,6 +1,6 @@
-"""What scatters more than the rest of its kind: inputs of some epochs, or all that was observed for a while.
+"""Causes without a mean effect, which make some inputs or observations scatter more than the rest of their kind.
 
-Such a cause moves nothing on average. It shows in the squares of residuals alone, and changes what these count.
+Such a cause shows only in the squares of residuals, and changes their weights.
 """
 
 from __future__ import annotations
@@ -17,21 +17,23 @@ from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.noise import Driver, noise_dependence, variance_gain
 
-# Of an input a fit has to tell this share of what it tells of the one that it tells most of.
-_TOLD = 0.01
-# A variance is settled within this share of itself.
+# Least redundancy of an input, relative to the largest one.
+_LEAST_REDUNDANCY = 0.01
+# Relative change below which a variance has converged.
 SETTLED = 0.01
 _TINY = 1e-12
 _LEAST, _MOST = 0.5, 1e4
-# A scatter that is known worse than this is mended as if it were known so well: the correction is one of first order.
+# Largest relative uncertainty for which the first-order correction of a scatter is valid; it is limited to this.
 _ROUGH = 0.5
 
 
 @dataclass(frozen=True)
 class FoundScatter(Generic[CauseT]):
-    """A cause by which inputs scatter; its p-value, corrected for all that was tried; and how much: in SI, beyond the
-    prior sigma of these inputs, with one sigma. ``doubt``: why it is only suspected (a value of ``Reason``), empty
-    where it is found."""
+    """A cause by which inputs scatter, with a p-value corrected for all candidates tried.
+
+    ``size``, with ``sigma``: scatter in SI, beyond the declared sigma of these inputs. ``doubt``: the reason why it is
+    only suspected (a value of ``Reason``), empty where it is found.
+    """
 
     candidate: ScatterCandidate[CauseT]
     p_value: float
@@ -42,18 +44,19 @@ class FoundScatter(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class InputResiduals:
-    """What a fit makes of the inputs (B, H), in prior sigmas, and how much of them it tells (B, H, H): the covariance
-    of that where inputs scatter by their prior sigmas."""
+    """Residuals of the inputs (B, H) in prior sigmas, and their redundancy (B, H, H).
+
+    The redundancy is the covariance of the residuals if the inputs scatter by their prior sigmas.
+    """
 
     rest: Array
     redundancy: Array
 
     @property
     def standardised(self) -> Array:
-        """Return the residuals (B, H, 1) brought to unit variance, without correlation within an epoch; NaN where a fit
-        tells next to nothing."""
+        """Residuals (B, H, 1) of unit variance, uncorrelated within an epoch; NaN where the redundancy is too small."""
         amount, axes = np.linalg.eigh(self.redundancy)
-        least = max(_TOLD * float(amount.max(initial=0.0)), _TINY)
+        least = max(_LEAST_REDUNDANCY * float(amount.max(initial=0.0)), _TINY)
         enough = amount > least
         root = np.where(enough, 1.0 / np.sqrt(np.maximum(amount, least)), 0.0)
         unit = np.einsum("bik,bk,bjk,bj->bi", axes, root, axes, self.rest)
@@ -61,8 +64,7 @@ class InputResiduals:
         return np.where(share > 0.5, unit / np.sqrt(np.maximum(share, 0.5)), np.nan)[..., None]
 
     def factor(self, own: Mask) -> tuple[float, float]:
-        """Return by how much inputs own (B, H) scatter more than their prior sigmas, and the share of it that is one
-        sigma."""
+        """Return the scatter of inputs ``own`` (B, H) over their prior sigmas, and its relative standard deviation."""
         both = np.sum(self.redundancy**2 * own[:, :, None] * own[:, None, :])
         share = np.diagonal(self.redundancy, axis1=1, axis2=2)
         excess = float(np.sum((self.rest**2 - share)[own]) / both)
@@ -71,17 +73,17 @@ class InputResiduals:
 
 
 def unbiased(size: float, sigma: float) -> tuple[float, float]:
-    """A scatter and its sigma, from the root of an unbiased variance.
+    """Return a scatter and its sigma, corrected for the bias of the root of an unbiased variance.
 
-    The root is low on average, by half the square of its relative sigma, and told too surely where it came out low: to
-    that order both are mended, so that intervals of two sigmas cover what they say.
+    The root is low on average by half the square of its relative sigma, and where it is low its sigma is low too. Both
+    are corrected to first order, so that intervals of two sigmas have their nominal coverage.
     """
     low = min(sigma / max(size, 1e-300), _ROUGH) ** 2
     return size * (1.0 + low / 2.0), sigma * (1.0 + 1.5 * low)
 
 
 def input_residuals(whitened: Whitened, observed: int, inputs: slice) -> InputResiduals:
-    """Return what a fit makes of the inputs, whose priors follow the first ``observed`` rows of every epoch."""
+    """Return the residuals of the inputs, whose priors follow the first ``observed`` rows of every epoch."""
     epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
     rows = np.s_[observed + inputs.start : observed + inputs.stop]
     rest = whitened.rest[: epochs * height].reshape(epochs, height)[:, rows]
@@ -92,8 +94,10 @@ def input_residuals(whitened: Whitened, observed: int, inputs: slice) -> InputRe
 
 
 def drivers_of(candidates: Sequence[ScatterCandidate[CauseT]]) -> list[Driver]:
-    """Return the candidates as what noise may follow: larger where they say, beside the same inputs elsewhere, or
-    beside the others where it is all of an input."""
+    """Return the candidates as drivers of noise, compared with the same input at other epochs.
+
+    A candidate that covers an input at all epochs is compared with the other inputs.
+    """
     found = []
     for candidate in candidates:
         own = candidate.own
@@ -106,10 +110,11 @@ def drivers_of(candidates: Sequence[ScatterCandidate[CauseT]]) -> list[Driver]:
 def scattering(
     residuals: InputResiduals, candidates: Sequence[ScatterCandidate[CauseT]], level: float
 ) -> tuple[ScatterCandidate[CauseT], float] | None:
-    """Return the candidate whose inputs scatter most clearly, and the p-value of any; None where p exceeds the level.
+    """Return the candidate whose inputs scatter most significantly, and the familywise p-value; None where p exceeds
+    the level.
 
-    Whether any do is asked of the logarithms of squares, which a few large ones do not sway; which do, of the
-    likelihood that inputs have one variance here and another one elsewhere.
+    The p-value comes from the logarithms of squares, which a few large ones do not dominate. The candidate is chosen by
+    the likelihood of a separate variance for its inputs.
     """
     found = noise_dependence(residuals.standardised, drivers_of(candidates), level)
     if found is None:
@@ -120,8 +125,9 @@ def scattering(
 def likeliest(
     residuals: InputResiduals, candidates: Sequence[ScatterCandidate[CauseT]], factor: Array | float = 1.0
 ) -> ScatterCandidate[CauseT]:
-    """Return the candidate with the largest likelihood of a variance of its own; inputs have prior sigmas that are
-    larger by factors (B, H) in the fit."""
+    """Return the candidate with the largest likelihood of a separate variance; the fit widened prior sigmas by factors
+    (B, H).
+    """
     square = (residuals.standardised[..., 0] * factor) ** 2
     return candidates[int(np.argmax([variance_gain(square, candidate.own) for candidate in candidates]))]
 
@@ -129,6 +135,6 @@ def likeliest(
 def nearby(
     candidates: Sequence[ScatterCandidate[CauseT]], candidate: ScatterCandidate[CauseT]
 ) -> list[ScatterCandidate[CauseT]]:
-    """Return the candidate first, then those that have half of their inputs or more in common with it."""
+    """Return the candidate first, then all that share at least half of their inputs with it."""
     own = candidate.own
     return [candidate, *(one for one in candidates if 2 * (one.own & own).sum() >= (one.own | own).sum())]

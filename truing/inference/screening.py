@@ -1,5 +1,4 @@
-"""Gross errors by what a fit leaves: an observation far outside its own channel's spread, whatever effect widens
-that."""
+"""Gross errors: observations far outside the spread of their own channel, even where an effect widens that spread."""
 
 from __future__ import annotations
 
@@ -7,16 +6,17 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
 
-# Unit normals are longer than the limit once in some 1e6 observations.
+# Probability that unit normal noise exceeds the limit.
 _BY_CHANCE = 1.2e-6
-_ENOUGH = 8  # observations of a channel that give a spread of its own
-# Of so many epochs before, or after, so many must agree; of the second and the last but one, both neighbours will do.
+_ENOUGH = 8  # fewest observations of a channel for a spread of its own
+# An observation is confirmed if _AGREE of the _NEIGHBOURS epochs before it agree, or of those after it; near either end
+# of the series, also if both direct neighbours agree.
 _NEIGHBOURS, _AGREE = 3, 2
-# Observations agree within so many of the channel's own spread from epoch to epoch; one that is suspect already, within
-# fewer.
+# Largest difference of observations that agree, in units of the channel's spread from epoch to epoch; the second value
+# is for observations that are already suspect.
 _REACH, _SUSPECT_REACH = 12.0, 3.5
-# Suspects scatter more, being no part of the fit that they are judged by; they agree within this share of how far off
-# they are: no two gross errors do.
+# Suspects are no part of the fit, so they scatter more. They also agree within this share of their own deviation, which
+# two gross errors hardly ever do.
 _ALIKE = 0.25
 
 
@@ -27,13 +27,13 @@ def gross_errors(
     order: Array | Integers | None = None,
     zero_groups: Integers | None = None,
 ) -> Mask:
-    """Return which observations (B, K) are grossly wrong, from whitened residuals rest (B, K, d).
+    """Return True for observations (B, K) that are gross errors, from whitened residuals rest (B, K, d).
 
-    A channel's spread is its median length over the epochs, and at least that of unit noise; a channel that was seen in
-    few epochs takes the median over all channels. Where ``axes`` (B, K, d, d) tell how whitened residuals follow shifts
-    along the group's own axes (m), and ``order`` (B,) the epochs' ranks in time, an observation that agrees with its
-    neighbours in time is right: its channel was moved. Readings (d = 1) with the same number in ``zeros`` (B, K) count
-    as a channel of their own: an effect widens the runs that show it, and not what else the same channel read.
+    A channel's spread is its median length over the epochs, and at least that of unit noise; a channel seen in few
+    epochs uses the median over all channels. If ``axes`` (B, K, d, d), the derivatives of whitened residuals by shifts
+    along the group's axes (m), and ``order`` (B,), the ranks of the epochs in time, are given, an observation that
+    agrees with its neighbours in time is no gross error: its channel was displaced. Readings (d = 1) with the same
+    number in ``zero_groups`` (B, K) count as a channel of their own, since an effect widens only the runs that show it.
     """
     if zero_groups is not None:
         return _by_run(rest, seen, axes, order, zero_groups)
@@ -46,15 +46,16 @@ def gross_errors(
 
 
 def least_gross(size: int) -> float:
-    """Return the length of a whitened residual (d coordinates) from which on an observation of ordinary spread is
-    gross."""
+    """Return the length of a whitened residual (d coordinates) above which an observation of ordinary spread is a gross
+    error.
+    """
     from scipy.special import chdtri
 
     return float(np.sqrt(chdtri(size, _BY_CHANCE)))
 
 
 def _by_run(rest: Array, seen: Mask, axes: Array | None, order: Array | Integers | None, zero_groups: Integers) -> Mask:
-    """Return the gross errors (B, K) where every run's values of a channel count as a channel of their own."""
+    """Return the gross errors (B, K) with each run's values of a channel treated as a channel of its own."""
     step, channel = np.nonzero(seen & (zero_groups >= 0))
     in_time = np.lexsort((step if order is None else order[step], zero_groups[step, channel]))
     step, channel = step[in_time], channel[in_time]
@@ -81,7 +82,7 @@ def _far(rest: Array, seen: Mask) -> Mask:
 
 
 def lengths(rest: Array, seen: Mask) -> tuple[Array, Array]:
-    """Return the lengths (B, K) of whitened residuals rest (B, K, d), NaN where unseen, and the limits (K,) on them."""
+    """Return the lengths (B, K) of whitened residuals rest (B, K, d), NaN where unseen, and their limits (K,)."""
     length = np.where(seen, np.sqrt(np.sum(rest**2, -1)), np.nan)
     if not seen.any():
         return length, np.full(seen.shape[1], np.inf)
@@ -96,12 +97,11 @@ def lengths(rest: Array, seen: Mask) -> tuple[Array, Array]:
 
 
 def alone_in_time(values: Array, order: Array | Integers, suspect: Mask, least: float = 1e-6) -> Mask:
-    """Return which observations (B, T) agree with no others of their channel just before or just after them.
+    """Return True for observations (B, T) that agree with no others of their channel just before or just after them.
 
-    values (B, T, d): where each channel was, less where it should be, along the group's axes, m; NaN where it was not
-    seen. order (B,): the epochs' ranks in time. suspect (B, T): observations that another test rejected. least (m):
-    channels scatter by no less than this. A channel seen in fewer than four epochs tells nothing: only its suspects
-    count.
+    values (B, T, d): measured minus expected place of each channel, along the group's axes, m; NaN where unseen. order
+    (B,): ranks of the epochs in time. suspect (B, T): observations that another test rejected. least (m): smallest
+    scatter of a channel. In a channel seen in fewer than four epochs, only suspects count.
     """
     alone = np.zeros(suspect.shape, bool)
     known = np.all(np.isfinite(values), -1)
@@ -114,7 +114,7 @@ def alone_in_time(values: Array, order: Array | Integers, suspect: Mask, least: 
 
 
 def _alone(own: Array, doubted: Mask, least: float) -> Mask:
-    """Return which of a channel's observations (N, d), in time order, are alone."""
+    """Return True for a channel's observations (N, d), in time order, that agree with no neighbours."""
     from scipy.special import chdtri
 
     steps = _lengths(np.diff(own, axis=0))

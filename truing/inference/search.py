@@ -1,8 +1,8 @@
-"""The search over all candidates of all kinds on one residual, and how often it finds as much where there is nothing.
+"""Search over all candidates of all kinds of cause on one residual, and its null distribution.
 
-Each kind of cause is assessed by its own best candidate; the statistic is the smallest p-value over kinds, each
-multiplied by what its choice among candidates costs and divided by its share of the budget. Its null distribution
-comes from simulated residuals and from sign-flipped ones, both pushed through the same search.
+Each kind is assessed by its best candidate. The statistic is the smallest p-value over kinds, each multiplied by the
+cost of the choice among its candidates and divided by its share of the false-alarm budget. The null distribution comes
+from the same search on simulated residuals and on sign-flipped ones.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from truing.inference.signatures import (
     signatures_of,
 )
 
-# Numbers drawn at a time.
+# Random numbers drawn at a time.
 _BLOCK = 2_500_000
-# Standardised residuals that are flipped are not larger than this: beyond it they are effects, not noise.
+# Limit of the standardised residuals that are sign-flipped; larger ones are effects, not noise.
 _LARGEST = 5.0
-# What choosing among candidates costs is told from this quantile of the null distribution.
+# Quantile of the null distribution that gives the cost of choosing among candidates.
 _QUANTILE = 0.02
-# Below this share of the draws, p-values are extrapolated from it.
+# Below this share of the draws, p-values are extrapolated.
 _TAIL = 0.01
-# No noise is known to be so normal that smaller p-values would mean anything.
+# Smallest p-value reported: no noise is normal so far out.
 LEAST_P = 1e-9
-# Single channels with the most evidence that become candidates of their own.
+# Number of single channels with the most evidence that become candidates of their own.
 _BEST_MEMBERS = 4
-# The probability, within its kind, that what is left of a form that nobody declared is its further terms.
-FURTHER_SHARE = 0.5
+# Prior probability, within its kind, that an accepted nonparametric effect has higher-order terms.
+HIGHER_ORDER_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class CauseCandidate(Generic[CauseT]):
-    """One candidate: its cause, the kind it belongs to, its signature, and its probability beforehand in its kind."""
+    """One candidate: its cause, kind, signature, and prior probability within its kind."""
 
     cause: CauseT
     kind: str
@@ -57,31 +57,31 @@ class CauseCandidate(Generic[CauseT]):
 
     @cached_property
     def key(self) -> str:
-        """Return the name that tells it from all others."""
+        """Name that identifies it among all candidates."""
         return self.cause.key
 
     def light(self) -> CauseCandidate[CauseT]:
-        """Return it without its design, which only a search needs."""
+        """Return the candidate without its design, which only a search needs."""
         return replace(self, signature=replace(self.signature, design=np.zeros((0, self.signature.parameters))))
 
 
 @dataclass(frozen=True)
 class ChannelFamily(Generic[CauseT]):
-    """Candidates over single channels: the kind they belong to, and their signatures."""
+    """Candidates over single channels: their kind and their signatures."""
 
-    cause: ChannelCandidates[CauseT]  # which makes the candidate of a channel and a shape
+    cause: ChannelCandidates[CauseT]  # makes the candidate of a channel and a shape
     kind: str
     signatures: ChannelSignatures
 
     @property
     def prior(self) -> float:
-        """Return the probability beforehand of each in its kind."""
+        """Prior probability of each candidate in its kind."""
         return 1.0 / max(int(self.signatures.seen.sum()), 1)
 
 
 @dataclass(frozen=True)
 class Search(Generic[CauseT]):
-    """All candidates on one fit; ``shares`` (by kind) are their parts of the budget of false alarms."""
+    """All candidates on one fit; ``shares`` are the shares of the false-alarm budget by kind."""
 
     pathways: Pathways
     noise: NoiseComponents
@@ -90,11 +90,11 @@ class Search(Generic[CauseT]):
     shares: dict[str, float]
     draws: int
     rng: np.random.Generator
-    part_count: int = 0  # of the model: how many like parts have parameters of their own in some causes
+    part_count: int = 0  # number of like parts of the model, which have parameters of their own in some causes
 
     @cached_property
     def groups(self) -> tuple[CandidateGroup, ...]:
-        """Return the groups: those of candidates, then one for every family of channels."""
+        """Groups of comparable candidates, then one group for every family of channels."""
         found: dict[tuple[str, int], list[float]] = {}
         for candidate in self._seen:
             own = candidate.signature
@@ -109,8 +109,11 @@ class Search(Generic[CauseT]):
 
     @cached_property
     def _banks(self) -> list[tuple[Integers | slice, list[tuple[Array, list[int]]]]]:
-        """Return where candidates on the same pathways stand, and, for those of them of one rank r, all unit designs
-        (r * n, B * C), first directions first, and which candidates (n,)."""
+        """Candidates by pathways and rank r: their place, their stacked unit designs (r * n, B * C), and their numbers
+        (n,).
+
+        Designs are sorted by direction first.
+        """
         by_index: dict[bytes, dict[int, list[int]]] = {}
         for number, candidate in enumerate(self._seen):
             own = candidate.signature
@@ -125,7 +128,7 @@ class Search(Generic[CauseT]):
         return designs.reshape(-1, designs.shape[-1]), numbers
 
     def squares(self, along: Array) -> Array:
-        """Return by how much each candidate that can be seen lowers the sum of squares, (D, candidates)."""
+        """Return the reduction of the sum of squares by each candidate that can be seen, (D, candidates)."""
         found = np.empty((len(along), len(self._seen)))
         for place, banks in self._banks:
             own = along[:, :, place].reshape(len(along), -1)
@@ -136,15 +139,16 @@ class Search(Generic[CauseT]):
         return found
 
     def maxima(self, along: Array) -> Array:
-        """Return the largest square of every group, (D, groups)."""
+        """Return the largest reduction in every group, (D, groups)."""
         squares = self.squares(along)
         columns = [squares[:, members].max(1) for members in self._members]
         columns += self._of_families(along[:, :, self.pathways.places[OBSERVED]])
         return np.column_stack(columns) if columns else np.zeros((len(along), 0))
 
     def _of_families(self, parts: Array) -> list[Array]:
-        """Return the largest square (D,) of every family of channels, from parts (D, B, C) along the pathway of
-        observations."""
+        """Return the largest reduction (D,) in every family of channels, from parts (D, B, C) along the
+        observations.
+        """
         found: list[Array] = []
         last, along = None, parts
         for own in (families.signatures for families in self.families):
@@ -161,8 +165,9 @@ class Search(Generic[CauseT]):
         return list(found.values())
 
     def by_kind(self, maxima: Array, noise: tuple[Array, Array]) -> Array:
-        """Return the smallest p of every kind (D, kinds), not corrected; noise levels of observations and inputs
-        (D,)."""
+        """Return the smallest uncorrected p of every kind, (D, kinds), at noise levels (D,) of observations
+        and inputs.
+        """
         kinds = kinds_of(self.groups)
         found = np.ones((len(maxima), len(kinds)))
         for number, group in enumerate(self.groups):
@@ -174,7 +179,7 @@ class Search(Generic[CauseT]):
 
     @cached_property
     def null(self) -> NullDistribution:
-        """Return the null distribution: the same search on drawn and on flipped residuals."""
+        """Null distribution: the same search on simulated and on sign-flipped residuals."""
         drawn, flipped = [], []
         height = len(self.pathways.whitened.rest)
         block = max(_BLOCK // height, 1)
@@ -199,9 +204,8 @@ class Search(Generic[CauseT]):
 
     @cached_property
     def _standard(self) -> Array:
-        """Return standardised residuals without what the best candidate explains, as noise would leave them.
-
-        An effect would else widen its own null distribution.
+        """Standardised residuals without what the best candidate explains, so that an effect does not widen the null
+        distribution.
         """
         whitened, rows = self.pathways.whitened, self._best_rows
         rest = whitened.rest - rows @ (rows.T @ whitened.rest)
@@ -211,7 +215,7 @@ class Search(Generic[CauseT]):
 
     @cached_property
     def _best_rows(self) -> Array:
-        """Return the directions (N, r) of the candidate that the residual speaks for most by itself."""
+        """Directions (N, r) of the single candidate with the smallest p."""
         along = self.pathways.along(self.pathways.whitened.rest[None])
         squares, found = self.squares(along)[0], []
         for number, candidate in enumerate(self._seen):
@@ -230,7 +234,7 @@ class Search(Generic[CauseT]):
 
 
 def _place(index: Integers) -> Integers | slice:
-    """Return where pathways stand (n,) as a slice where they are neighbours, which are picked without a copy."""
+    """Return pathway indices (n,) as a slice where they are contiguous, which avoids a copy."""
     return slice(index[0], index[-1] + 1) if np.all(np.diff(index) == 1) else index
 
 
@@ -241,7 +245,7 @@ def _signs(rng: np.random.Generator, count: int, size: int) -> Array:
 
 @dataclass(frozen=True)
 class CandidateGroup:
-    """Candidates of one kind with the same number of directions: comparable by their squares alone."""
+    """Candidates of one kind and rank, whose squares are directly comparable."""
 
     kind: str
     rank: int
@@ -250,8 +254,11 @@ class CandidateGroup:
 
 @dataclass(frozen=True)
 class NullDistribution:
-    """The null distribution of a search: ``drawn`` and ``flipped`` (draws, kinds) hold the smallest p of every kind on
-    simulated and on sign-flipped residuals; ``shares`` (by kind) are the parts of the budget of false alarms."""
+    """Null distribution of a search.
+
+    ``drawn`` and ``flipped`` (draws, kinds) are the smallest p of every kind on simulated and on sign-flipped
+    residuals; ``shares`` are the shares of the false-alarm budget by kind.
+    """
 
     groups: tuple[CandidateGroup, ...]
     noise: NoiseComponents
@@ -261,16 +268,18 @@ class NullDistribution:
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of cause of which the campaign could see any."""
+        """Kinds of cause with a candidate that the campaign can see."""
         return kinds_of(self.groups)
 
     def raw(self, squares: Array | float, group: CandidateGroup, noise: Array | float) -> Array:
-        """Return the F test's p of squares (...) of a group, at a level of the noise estimated without them."""
+        """Return the p of the F test of squares (...) of a group, at a noise level estimated without them."""
         return f_test(squares, group, noise, self.noise)
 
     @cached_property
     def cost(self) -> Array:
-        """Return what the choice among its candidates costs each kind, over its share of the budget, (kinds,)."""
+        """Factor (kinds,) on the p of each kind: the cost of the choice among its candidates over its share of the
+        budget.
+        """
         quantile = (
             np.quantile(self.drawn, _QUANTILE, axis=0) if len(self.drawn) else np.full(len(self.kinds), _QUANTILE)
         )
@@ -282,17 +291,17 @@ class NullDistribution:
         return np.min(self.drawn * self.cost, 1), np.min(self.flipped * self.cost, 1)
 
     def corrected(self, squares: float, group: CandidateGroup) -> float:
-        """Return the p-value of a candidate's squares: how often a search of everything finds as much by chance."""
+        """Return the corrected p-value of a candidate's squares: the share of null searches that find at least as much."""
         noise = self.noise.without(squares, group.rank, group.input_share)
         statistic = float(self.raw(squares, group, noise) * self.cost[self.kinds.index(group.kind)])
         return min(1.0, max(_share(minima, statistic) for minima in self._minima))
 
     def group_of(self, kind: str, rank: int) -> CandidateGroup:
-        """Return the group of a kind's candidates with so many directions."""
+        """Return the group of a kind and rank."""
         return next(group for group in self.groups if group.kind == kind and group.rank == rank)
 
     def threshold(self, group: CandidateGroup, level: float) -> float:
-        """Return the p, not corrected, that a candidate of the group must stay below for a p-value of level."""
+        """Return the uncorrected p at which a candidate of a group has the corrected p-value ``level``."""
         limits = [float(np.quantile(minima, level)) for minima in self._minima]
         return min(limits) / float(self.cost[self.kinds.index(group.kind)])
 
@@ -303,7 +312,7 @@ def kinds_of(groups: Sequence[CandidateGroup]) -> tuple[str, ...]:
 
 
 def f_test(squares: Array | float, group: CandidateGroup, noise: Array | float, components: NoiseComponents) -> Array:
-    """Return the F test's p of squares (...) of a group's candidates, at a level of the noise."""
+    """Return the p of the F test of squares (...) of a group's candidates, at a noise level."""
     from scipy.special import fdtrc
 
     freedom = components.freedom(group.input_share)
@@ -311,10 +320,10 @@ def f_test(squares: Array | float, group: CandidateGroup, noise: Array | float, 
 
 
 def _share(minima: Array, statistic: float) -> float:
-    """Return how often a null search finds as much; beyond what was drawn, in proportion to the statistic.
+    """Return the share of null searches with at least this statistic; below the smallest shares, in proportion to it.
 
-    It is a p-value up to what correlations between candidates and tails of the noise make of it, which the lowest
-    drawn quantile shows.
+    The statistic is itself a p-value except for correlations between candidates and tails of the noise; the lowest
+    drawn quantile corrects for these.
     """
     drawn = float((1 + np.sum(minima <= statistic)) / (1 + len(minima)))
     if drawn > _TAIL:
@@ -326,7 +335,7 @@ def _share(minima: Array, statistic: float) -> float:
 def search_of(
     fitted: FittedModel[CauseT], kinds: Sequence[CauseT], draws: int, rng: np.random.Generator
 ) -> Search[CauseT]:
-    """Return the search over all candidates that the kinds of cause propose, on what a fitted model leaves."""
+    """Return the search over all candidates of the kinds of cause, on the residuals of a fitted model."""
     pathways = fitted.pathways()
     candidates, families = _proposed(fitted, pathways, kinds), _families(fitted, pathways, kinds)
     along = pathways.along(fitted.fit.whitened.rest[None])[0]
@@ -340,20 +349,20 @@ def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
     found: list[CauseCandidate[CauseT]] = []
     scene = fitted.scene
     for kind in kinds:
-        further = opened(
+        higher = admissible(
             fitted, [c for own in fitted.causes if own.id == kind.id for c in scene.higher_order_terms(own)]
         )
-        for proposed in (opened(fitted, scene.candidates(kind)), further):
+        for proposed in (admissible(fitted, scene.candidates(kind)), higher):
             weights = np.array([scene.prior(cause) for cause in proposed])
-            whole = max(weights.sum(), 1e-300) / (FURTHER_SHARE if further else 1.0)
+            whole = max(weights.sum(), 1e-300) / (HIGHER_ORDER_SHARE if higher else 1.0)
             own = signatures_of(pathways, (fitted.design_matrix(cause) for cause in proposed))
             for cause, weight, one in zip(proposed, weights / whole, own, strict=True):
                 found.append(CauseCandidate(cause, kind.id, one, float(weight)))
     return found
 
 
-def opened(fitted: FittedModel[CauseT], proposed: Sequence[CauseT]) -> list[CauseT]:
-    """Return the causes that a fitted model has a place for."""
+def admissible(fitted: FittedModel[CauseT], proposed: Sequence[CauseT]) -> list[CauseT]:
+    """Return the causes that a fitted model can take up."""
     return [cause for cause in proposed if not any(own.excludes(cause) for own in fitted.causes)]
 
 
@@ -366,7 +375,7 @@ def candidate_of(
 def _families(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[ChannelFamily[CauseT]]:
     found = []
     rotations, scene = fitted.model.rotations(fitted.fit.shared, fitted.fit.local), fitted.scene
-    rotated: dict[tuple[tuple[int, ...], bytes], RotatedChannels] = {}  # mostly the same for all
+    rotated: dict[tuple[tuple[int, ...], bytes], RotatedChannels] = {}  # shared by most families
     for kind in kinds:
         for own in scene.channel_candidates(kind):
             key = own.channels.shape, own.channels.tobytes()

@@ -1,4 +1,4 @@
-"""Whether a search came to its end, or was ended since the machine is none that it knows."""
+"""Reasons why a search stops: nothing real is left, or it reached a limit because the machine fits no known cause."""
 
 from __future__ import annotations
 
@@ -10,23 +10,25 @@ from typing import Generic
 from truing.inference.model import CauseT
 from truing.inference.rounds import Round
 
-# A machine with more causes than the first, or more effects without a name than the second, is none that the catalogue
-# knows: further ones would describe what is left piece by piece, and explain nothing.
+# Most accepted causes, and most nonparametric effects among them. A machine that needs more does not fit the catalogue:
+# more causes would only describe its residuals piece by piece.
 MOST_CAUSES, MOST_UNNAMED = 8, 3
 
 
 class SearchEnd(StrEnum):
-    """Why a search stopped."""
+    """Reason why a search stopped."""
 
-    COMPLETE = "complete"  # nothing that is left is real
-    MOST_CAUSES = "most-causes"  # so many causes were accepted, and more is real
-    UNNAMED_EFFECTS = "unnamed-effects"  # so many effects without a name were accepted, and more is real
+    COMPLETE = "complete"  # no remaining candidate is significant
+    MOST_CAUSES = "most-causes"  # MOST_CAUSES were accepted, and another candidate is significant
+    UNNAMED_EFFECTS = "unnamed-effects"  # MOST_UNNAMED were accepted, and another candidate is significant
 
 
 @dataclass(frozen=True)
 class EndOfSearch(Generic[CauseT]):
-    """Why a search stopped, after how many accepted causes; what would come next, None where nothing is real, and the
-    least p-value of any candidate left."""
+    """The reason why a search stopped, the number of accepted causes, the next candidate, and the least p-value left.
+
+    ``left`` is None where no remaining candidate is significant.
+    """
 
     end: SearchEnd
     accepted: int
@@ -35,12 +37,12 @@ class EndOfSearch(Generic[CauseT]):
 
     @property
     def is_complete(self) -> bool:
-        """Whether nothing real is left."""
+        """Whether no significant candidate is left."""
         return self.end is SearchEnd.COMPLETE
 
 
 def limit_reached(accepted: Sequence[CauseT]) -> SearchEnd | None:
-    """Return the limit that accepted causes have reached, None where a further one may be accepted."""
+    """Return the limit that the accepted causes have reached, None where another one may be accepted."""
     if sum(not cause.catalogued for cause in accepted) >= MOST_UNNAMED:
         return SearchEnd.UNNAMED_EFFECTS
     return SearchEnd.MOST_CAUSES if len(accepted) >= MOST_CAUSES else None
@@ -49,6 +51,6 @@ def limit_reached(accepted: Sequence[CauseT]) -> SearchEnd | None:
 def end_of_search(
     limit: SearchEnd | None, accepted: Sequence[CauseT], closing: Round[CauseT], left: CauseT | None
 ) -> EndOfSearch[CauseT]:
-    """Return how a search stopped in its last round, with a cause ``left`` that it would have accepted next."""
+    """Return the end of a search in its closing round; ``left`` is the candidate it would have accepted next."""
     least = min((closing.p_value(candidate) for candidate in closing.best.values()), default=1.0)
     return EndOfSearch(SearchEnd.COMPLETE if left is None or limit is None else limit, len(accepted), left, least)

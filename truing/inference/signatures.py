@@ -1,8 +1,8 @@
-"""Signatures of candidate effects: how the rows of a whitened problem follow them, free of what nuisances explain.
+"""Signatures of candidate effects: their derivatives in the rows of a whitened problem, free of what nuisances explain.
 
-A candidate acts through pathways, which are few (an input of each part, a shift of a part, an observation):
-the pathways are projected once, and a candidate is a design over them, a thin matrix per epoch. Thousands of candidates
-then cost one small matrix each, and a search over simulated residuals one product.
+A candidate acts through a few pathways (an input of each part, a shift of a part, an observation). The pathways are
+projected once, and a candidate is a design over them, a thin matrix per epoch. Each of thousands of candidates then
+costs one small matrix, and a search over simulated residuals one product.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from truing.inference.linear_problem import Whitened
 from truing.inference.model import OBSERVED
 from truing.inference.observations import Frames, Observations, whitened_columns
 
-# Directions in which a plausible effect stays below this many sigma carry no test.
+# Directions in which a plausible effect stays below this many sigma are not tested.
 _INFORMATIVE = 0.3
-# Where an effect moves less than this share of the squares that it moves elsewhere, it does not act.
+# An effect acts where its squared change is above this share of its largest one.
 _MOVED = 1e-3
-# Candidates on the same pathways that are projected by one product.
+# Number of candidates on the same pathways that are projected by one product.
 _AT_ONCE = 32
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Some pathways: what shared unknowns explain of them, their products, and those in the inputs' rows."""
+    """Some pathways: the part that shared unknowns explain, their products, and their products in the inputs' rows."""
 
     shared: Array  # (B, n, G)
     gram: Array  # (B, n, n)
@@ -39,8 +39,8 @@ class _Part:
 class Pathways:
     """All pathways of a fit side by side, whitened; ``columns`` (B, M + H, C) are free of local unknowns.
 
-    ``shared`` (B, G, C) is what of them the shared unknowns explain, ``gram`` (B, C, C) their products epoch by epoch,
-    ``reading_gram`` the part of these in the rows of the inputs' priors.
+    ``shared`` (B, G, C) is the part that the shared unknowns explain, ``gram`` (B, C, C) the products epoch by epoch,
+    ``input_gram`` their part in the rows of the inputs' priors.
     """
 
     whitened: Whitened
@@ -51,7 +51,7 @@ class Pathways:
     input_gram: Array
 
     def along(self, rows: Array) -> Array:
-        """Return the parts (D, B, C) of residuals (D, N) along the pathways, to the precision of the residuals."""
+        """Return the parts (D, B, C) of residuals (D, N) along the pathways, in the precision of the residuals."""
         columns, shared, basis = self._of_precision(rows.dtype)
         epochs, height, _ = columns.shape
         own = rows[:, : epochs * height].reshape(len(rows), epochs, height)
@@ -60,7 +60,9 @@ class Pathways:
         return np.asarray(np.subtract(part.transpose(1, 0, 2), explained, out=explained))
 
     def _of_precision(self, kind: np.dtype[np.generic]) -> tuple[Array, Array, Array]:
-        """Return columns, what is shared of them and its basis: draws need half the digits, and half the time."""
+        """Return columns, shared parts and basis in double or single precision; single is enough for draws, in half the
+        time.
+        """
         exact = self.columns, self._shared_wide, self.whitened.basis
         return exact if kind == np.float64 else self._rough
 
@@ -77,11 +79,11 @@ class Pathways:
         return self.shared.transpose(1, 0, 2).reshape(self.shared.shape[1], -1)
 
     def index(self, names: tuple[str, ...]) -> Integers:
-        """Return where the named pathways stand, in that order."""
+        """Return the indices of the named pathways, in that order."""
         return np.concatenate([np.arange(self.places[name].start, self.places[name].stop) for name in names])
 
     def part(self, index: Integers) -> _Part:
-        """Return what concerns the pathways that an index names."""
+        """Return the arrays of the pathways that an index selects."""
         key = index.tobytes()
         if key not in self._parts:
             shared = self.shared_by_pathway[:, index]
@@ -91,11 +93,11 @@ class Pathways:
 
     @cached_property
     def shared_by_pathway(self) -> Array:
-        """Return what the shared unknowns explain, (B, C, G): pathways are picked by the thousand."""
+        """Part that the shared unknowns explain, (B, C, G), in the layout in which pathways are selected fastest."""
         return np.ascontiguousarray(np.swapaxes(self.shared, 1, 2))
 
     def _products(self, gram: Array, index: Integers) -> Array:
-        """Return the rows and columns (B, n, n) of products that an index names: a copy unless they are neighbours."""
+        """Return the rows and columns (B, n, n) of products that an index selects; a copy unless it is contiguous."""
         if len(index) and np.all(np.diff(index) == 1):
             return gram[:, index[0] : index[-1] + 1, index[0] : index[-1] + 1]
         return gram[np.ix_(np.arange(len(gram)), index, index)]
@@ -115,7 +117,7 @@ def pathways_of(
     """Return a fit's pathways from their motions (B, K, d, C_i) of the observations; the observations themselves come
     last.
 
-    ``input_rows`` tells which of an epoch's local unknowns are inputs.
+    ``input_rows`` are the places of the inputs among an epoch's local unknowns.
     """
     wide = [whitened_columns(measured, frames, motion) for motion in motions.values()]
     each = measured.whitener @ frames.R[:, None]
@@ -137,9 +139,12 @@ def pathways_of(
 
 
 def _products(whitened: Whitened, moved: Array, each: Array) -> tuple[Array, Array]:
-    """Return the products (B, G, C) of the shared basis, which is free of local unknowns, with pathways, and those
-    (B, C, C) of these with each other, local unknowns included; the pathways are motions moved (B, d K, m), then
-    observations one by one, each (B, K, d, d)."""
+    """Return the products (B, G, C) of the shared basis with pathways, and those (B, C, C) of the pathways with each
+    other.
+
+    The basis is free of local unknowns, the pathways are not. They are motions ``moved`` (B, d K, m), then single
+    observations ``each`` (B, K, d, d).
+    """
     epochs, height, count = moved.shape
     tall = whitened.local_basis.shape[1]
     basis = whitened.basis[: epochs * tall].reshape(epochs, tall, -1)[:, :height]
@@ -168,10 +173,9 @@ def _blocks(blocks: Array) -> Array:
 class Signature:
     """A candidate's signature: independent directions, each a combination of its parameters.
 
-    ``strengths`` (r,) are the signal-to-noise ratios of a plausible effect along them, ``loadings`` (P, r) the
-    parameters' side, ``design`` maps the pathways at ``index`` to the parameters (B * C, P); ``explained`` (G, P) is
-    what of the columns the shared unknowns explain, ``reading_share`` the share of the evidence that rests on the
-    inputs.
+    ``strengths`` (r,): signal-to-noise ratios of a plausible effect along them; ``loadings`` (P, r): their parameters;
+    ``design`` (B * C, P): derivatives of the pathways at ``index`` by the parameters; ``explained`` (G, P): the part
+    that the shared unknowns explain; ``input_share``: the share of the evidence that rests on the inputs.
     """
 
     index: Integers
@@ -184,17 +188,17 @@ class Signature:
 
     @property
     def rank(self) -> int:
-        """Return the number of directions in which the campaign sees the candidate."""
+        """Number of directions in which the campaign sees the candidate."""
         return len(self.strengths)
 
     @property
     def parameters(self) -> int:
-        """Return the number of parameters P."""
+        """Number of parameters P."""
         return len(self.gram)
 
     @property
     def unit_design(self) -> Array:
-        """Return the design (B * C, r) whose scores have unit variance where there is no effect."""
+        """Design (B * C, r) whose scores have unit variance where there is no effect."""
         return self.design @ (self.loadings / self.strengths)
 
     def rows(self, pathways: Pathways) -> Array:
@@ -206,13 +210,13 @@ class Signature:
         return full - pathways.whitened.basis @ (self.explained @ (self.loadings / self.strengths))
 
     def share_on(self, pathways: Pathways, other: Signature) -> float:
-        """Return the share of what it moves, in squares, that lies where another moves something as well."""
+        """Return the share of its squared changes that lies where another candidate acts too."""
         mine, theirs = self._moved_squares(pathways), other._moved_squares(pathways)
         shared = mine[theirs > _MOVED * theirs.max(initial=0.0)].sum()
         return float(shared / max(float(mine.sum()), 1e-300))
 
     def _moved_squares(self, pathways: Pathways) -> Array:
-        """Return by how much it moves each coordinate of the observations at every epoch (B, d K), in squares."""
+        """Return its squared change of each coordinate of the observations at every epoch, (B, d K)."""
         place = pathways.places[OBSERVED]
         rows = pathways.columns[:, : place.stop - place.start, self.index]
         return np.asarray(np.sum((rows @ self.design.reshape(len(rows), len(self.index), -1)) ** 2, -1))
@@ -229,7 +233,7 @@ _UNSEEN = Signature(
 
 @dataclass(frozen=True)
 class _Acting:
-    """How a candidate acts: its design (B, n, P) over the pathways at ``index``, from the first epoch to the last."""
+    """Design (B, n, P) of a candidate over the pathways at ``index``, and the epochs during which it acts."""
 
     index: Integers
     design: Array
@@ -269,15 +273,14 @@ def _acting(pathways: Pathways, designs: Mapping[str, Array]) -> _Acting | None:
     if not parts:
         return None
     design = np.concatenate(parts, 1)
-    acting = (design != 0.0).reshape(epochs, -1)  # reduced along whole rows: thousands of candidates come by
+    acting = (design != 0.0).reshape(epochs, -1)  # whole rows reduce faster, and there are thousands of candidates
     of_pathway = acting.any(0).reshape(design.shape[1:]).any(1)
     return _Acting(pathways.index(names)[of_pathway], design[:, of_pathway], _extent(acting.any(1)))
 
 
 def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
-    """Return what the shared unknowns explain (G, P) of each of some candidates on the same pathways.
-
-    One product for all, since what is shared is large.
+    """Return the part (G, P) of each candidate on the same pathways that the shared unknowns explain, by one product
+    for all.
     """
     first = min((own.during.start for own in alike if own.during.stop), default=0)
     during = slice(first, max(own.during.stop for own in alike))
@@ -307,7 +310,7 @@ def _signature(pathways: Pathways, acting: _Acting, explained: Array) -> Signatu
 
 
 def _extent(acting: Array) -> slice:
-    """Return the epochs from the first to the last at which a candidate acts: many do so from an epoch on only."""
+    """Return the slice from the first to the last epoch at which a candidate acts; many act only from some epoch on."""
     epochs = np.flatnonzero(acting)
     return slice(epochs[0], epochs[-1] + 1) if len(epochs) else slice(0)
 
@@ -331,11 +334,11 @@ def _cross(pathways: Pathways, first: Signature, second: Signature) -> Array:
 
 @dataclass(frozen=True)
 class RotatedChannels:
-    """The pathway of observations of T channels, along the axes of their groups' surveys; or of n observations each
-    that hold together, along the q ways in which these move (for a single one, its axes: n = 1, q = d).
+    """Pathway of the observations of T channels along the axes of their groups' surveys.
 
-    ``turns`` (B, T, n d, q) bring these ways to the axes of the pathway, ``shared`` (B, T, q, G) is what of the pathway
-    the shared unknowns explain, ``gram`` (B, T, q, q) are their products.
+    With patterns: of T sets of n channels that move together, along the q patterns of each (for a single channel its
+    axes: n = 1, q = d). ``rotations`` (B, T, n d, q) convert these to the axes of the pathway, ``shared`` (B, T, q, G)
+    is the part that the shared unknowns explain, ``gram`` (B, T, q, q) are their products.
     """
 
     channels: Integers  # (T, n)
@@ -344,19 +347,22 @@ class RotatedChannels:
     gram: Array
 
     def along(self, parts: Array) -> Array:
-        """Return the parts (B, T, q, D) of residuals along these ways, from those along the pathway (D, B, C)."""
+        """Return the parts (B, T, q, D) of residuals along these axes, from those along the pathway (D, B, C)."""
         (count, members), (height, _) = self.channels.shape, self.rotations.shape[2:]
         own = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.channels]
         own = own.reshape(*parts.shape[:2], count, height)
-        rotations = self.rotations.astype(parts.dtype, copy=False)  # draws need half the digits
+        rotations = self.rotations.astype(parts.dtype, copy=False)  # single precision is enough for draws
         return np.asarray(np.einsum("dbtx,btxy->btyd", own, rotations, optimize=True))
 
 
 def rotated_channels(
     pathways: Pathways, channels: Integers, rotations: Array, patterns: Array | None = None
 ) -> RotatedChannels:
-    """Return the pathway of observations of channels (T,) along the axes that turns (B, K, d, d) of all channels
-    say, or of channels (T, n) that hold together, along patterns (T, n, d, q) in these axes."""
+    """Return the pathway of the observations of channels (T,), along axes given by rotations (B, K, d, d) of all
+    channels.
+
+    For sets of channels (T, n) that move together, along patterns (T, n, d, q) in these axes.
+    """
     place = pathways.places[OBSERVED]
     epochs, size = len(rotations), rotations.shape[2]
     members = channels.reshape(len(channels), -1)
@@ -380,34 +386,33 @@ class ChannelSignatures:
     rotated: RotatedChannels
     values: Array
     gram: Array
-    usable: Mask  # (S, T) where the channel was seen often enough
+    usable: Mask  # (S, T) True where the channel was seen often enough
 
     @property
     def parameters(self) -> int:
-        """Return the number of parameters of each."""
+        """Number of parameters of each candidate."""
         return int(self.gram.shape[-1])
 
     @cached_property
     def seen(self) -> Mask:
-        """Return which of them (S, T) the campaign sees in all directions."""
+        """True for candidates (S, T) that the campaign sees in all directions."""
         return np.asarray(np.linalg.eigvalsh(self.gram)[..., 0] > _INFORMATIVE**2) & self.usable
 
     @cached_property
     def inverse(self) -> Array:
-        """Return the inverse of the gram (S, T, d m, d m); zero where a candidate is not seen."""
+        """Inverse of the gram (S, T, d m, d m); zero where a candidate is not seen."""
         safe = np.where(self.seen[..., None, None], self.gram, np.eye(self.parameters))
         return np.linalg.inv(safe) * self.seen[..., None, None]
 
     def scores(self, along: Array) -> Array:
-        """Return the scores (S, T, d m, D) of residuals given by their parts (B, T, d, D) along the observations'
-        axes."""
+        """Return the scores (S, T, d m, D) of residuals, from their parts (B, T, d, D) along the observations' axes."""
         epochs, channels, size, draws = along.shape
         shapes = self.values.transpose(0, 2, 1).reshape(-1, epochs).astype(along.dtype, copy=False)
         found = (shapes @ along.reshape(epochs, -1)).reshape(len(self.values), -1, channels, size, draws)
         return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws)
 
     def squares(self, along: Array) -> Array:
-        """Return by how much each candidate lowers the sum of squares, (D, S, T); along as in `scores`."""
+        """Return the reduction of the sum of squares by each candidate, (D, S, T); ``along`` as in `scores`."""
         scores = self.scores(along)
         inverse = self.inverse.astype(scores.dtype, copy=False)
         return np.asarray(np.sum(scores * (inverse @ scores), 2).transpose(2, 0, 1))
@@ -416,7 +421,7 @@ class ChannelSignatures:
 def channel_signatures(rotated: RotatedChannels, values: Array, usable: Mask) -> ChannelSignatures:
     """Return the signatures of observations with shapes values (S, B, m).
 
-    ``usable`` (S, T) tells which channels were seen often enough for which shapes.
+    ``usable`` (S, T) marks channels that were seen often enough for a shape.
     """
     epochs, channels, size = rotated.shared.shape[:3]
     shapes, count = values.shape[0], values.shape[2]

@@ -1,4 +1,4 @@
-"""What was decided on each candidate cause, on what grounds, and what it does to predictions."""
+"""Verdict on each candidate cause: decision, evidence, and effect on predictions."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ from truing.inference.signatures import Signature
 
 FOUND, SUSPECTED, INDISTINGUISHABLE, REJECTED = "found", "suspected", "indistinguishable", "rejected"
 
-NOT_TESTABLE = "not testable"  # no plausible size of it would have been seen
+NOT_TESTABLE = "not testable"  # no plausible size would have been found
 
 
 class Reason(StrEnum):
-    """Why a candidate was not found, or is only suspected."""
+    """Reason why a candidate was not found, or is only suspected."""
 
-    CHANCE = "chance"
-    HELD_OUT = "held-out"
-    DROPPED = "dropped"
-    CONTAINED = "contained"
-    UNSEEN = "unseen"
-    RIVAL = "rival"
-    ENDED = "ended"  # the search was ended before it was its turn
-    INADEQUATE = "inadequate"
-    UNNAMED = "unnamed"
-    UNPAID = "unpaid"
-    ELSEWHERE = "elsewhere"
+    CHANCE = "chance"  # not significant
+    HELD_OUT = "held-out"  # held-out epochs are predicted worse with it
+    DROPPED = "dropped"  # the other accepted causes explain its effect
+    CONTAINED = "contained"  # the final model leaves no direction in which it can be seen
+    UNSEEN = "unseen"  # the campaign cannot see it
+    RIVAL = "rival"  # indistinguishable from a cause that was found
+    ENDED = "ended"  # significant, but the search reached a limit first
+    INADEQUATE = "inadequate"  # the final model does not hold as a whole
+    UNNAMED = "unnamed"  # it may be a part of a nonparametric or unknown effect
+    UNPAID = "unpaid"  # predictions do not improve with it
+    ELSEWHERE = "elsewhere"  # blocks of epochs left out are less probable with it
 
 
 @dataclass(frozen=True)
 class Verdict(Generic[CauseT]):
-    """One candidate cause: what was decided, on what grounds, and what predictions miss without and with it."""
+    """Verdict on one candidate cause: decision, evidence, and prediction errors without and with it."""
 
     cause: CauseT
     verdict: str  # found, suspected, indistinguishable, rejected, not testable
     p_value: float
     probability: float
-    log_odds: float  # over the model without it: where it was found, or where it first competed
+    log_odds: float  # over the model without it, in the round in which it was found, or else the first round
     signal_to_noise: float
     scale_holds: bool | None
     before: PredictionError[CauseT]  # all found causes of smaller rank accepted
@@ -56,21 +56,19 @@ class Verdict(Generic[CauseT]):
     floor: NoiseFloor
     values: Array  # (P,) SI
     covariance: Array  # (P, P)
-    candidates: int  # how many were tried together
-    own: FittedModel[CauseT] | None = (
-        None  # the model with it: of a found cause when it was found, of a rival in place of that one
-    )
+    candidates: int  # number of candidates tried together
+    own: FittedModel[CauseT] | None = None  # the model with it: after its acceptance, or as a rival in its place
     reason: Reason | None = None
     rival: CauseT | None = None  # the cause from which it is indistinguishable
-    share_explained: float | None = None  # of what acts on the same as a name, in squares
-    # Of what was accepted in a search: whether blocks were asked, and by how much it pays where they are left out.
+    share_explained: float | None = None  # its share of the squares that it and nonparametric effects explain together
+    # For accepted causes: whether the campaign declares groupings of epochs, and the gain in blocks left out.
     blocks_asked: bool = False
     block_gain: BlockGain | None = None
-    subjects: tuple[tuple[str, float], ...] = ()  # of a found cause: others that may be its subject, and odds against
+    subjects: tuple[tuple[str, float], ...] = ()  # other possible subjects of a found cause, with the odds against each
 
     @property
     def rank(self) -> tuple[int, float]:
-        """What verdicts are sorted by: accepted ones in order of acceptance, the others by probability."""
+        """Sort key of verdicts: accepted ones in order of acceptance, the others by probability."""
         order = {FOUND: 0, SUSPECTED: 0, INDISTINGUISHABLE: 1, REJECTED: 2, NOT_TESTABLE: 3}[self.verdict]
         return order, (0.0 if order == 0 else -self.probability)
 
@@ -82,7 +80,7 @@ def first_order(
     held_out: Epochs[ConditionsLike] | None,
     reason: Reason | None = None,
 ) -> Verdict[CauseT]:
-    """Return a verdict on a candidate with what it would do to a round's model, to first order."""
+    """Return a verdict on a candidate, with its effect on a round's model to first order."""
     fitted, score, own = current.fitted, current.scores[candidate.key], candidate.signature
     values = own.fitted(score.along)
     sigma = fitted.noise_ratio * own.loadings / own.strengths
@@ -113,7 +111,9 @@ def _held_out(
     values: Array,
     held_out: Epochs[ConditionsLike] | None,
 ) -> tuple[PredictionError[CauseT] | None, PredictionError[CauseT] | None]:
-    """Return what is predicted wrongly of held-out epochs, without and with a candidate; of blocks only fits tell."""
+    """Return the prediction errors of held-out epochs without and with a candidate; (None, None) where none are held
+    out.
+    """
     after = held_out_after_first_step(fitted, candidate.cause, candidate.signature, values, held_out)
     return (None if after is None else fitted.held_out), after
 
@@ -125,7 +125,7 @@ def fitted(
     after: FittedModel[CauseT],
     final: FittedModel[CauseT],
 ) -> Verdict[CauseT]:
-    """Return the verdict on a cause that was accepted: as fitted where it was, with its values in the final model."""
+    """Return the verdict on an accepted cause, with errors from its fit and values from the final model."""
     values, covariance = final.values(cause)
     return replace(
         verdict,
@@ -140,7 +140,7 @@ def fitted(
 
 
 def certain(cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[ConditionsLike] | None) -> Verdict[CauseT]:
-    """Return the verdict on a cause that was certain before any search, and is in the plain model."""
+    """Return the verdict on a cause that was known before any search and is part of the plain model."""
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
     shared = plain.model.embedded(plain.fit.shared, model)
@@ -173,7 +173,9 @@ def certain(cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[Conditio
 def after_first_step(
     fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: Array
 ) -> PredictionError[CauseT]:
-    """Return the error on calibration epochs once a candidate's parameters (P,), in plausible scales, are taken in."""
+    """Return the error on calibration epochs after a first-order step to a candidate's parameters (P,), in plausible
+    scales.
+    """
     step = _shared_step(fitted, own, values)
     return _moved(fitted.error, fitted.measured, cause, values, step)
 
@@ -188,7 +190,7 @@ def held_out_after_first_step(
 
 
 def _shared_step(fitted: FittedModel[CauseT], own: Signature, values: Array) -> Array:
-    """Return by how much the shared unknowns (G,) give way to a candidate, in prior sigmas."""
+    """Return the change of the shared unknowns (G,), in prior sigmas, that a candidate's parameters cause."""
     return -fitted.fit.whitened.from_basis(own.explained @ values)
 
 
@@ -201,7 +203,7 @@ def _moved(
 
 
 def _motion(error: PredictionError[CauseT], cause: CauseT) -> Array:
-    """Return how the observations (B, K, d, P) follow a candidate's parameters, per plausible scale."""
+    """Return the derivatives (B, K, d, P) of the observations by a candidate's parameters, per plausible scale."""
     designs, epochs, size = error.design_matrix(cause), len(error.local), error.measured.size
     parts: list[Array] = [
         error.pathways[name] @ design[:, None] for name, design in designs.items() if name != OBSERVED

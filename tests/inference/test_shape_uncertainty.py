@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.tolerance import assert_close
-from truing.inference.selection import both_sides
+from truing.inference.shape_uncertainty import shape_covariance_factors
 from truing.simulation.bench.causes.load_history import Creep
 
 SIGMA, NOISE = 0.3, 1.7
@@ -40,7 +40,7 @@ def factors(rise: Callable[[float], float]) -> np.ndarray:
         )
 
     cause = Shaped()
-    return both_sides(SimpleNamespace(fitted=fitted), fitted(("another", cause)), cause, 1)
+    return shape_covariance_factors(SimpleNamespace(fitted=fitted), fitted(("another", cause)), cause, 1)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,8 @@ def test_a_shape_that_is_not_asked_keeps_its_sigma() -> None:
 
     cause = Linear()
     final = SimpleNamespace(causes=(cause,), values=lambda _: (np.zeros(2), np.eye(2)))
-    assert_close(both_sides(SimpleNamespace(), final, cause, 1), np.ones((2, 2)), atol=0.0, what="factors")
+    factors = shape_covariance_factors(SimpleNamespace(), final, cause, 1)
+    assert_close(factors, np.ones((2, 2)), atol=0.0, what="factors")
 
 
 def test_a_creep_is_asked_by_creeps_of_other_time_constants_and_told_by_the_upper_end_of_its_interval() -> None:

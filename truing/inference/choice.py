@@ -1,0 +1,149 @@
+"""Choice of the next candidate to accept, and of the rivals that the data cannot distinguish from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from truing.inference.model import CauseT
+from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_nonparametric_of_subject
+from truing.inference.search import CauseCandidate
+
+_MOST_SUBJECTS = 3  # other subjects that are listed for a cause
+
+
+@dataclass(frozen=True)
+class CandidateChoice(Generic[CauseT]):
+    """The candidate to accept, and indistinguishable rivals with their log odds over it.
+
+    ``of_two``: it is accepted as one of two that together explain what a single one would absorb; ``subjects``: its
+    other possible subjects, with the odds against each.
+    """
+
+    candidate: CauseCandidate[CauseT]
+    rivals: tuple[tuple[CauseCandidate[CauseT], float], ...]
+    of_two: bool = False
+    subjects: tuple[tuple[str, float], ...] = ()
+
+    def light(self) -> CandidateChoice[CauseT]:
+        """Return the choice without designs, which only a search needs."""
+        rivals = tuple((rival.light(), lead) for rival, lead in self.rivals)
+        return replace(self, candidate=self.candidate.light(), rivals=rivals)
+
+
+def choose(
+    current: Round[CauseT], refused: set[str], level: float, *, pairs: bool = True
+) -> CandidateChoice[CauseT] | None:
+    """Return the candidate to accept, at the p-value ``level``; None where no candidate is real.
+
+    Of the kinds that explain the data equally well, this is the one with the fewest parameters. A catalogued cause is
+    preferred to a nonparametric effect unless the effect is clearly more probable. Where a pair explains what a single
+    candidate would absorb, it is the first of the pair, and its rivals are those that do as well in its place. Kinds in
+    ``refused`` are ignored, also as a standard for the others.
+    """
+    rivals = _equals(current, level, refused)
+    if not rivals:
+        return None
+    pair = current.best_pair if pairs else None
+    if pair is not None and pair.first.kind not in refused and _leads(current, pair.first, level):
+        also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
+        return CandidateChoice(pair.first, also, True, _other_subjects(current, pair.first))
+    unnamed = [c for c in rivals if not c.cause.catalogued]
+    least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
+    named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
+    chosen = min(named or unnamed, key=lambda c: (c.signature.parameters, -current.posterior(c)), default=None)
+    if chosen is None:
+        return None
+    also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
+    return CandidateChoice(chosen, also, False, _other_subjects(current, chosen))
+
+
+def confirmed(
+    current: Round[CauseT], choice: CandidateChoice[CauseT], next_round: Round[CauseT], level: float, refused: set[str]
+) -> bool:
+    """Return True if a candidate chosen from a pair, with the best candidate after its refit, still beats every single
+    one.
+
+    Before the refit, the evidence of the pair is only an estimate. So is that of a single candidate, which is linear in
+    the effect; a candidate that leaves nothing real needs no partner.
+    """
+    left = next_round.best.values()
+    if not any(is_real(next_round, c, level) for c in left):
+        return True
+    alone = max(current.posterior(c) for kind, c in current.best.items() if kind not in refused)
+    beside = max((next_round.posterior(c) for c in left), default=0.0)
+    return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
+
+
+def is_real(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: float) -> bool:
+    """Return True if a candidate is significant and the evidence favours it over no effect.
+
+    Evidence is needed too: many parameters together may differ from zero significantly without a plausible size in any
+    direction.
+    """
+    speaks = current.scores[candidate.key].log_evidence > 0.0
+    return speaks and current.p_value(candidate) <= level
+
+
+def is_outdone(current: Round[CauseT], chosen: CauseCandidate[CauseT], refused: set[str]) -> bool:
+    """Return True if a refused nonparametric effect is clearly more probable than a chosen catalogued cause."""
+    unnamed = (c for c in current.candidates if not c.cause.catalogued and c.kind in refused)
+    least = current.posterior(chosen) + NAMED
+    return chosen.cause.catalogued and any(current.posterior(candidate) > least for candidate in unnamed)
+
+
+def is_worth_reporting(rival: CauseCandidate[CauseT], lead: float) -> bool:
+    """Return True for rivals to report: catalogued causes, and nonparametric effects that are at least as probable."""
+    return rival.cause.catalogued or lead >= 0.0
+
+
+def _equals(current: Round[CauseT], level: float, refused: set[str]) -> list[CauseCandidate[CauseT]]:
+    """Return the best candidates of the kinds that hold up and are within a factor 20 of the best in evidence."""
+    real = [c for c in current.best.values() if c.kind not in refused and _holds_up(current, c, level)]
+    best = max((current.posterior(c) for c in real), default=0.0)
+    return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
+
+
+def _holds_up(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: float) -> bool:
+    """Return True if a candidate is real and, if catalogued, is not just a remainder of a nonparametric effect in the
+    model.
+
+    Nonparametric effects are rough and leave a remainder. A catalogued cause must therefore clearly beat their
+    higher-order terms, real or not, other effects of the same subject, and chance; and it must not be small compared
+    with one that acts on the same.
+    """
+    if not is_real(current, candidate, level):
+        return False
+    forms = [cause for cause in current.fitted.causes if not cause.catalogued]
+    if not candidate.cause.catalogued or not forms:
+        return True
+    reported = {cause.subject for cause in forms if cause.subject}  # effects of the whole have no subject
+    unnamed = [c for c in current.candidates if not c.cause.catalogued]
+    rests = (current.posterior(c) for c in unnamed if c.cause.is_higher_order or c.cause.subject in reported)
+    least = max(max(rests, default=0.0), 0.0) + float(np.log(RIVAL_FACTOR))
+    return current.posterior(candidate) >= least and not current.is_remainder(candidate)
+
+
+def _leads(current: Round[CauseT], first: CauseCandidate[CauseT], level: float) -> bool:
+    """Return True if the first of a pair may be accepted; if the model holds nonparametric effects, as if it came
+    alone.
+    """
+    if any(is_nonparametric_of_subject(cause) for cause in current.fitted.causes):
+        return _holds_up(current, first, level)
+    return is_real(current, first, level)
+
+
+def _other_subjects(current: Round[CauseT], chosen: CauseCandidate[CauseT]) -> tuple[tuple[str, float], ...]:
+    """Return the other possible subjects of a catalogued cause, the most probable first, with the odds against each."""
+    if not chosen.cause.catalogued:
+        return ()
+    logs: dict[str, float] = {}
+    for candidate in current.candidates:
+        if candidate.kind == chosen.kind:
+            own = candidate.cause.subject
+            logs[own] = float(np.logaddexp(logs.get(own, -np.inf), current.posterior(candidate)))
+    best = logs.pop(chosen.cause.subject)
+    near = sorted((best - log, subject) for subject, log in logs.items() if best - log < np.log(RIVAL_FACTOR))
+    return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])

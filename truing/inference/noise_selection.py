@@ -1,0 +1,111 @@
+"""Decisions of the search on noise: which observations or inputs scatter more than declared, and on what
+this depends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from truing.inference.adequacy import is_unordered
+from truing.inference.arrays import Array, Mask
+from truing.inference.choice import is_real
+from truing.inference.fitted_model import FittedModel, Fitter, residuals_of_inputs
+from truing.inference.model import CauseT, ScatterCandidate
+from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, variance_gain
+from truing.inference.rounds import Round
+from truing.inference.verdicts import Reason
+
+# Log likelihood by which scatter must exceed the log odds of the best cause to be preferred.
+_UNSTRUCTURED = 5.0
+# p-values of correlation between neighbours: below the first, larger residuals are an effect and no scatter; above the
+# second, they are noise.
+_ORDERED, _SURELY_NOISE = 0.01, 0.05
+
+
+@dataclass(frozen=True)
+class NoiseSelection(Generic[CauseT]):
+    """Tests of one campaign's noise and scatter on the fits of a ``Fitter``, at given p-values."""
+
+    fitter: Fitter[CauseT]
+    level: float  # p-value below which a cause is real
+    noise_level: float  # p-value below which noise is larger than declared
+    dependence_level: float  # p-value below which noise depends on something
+
+    def noisy_periods(self, first: Round[CauseT], kinds: Sequence[CauseT]) -> list[NoiseDependence]:
+        """Weight observations that are noisier for some time, if this is far more probable than any cause with a mean
+        effect.
+
+        Returns no dependence where scatter of inputs could explain the larger residuals.
+        """
+        if self.scatter(first.fitted, kinds) is not None:
+            return []
+        found = self.fitter.noise_dependence(first.fitted, kinds, self.dependence_level)
+        if found is None or found.driver.cause is None:
+            return []
+        if not self._outdoes_causes(self.fitter.known_residuals(first.fitted), found.driver.values > 0.5, first):
+            return []
+        return [self._weighted(first.fitted, found)]
+
+    def outright_scatter(
+        self, first: Round[CauseT], kinds: Sequence[CauseT]
+    ) -> tuple[ScatterCandidate[CauseT], float] | None:
+        """Return the cause that makes inputs scatter, and its p-value, if it is far more probable than a cause with a
+        mean effect.
+        """
+        found, rest = self.scatter(first.fitted, kinds), residuals_of_inputs(first.fitted).standardised
+        return found if found is not None and self._outdoes_causes(rest, found[0].own, first) else None
+
+    def scatter(
+        self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
+    ) -> tuple[ScatterCandidate[CauseT], float] | None:
+        """Return the cause that makes inputs scatter most significantly, and its p-value; None where there is none."""
+        return self.fitter.scatter(final, kinds, self.dependence_level)
+
+    def _weighted(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
+        """Weight observations by a noise dependence; a cause of it is doubted if residuals there may be correlated."""
+        own, rest = found.driver.values > 0.5, self.fitter.known_residuals(fitted)
+        is_noise = found.driver.cause is None or is_unordered(rest, own, fitted, _SURELY_NOISE)
+        return replace(self.fitter.weigh(fitted, found), doubt="" if is_noise else Reason.UNNAMED)
+
+    def dependences(self, final: FittedModel[CauseT], kinds: Sequence[CauseT], most: int) -> list[NoiseDependence]:
+        """Return up to ``most`` dependences of the noise, one after the other.
+
+        After each one, the same causes are fitted to the newly weighted observations; a new search follows only at the
+        end.
+        """
+        found: list[NoiseDependence] = []
+        level = self.dependence_level
+        while len(found) < most and (more := self.fitter.noise_dependence(final, kinds, level)):
+            found.append(self._weighted(final, more))
+            if len(found) < most:
+                final = self.fitter.converged(final.causes, final)
+        return found
+
+    def _outdoes_causes(self, rest: Array, own: Mask, first: Round[CauseT]) -> bool:
+        """Return True if extra scatter of residuals (B, K, d) in places ``own`` (B, K) is far more probable than the
+        best cause.
+
+        The residuals there must also be uncorrelated. Causes that were accepted first would each absorb some of the
+        scatter, and the data would seem to hold several of them.
+        """
+        gain = rest.shape[-1] * variance_gain(np.mean(rest**2, -1), own)
+        real = (c for c in first.best.values() if is_real(first, c, self.level))
+        if gain <= max((first.posterior(c) for c in real), default=0.0) + _UNSTRUCTURED:
+            return False
+        return is_unordered(rest, own, first.fitted, _ORDERED)
+
+    def noisy_channels(self, final: FittedModel[CauseT]) -> Iterator[tuple[int, NoiseLevel]]:
+        """Yield the channels of an instrument with noise larger than declared; p-values are corrected for their number.
+
+        Nothing is tested where observations are in space: each channel has too few of them.
+        """
+        own = np.flatnonzero(final.measured.seen.any(0)) if final.measured.size == 1 else ()
+        for channel in own:
+            only = np.arange(final.measured.seen.shape[1]) == channel
+            level = noise_level(final.fit.whitened, final.measured, self.fitter.declared, only)
+            if (p_value := min(1.0, level.p_value * len(own))) <= self.noise_level:
+                yield int(channel), replace(level, p_value=p_value)
