@@ -291,7 +291,9 @@ class NullDistribution:
         return np.min(self.drawn * self.cost, 1), np.min(self.flipped * self.cost, 1)
 
     def corrected(self, squares: float, group: CandidateGroup) -> float:
-        """Return the corrected p-value of a candidate's squares: the share of null searches that find at least as much."""
+        """Return the corrected p-value of a candidate's squares: the share of null searches that find at
+        least as much.
+        """
         noise = self.noise.without(squares, group.rank, group.input_share)
         statistic = float(self.raw(squares, group, noise) * self.cost[self.kinds.index(group.kind)])
         return min(1.0, max(_share(minima, statistic) for minima in self._minima))
