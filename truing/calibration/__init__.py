@@ -1,1 +1,1 @@
-"""Calibration of a machine: its numbers from measured poses and readings, which model suits, what data can know."""
+"""Calibration of a machine: its parameters from measured poses and readings, choice of a model, observability."""

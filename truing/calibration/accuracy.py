@@ -1,4 +1,4 @@
-"""How far poses of calibrated machines and of the extended model are from the measured ones, and which one suits."""
+"""Errors of predicted poses, of calibrated machines and of the extended model, and the choice between calibrations."""
 
 from __future__ import annotations
 
@@ -36,37 +36,37 @@ if TYPE_CHECKING:
 
 ARCSEC = np.pi / 180 / 3600
 MODEL, ESTIMATOR = "extended", "points"
-# How the platform deforms in the model, by the cause that was found; the richest counts.
+# Deformation of the platform in the model, by the cause that was found; the first one counts.
 _DEFORMATIONS = {
     "platform-deformation-matrix": "matrix",
     "platform-deformation-nonlinear": "nonlinear",
     "platform-deformation-linear": "linear",
 }
 Figure = tuple[str, float, str]
-_WITHIN = 1.959964  # of a normal error's 95 %, in standard deviations
-MOST_DECIDING = 1000  # further poses that anybody would measure
-_UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
+_WITHIN = 1.959964  # half width of the 95 % interval of a normal error, in standard deviations
+MOST_DECIDING = 1000  # most additional poses that anybody would measure
+_UNLIKELY = 1e-3  # p-value of a misfit, or of pulls, below which the model is doubted
 
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Measured minus predicted poses, error (B, 6): m and rad, base frame; noise (B, 6, 6): what is expected of it."""
+    """Measured minus predicted poses, error (B, 6): m and rad, base frame; noise (B, 6, 6): its expected covariance."""
 
     error: NDArray
     noise: NDArray
 
     @property
     def position(self) -> NDArray:
-        """Return the distances (B,), m."""
+        """Position errors (B,), m."""
         return np.sqrt(np.sum(self.error[:, :3] ** 2, -1))
 
     @property
     def orientation(self) -> NDArray:
-        """Return the angles (B,), rad."""
+        """Orientation errors (B,), rad."""
         return np.sqrt(np.sum(self.error[:, 3:] ** 2, -1))
 
     def expected(self, first: int) -> NDArray:
-        """Return the rms (B,) that noise leaves in the three components from ``first`` on."""
+        """Return the rms (B,) that noise alone causes in the three components from ``first`` on."""
         variances = np.diagonal(self.noise, axis1=1, axis2=2)[:, first : first + 3]
         return np.sqrt(np.maximum(variances.sum(-1), 0.0))
 
@@ -74,7 +74,10 @@ class PoseErrors:
 def pose_errors(
     calibration: MachineCalibration, measured: MeasuredPlatform, reading_sigma: float, fitted: NDArray
 ) -> PoseErrors:
-    """Return the errors at all measured poses; fitted (B,): poses that took part, whose error the parameters share."""
+    """Return the errors at all measured poses.
+
+    ``fitted`` (B,) marks poses that took part in the calibration; their errors are correlated with the parameters.
+    """
     change, count = calibration.parameters.change(calibration.machine), len(calibration.values)
     return _errors(
         calibration.case.structure,
@@ -88,14 +91,14 @@ def pose_errors(
 
 
 def nominal_errors(structure: Structure, machine: Machine, measured: MeasuredPlatform) -> PoseErrors:
-    """Return the errors of a machine that nobody has calibrated."""
+    """Return the errors of an uncalibrated machine."""
     return machine_errors(structure, machine, measured, 0.0)
 
 
 def machine_errors(
     structure: Structure, machine: Machine, measured: MeasuredPlatform, reading_sigma: float
 ) -> PoseErrors:
-    """Return the errors of a machine whose numbers are taken as exact; reading_sigma, m."""
+    """Return the errors of a machine with exact parameters; reading_sigma, m."""
     none = ParameterSet(()).change(machine)
     poses, common = len(measured.rho), common_effects(measured).shape[-1]
     nothing = np.zeros((poses, 0, 0)), np.zeros((poses, 0, common))
@@ -111,7 +114,9 @@ def _errors(
     parameters: NDArray,
     with_common: NDArray,
 ) -> PoseErrors:
-    """Errors with parameters (B, P, P), whose errors go with those of cameras and bars (B, P, K), as poses' do."""
+    """Return the errors, with parameter covariance (B, P, P) and its covariance (B, P, K) with errors common to all
+    poses.
+    """
     found = reached_poses(structure, machine, measured.rho, change)
     turned = log_so3(measured.platform.R @ np.swapaxes(found.R, -1, -2))
     error = np.concatenate([measured.platform.p - found.p, turned], -1)
@@ -122,7 +127,7 @@ def _errors(
 
 
 def misfit(calibration: MachineCalibration, measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
-    """Return per pose (B,) the chi-square of the closing at poses that took no part in the calibration."""
+    """Return the chi-square of the closures per pose (B,), at poses that took no part in the calibration."""
     problem = with_common(calibration.problem_at(measured), measured)
     values = np.concatenate([calibration.values, calibration.common]) if problem.common else calibration.values
     at = problem.constrain(values, np.zeros((len(measured.rho), problem.deviations)))
@@ -140,18 +145,18 @@ class Extended:
 
     @property
     def deformation(self) -> str:
-        """How the platform deforms in it."""
+        """Name of the platform's deformation in the model."""
         ids = {cause.id for cause in self.found.model.causes}
         return next((name for cause, name in _DEFORMATIONS.items() if cause in ids), "none")
 
     @cached_property
     def geometry(self) -> IdentifiedGeometry:
-        """The geometry that it identified."""
+        """Identified geometry."""
         return identified_geometry(self.found.model, self.found.shared, self.found.covariance)
 
     @property
     def effects(self) -> tuple[tuple[Effect, NDArray], ...]:
-        """The effects that it holds, with the covariance (P, P) of their parameters, SI."""
+        """Effects of the model, with the covariance (P, P) of their parameters, SI."""
         model = self.found.model
         parts = [(effect, model.layout[effect.cause.key]) for effect in model.effects(self.found.shared)]
         scales = [model.effect_sigma(effect.cause) for effect, _ in parts]
@@ -162,7 +167,9 @@ class Extended:
 
 
 def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPlatform, fitted: NDArray) -> PoseErrors:
-    """Measured minus predicted poses, as the instrument should have seen them; NaN where a condition is not known."""
+    """Return measured minus predicted poses, with the instrument's effects in the prediction; NaN where an input is
+    unknown.
+    """
     error, noise = np.full((len(fitted), 6), np.nan), np.zeros((len(fitted), 6, 6))
     rows = np.flatnonzero(_has_all_inputs(found, conditions))
     if len(rows):
@@ -171,14 +178,14 @@ def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPl
         turned = log_so3(platform.R @ np.swapaxes(poses.R, -1, -2))
         away = np.concatenate([platform.p - poses.p, turned], -1)
         error[rows] = np.where(poses.converged[:, None], away, np.nan)
-        # Poses that took part have pulled the model to themselves: they share its error.
+        # The model was fitted to these poses, so their errors are correlated with its own.
         shared = np.where(fitted[rows, None, None], 2.0, 0.0) * poses.of_model
         noise[rows] = platform.covariance + poses.covariance - shared
     return PoseErrors(error, noise)
 
 
 def _has_all_inputs(found: ExtendedModel, conditions: Conditions) -> NDArray:
-    """Where (B,) every column that the model's effects follow holds a number."""
+    """Return True for poses (B,) at which every input of the model's effects has a number."""
     legs = found.model.nominal.count
     needed = {name for cause in found.model.causes if acts_on_poses(cause) for name in cause.needs(legs)}
     columns = [conditions.covariates[name] for name in needed & conditions.covariates.keys()]
@@ -192,7 +199,9 @@ def identifiable(geometry: IdentifiedGeometry) -> NDArray:
 
 @dataclass(frozen=True)
 class AssessedCalibration:
-    """A calibration with its errors at all poses and the held-out poses' chi-square (B,), M expected of each."""
+    """A calibration with its errors at all poses and the chi-square (B,) of held-out poses, each with expectation
+    ``equations``.
+    """
 
     calibration: MachineCalibration
     errors: PoseErrors | None
@@ -201,7 +210,7 @@ class AssessedCalibration:
 
 
 def choice(assessed: Sequence[AssessedCalibration]) -> ContenderChoice:
-    """Return which of the maximum-likelihood calibrations is chosen."""
+    """Return the choice among maximum-likelihood calibrations."""
     return choose_model(
         [
             Contender(
@@ -217,9 +226,9 @@ def choice(assessed: Sequence[AssessedCalibration]) -> ContenderChoice:
 
 
 def _pull_p_value(calibration: MachineCalibration, own: NDArray) -> float:
-    """Return the probability of shifts as large of the parameters (P,) chosen, where tolerances are honest.
+    """Return the p-value of the shifts of selected parameters (P,), if the tolerances are right.
 
-    Identified less nominal has the covariance of the tolerances less that of the parameters, which correlates them.
+    The shift from nominal has the covariance of the tolerances minus that of the parameters, so shifts are correlated.
     """
     from scipy.special import chdtrc
 
@@ -229,8 +238,9 @@ def _pull_p_value(calibration: MachineCalibration, own: NDArray) -> float:
 
 
 def shortcoming(one: AssessedCalibration) -> str:
-    """Return by what a calibration fails, and what to do; empty of one that fits, and misses what was held out by less
-    than a factor."""
+    """Return in words what is wrong with a calibration and what to do; empty where it fits and predicts
+    held-out poses.
+    """
     figures = {name: value for name, value, _ in fit_figures(one)}
     missed = ""
     if "misfit_p_value" in figures:
@@ -243,7 +253,7 @@ def shortcoming(one: AssessedCalibration) -> str:
 
 
 def doubts(one: AssessedCalibration) -> str:
-    """Return what speaks against a calibration itself, in short; nothing where its misfit and its pulls are likely."""
+    """Return in words an unlikely misfit or unlikely pulls of a calibration; empty where there are none."""
     figures = {name: value for name, value, _ in fit_figures(one)}
     texts = []
     if figures.get("misfit_p_value", 1.0) < _UNLIKELY:
@@ -254,7 +264,9 @@ def doubts(one: AssessedCalibration) -> str:
 
 
 def _interval_of_mean(mean: float, noise: float, count: int) -> Interval:
-    """Return the error that 95 of 100 stay below, from the mean square of normal errors less that of noise."""
+    """Return the 95 % bound of an error with its interval, from the mean square of normal errors minus
+    that of noise.
+    """
     from scipy.special import chdtri
 
     scales = (1.0, chdtri(count, 0.025) / count, chdtri(count, 0.975) / count)
@@ -263,9 +275,10 @@ def _interval_of_mean(mean: float, noise: float, count: int) -> Interval:
 
 @dataclass(frozen=True)
 class Decision:
-    """What decides an open question: the poses it rests on now, how many further ones it takes, and what they give.
+    """Number of poses of an undecided requirement, number of additional poses that would decide it, and the result
+    then.
 
-    ``further`` and ``then`` are None where `MOST_DECIDING` are not enough.
+    ``more_poses`` and ``then`` are None where `MOST_DECIDING` are not enough.
     """
 
     poses: int
@@ -274,25 +287,25 @@ class Decision:
 
 
 def error_of_95_percent(errors: NDArray, variances: NDArray) -> Interval | None:
-    """What 95 of 100 poses stay below, along one component: 1.96 rms, less the measurement's share.
+    """Return the bound that 95 % of poses meet in one component: 1.96 times the rms, without measurement noise.
 
-    errors (N,), NaN where there is none, variances (N,) of the measurement, both in one unit; None without any error.
-    The interval is that of the rms of so many normal errors.
+    errors (N,), NaN where there is none, and variances (N,) of the measurement, in one unit; None without any error.
+    The interval is that of the rms of N normal errors.
     """
     reported = np.isfinite(errors)
     count = int(reported.sum())
     if not count:
         return None
     mean = float(np.mean(errors[reported] ** 2))
-    # A measurement that is said to be noisier than what was seen of it tells less, not more.
+    # If the declared noise is larger than the observed scatter, only that scatter is subtracted.
     return _interval_of_mean(mean, min(float(np.mean(variances[reported])), mean), count)
 
 
 def deciding(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) -> Decision | None:
-    """Return how many poses decide whether 95 of 100 stay below a limit, if all miss by as much as those measured.
+    """Return the number of poses that decide whether 95 % of errors are below a limit, if further errors are as large.
 
-    errors, variances: as of `error_of_95_percent`; limit in their unit; spare: how many of the measured poses count
-    no more once there are further ones. None where that is decided, and where no pose was measured.
+    errors, variances: as in `error_of_95_percent`; limit in their unit; spare: measured poses that no longer count once
+    there are more. None where the question is decided, and where no pose was measured.
     """
     found = error_of_95_percent(errors, variances)
     if found is None or not found.lower <= limit < found.upper:

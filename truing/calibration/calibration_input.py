@@ -1,4 +1,4 @@
-"""What a calibration compares: measured poses and readings with their covariances, and what is known beforehand."""
+"""Input of a calibration: measured poses and readings with covariances, nominal machine, tolerances and surveys."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from truing.simulation.mechanisms.structures.structure import Machine
 
 @dataclass(frozen=True)
 class PosesWithCovariance:
-    """Poses of a body in its parent: p (B, 3) m, R (B, 3, 3), covariance (B, 6, 6) of (p, theta) with
-    R <- exp(theta) R; NaN where the body was not found."""
+    """Poses of a body in its parent: p (B, 3) m, R (B, 3, 3), covariance (B, 6, 6) of (p, theta) with R <- exp(theta)
+    R.
+
+    NaN where the body was not found.
+    """
 
     p: NDArray
     R: NDArray
@@ -27,20 +30,23 @@ class PosesWithCovariance:
 
     @property
     def found(self) -> NDArray:
-        """Return where (B,) the body was found."""
+        """True for poses (B,) in which the body was found."""
         return np.isfinite(self.p).all(-1) & np.isfinite(self.covariance).all((-1, -2))
 
 
 @dataclass(frozen=True)
 class SurveyShifts:
-    """Shifts (B, L), m, of the attachments along z of the platform off their survey, and sigma (B, L) of what their own
-    targets bring to it; NaN where none was seen, or a gross error was."""
+    """Shifts (B, L), m, of the attachments from their survey along z of the platform, and sigma (B, L) from their
+    targets.
+
+    NaN where no target was seen, or it was a gross error.
+    """
 
     shift: NDArray
     sigma: NDArray
 
     def chosen(self, rows: NDArray) -> SurveyShifts:
-        """Return those of some poses."""
+        """Return the shifts of some poses."""
         return SurveyShifts(self.shift[rows], self.sigma[rows])
 
 
@@ -48,8 +54,8 @@ class SurveyShifts:
 class MeasuredPlatform:
     """Measured poses of the platform with the actuators' readings, rho (B, L) m, and the poses of legs with targets.
 
-    Platform and legs are seen from the base, the base from the measurement: its error is common to all of them. Where
-    their points come out of photographs, ``network`` says what they have in common, and that takes its place.
+    Platform and legs are given relative to the base, which is given in the measurement's frame; its error is common to
+    all of them. If the points come from photographs, ``network`` holds their common errors instead.
     """
 
     poses: tuple[int | str, ...]
@@ -77,7 +83,7 @@ class MeasuredPlatform:
 
 @dataclass(frozen=True)
 class Deformation:
-    """What the targets on the attachments say of a deformation: K (L, L) m/m, sigma (L, L), NaN where open."""
+    """Deformation from targets on the attachments: K (L, L) m/m, sigma (L, L), NaN where not determined."""
 
     K: NDArray
     sigma: NDArray
@@ -85,7 +91,7 @@ class Deformation:
 
 @dataclass(frozen=True)
 class SurveyedAttachments:
-    """Places b (A, 3), m, of the attachments of legs (A,), counted from 0, as surveyed; covariance (3A, 3A)."""
+    """Surveyed places b (A, 3), m, of the attachments of legs (A,), counted from 0; covariance (3A, 3A)."""
 
     legs: NDArray
     b: NDArray
@@ -94,7 +100,7 @@ class SurveyedAttachments:
 
 @dataclass(frozen=True)
 class CalibrationData:
-    """Measured poses that can be used, the nominal machine, what is known beforehand, and what was left out."""
+    """Usable measured poses, the nominal machine, prior knowledge, and the poses left out."""
 
     measured: MeasuredPlatform
     machine: Machine

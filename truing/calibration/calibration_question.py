@@ -1,4 +1,4 @@
-"""What a calibration asks: a model's numbers, measurements with their noise, targets, and what is known beforehand."""
+"""Calibration problems: parameters of a model, measurements with their noise, targets, and priors."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ from truing.simulation.mechanisms.structures.structure import Machine, Structure
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
 DEFORMATIONS = ("none", "linear", "matrix")
-# What nothing is known of: a deformation coefficient may still be this large.
+# Prior sigma of a deformation coefficient without any knowledge.
 _FREE_DEFORMATION = 0.1
 
 
 def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> CalibrationProblem:
-    """Return the problem with the legs whose own targets give their poses, where there are any and it knows legs."""
+    """Return the problem with the legs whose own targets determine their poses, if there are any and the structure
+    allows.
+    """
     carrying = [leg for leg, found in measured.legs.items() if found.found.any()]
     if not carrying:
         return problem
@@ -42,7 +44,7 @@ def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> Cali
 
 
 def with_shifts(problem: CalibrationProblem, data: CalibrationData, measured: MeasuredPlatform) -> CalibrationProblem:
-    """Return the problem with the shifts of attachments that carry targets, where these have been measured."""
+    """Return the problem with the measured shifts of attachments that carry targets, if there are any."""
     if measured.shifts is None or data.surveyed is None:
         return problem
     seen = np.flatnonzero(np.isfinite(measured.shifts.shift).any(0))
@@ -52,14 +54,16 @@ def with_shifts(problem: CalibrationProblem, data: CalibrationData, measured: Me
 
 
 def with_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> CalibrationProblem:
-    """Return the problem with the errors that all poses have in common among its numbers, where there are any."""
+    """Return the problem with errors common to all poses among its unknowns, if there are any."""
     found = None if measured.network is None else _in_common(problem, measured)[1]
     return problem if found is None or not found.any() else replace(problem, common=CommonErrors(found))
 
 
 def _in_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> tuple[NDArray, NDArray]:
-    """Return what a network of rays tells of the deviations: covariance (B, N, N), NaN where it tells nothing, and
-    effects (B, N, K) of errors common to all poses."""
+    """Return the covariance (B, N, N) of the deviations by a network of rays, and effects (B, N, K) of common errors.
+
+    The covariance is NaN where the network does not determine it.
+    """
     legs, poses = measured.rho.shape[1], len(measured.rho)
     names, is_measured = [*pose_numbers("platform"), *[""] * legs], [np.ones((poses, 6 + legs), bool)]
     if problem.leg_bodies is not None:
@@ -76,7 +80,7 @@ def _in_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> tuple
 def noise_of_all(problem: CalibrationProblem, measured: MeasuredPlatform, noise: NDArray) -> NDArray:
     """Return the covariance (B, N, N) of all deviations; ``noise`` (B, n, n) is that of platform and readings.
 
-    Errors common to all poses are no part of it: they are numbers of the problem.
+    Errors common to all poses are not included: they are unknowns of the problem.
     """
     whole = np.zeros((len(noise), problem.deviations, problem.deviations))
     whole[:, : noise.shape[-1], : noise.shape[-1]] = noise
@@ -92,7 +96,9 @@ def noise_of_all(problem: CalibrationProblem, measured: MeasuredPlatform, noise:
 
 
 def _fill_legs(whole: NDArray, bodies: LegBodies, measured: MeasuredPlatform, first: int) -> None:
-    """Fill in the legs: they are seen from the base as the platform is, whose own error moves all of them together."""
+    """Add the legs to a covariance: platform and legs are relative to the base, whose error moves all of
+    them together.
+    """
     places = np.concatenate([np.arange(6), first + np.arange(bodies.deviations)])
     common = _of_base(measured, np.concatenate([measured.platform.p[:, None], bodies.t], 1))
     platform = whole[:, :6, :6].copy()
@@ -106,7 +112,9 @@ def _fill_legs(whole: NDArray, bodies: LegBodies, measured: MeasuredPlatform, fi
 def _fill_shifts(
     whole: NDArray, problem: CalibrationProblem, shifts: AttachmentShifts, measured: MeasuredPlatform
 ) -> None:
-    """Fill in the shifts, counted from the platform as it was measured: where that is too high, they are too low."""
+    """Add the shifts to a covariance: they are relative to the measured platform, so its error enters with opposite
+    sign.
+    """
     found = measured.shifts.sigma[:, shifts.leg] if measured.shifts is not None else np.zeros((0, 0))
     seen = np.isfinite(found)
     rows = _heights_per_twist(problem, shifts) * seen[..., None]
@@ -119,27 +127,29 @@ def _fill_shifts(
 
 
 def _heights_per_twist(problem: CalibrationProblem, shifts: AttachmentShifts) -> NDArray:
-    """Return how far a twist (v; omega) of the platform moves each attachment along the platform's z, (B, A, 6)."""
+    """Return the motion (B, A, 6) of each attachment along the platform's z per twist (v; omega) of the platform."""
     z = np.broadcast_to(problem.R[:, None, :, 2], (len(problem.R), len(shifts.leg), 3))
     arms = problem.nominal.legs.b[shifts.leg] @ np.swapaxes(problem.R, -1, -2)
     return np.concatenate([z, np.cross(arms, z)], -1)
 
 
 def _of_base(measured: MeasuredPlatform, places: NDArray) -> NDArray:
-    """Return what the error of the base's pose gives to bodies at places (B, K, 3) in it, (B, 6 K, 6 K)."""
+    """Return the covariance (B, 6 K, 6 K) of bodies at places (B, K, 3) that the error of the base's pose causes."""
     base = measured.base
     return shared_parent_covariance(base.R, np.nan_to_num(base.p), np.nan_to_num(base.covariance), places)
 
 
 def _leg_noise(found: PosesWithCovariance) -> NDArray:
-    """Return the covariance (B, 6, 6) of a leg's poses; so wide that it says nothing where the leg was not found."""
+    """Return the covariance (B, 6, 6) of a leg's poses; very wide where the leg was not found."""
     unknown = np.diag([FREE_LENGTH_M**2] * 3 + [FREE_ANGLE_RAD**2] * 3)
     return np.where(found.found[:, None, None], np.nan_to_num(found.covariance), unknown)
 
 
 def prior_of_all(problem: CalibrationProblem, prior: Prior) -> Prior:
-    """Return the prior of the machine's numbers with that of where legs' survey frames sit on them, which nobody knows
-    beforehand, and of errors common to all poses, which are of one standard deviation."""
+    """Return the machine's prior, extended by the unknown survey frames of legs and by errors common to all poses.
+
+    The survey frames have no prior knowledge; common errors have unit standard deviation.
+    """
     size, common = len(prior.mean), len(problem.common.entries) if problem.common else 0
     own = problem.entries[size : len(problem.entries) - common]
     free = np.array([FREE_LENGTH_M if entry.name.startswith("c") else FREE_DIRECTION for entry in own])
@@ -150,7 +160,7 @@ def prior_of_all(problem: CalibrationProblem, prior: Prior) -> Prior:
 
 @dataclass(frozen=True)
 class Case:
-    """A model of the structure under a model of deformation, and the machine that its nominal values stand for."""
+    """A structure model with a deformation model, and the machine of its nominal values."""
 
     structure: Structure
     deformation: str
@@ -158,12 +168,12 @@ class Case:
 
     @property
     def key(self) -> tuple[str, str]:
-        """Return what it is called in the tables."""
+        """Name of structure and deformation in the tables."""
         return self.structure.name, self.deformation
 
 
 def cases(data: CalibrationData, structures: tuple[Structure, ...]) -> Iterator[Case]:
-    """Return every model that the machine's numbers and the deformation stage allow."""
+    """Yield every model that the machine's parameters and the deformation stage allow."""
     for structure in structures:
         for deformation in DEFORMATIONS[:1] if data.modulo_plane else DEFORMATIONS:
             if deformation != "matrix" or "matrix" in data.deformations:
@@ -171,7 +181,7 @@ def cases(data: CalibrationData, structures: tuple[Structure, ...]) -> Iterator[
 
 
 def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformation]) -> Machine:
-    """Return the machine with the deformation as the targets on the attachments show it; none where they do not."""
+    """Return the machine with the deformation from targets on the attachments, if known."""
     if deformation == "none" or deformation not in known:
         return machine
     return replace(machine, deformation=np.nan_to_num(known[deformation].K))
@@ -179,9 +189,9 @@ def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformati
 
 @dataclass(frozen=True)
 class CalibrationQuestion:
-    """A problem over measured poses, the noise (B, N, N) of all that was measured, and what is known beforehand.
+    """A problem over measured poses, the noise (B, N, N) of all measurements, and the prior.
 
-    tolerance (P,): one sigma of each number of the machine, NaN where campaign.toml says nothing.
+    tolerance (P,): one sigma of each parameter of the machine, NaN where campaign.toml gives none.
     """
 
     problem: CalibrationProblem
@@ -191,18 +201,17 @@ class CalibrationQuestion:
 
     @property
     def count(self) -> int:
-        """Return how many numbers are the machine's; those after them place legs in their survey frames, and are errors
-        common to all poses."""
+        """Number of parameters of the machine; survey frames of legs and errors common to all poses follow them."""
         return len(self.problem.parameters)
 
     @property
     def common(self) -> int:
-        """Return how many errors common to all poses are the last of the numbers."""
+        """Number of errors common to all poses, which come last."""
         return len(self.problem.common.entries) if self.problem.common else 0
 
 
 def question(data: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
-    """Return what errors in variables asks of platform and readings: all numbers of the machine, none held."""
+    """Return the errors-in-variables problem of platform and readings, with all parameters of the machine free."""
     parameters = free(full_set(case.nominal, case.deformation, rho0="rho0" in data.tolerance), data)
     problem, tolerance = problem_of(case, parameters, measured), tolerances(data, case, parameters)
     prior = _prior(data.surveyed, parameters, problem.start, tolerance)
@@ -213,16 +222,17 @@ def question(data: CalibrationData, measured: MeasuredPlatform, case: Case) -> C
 
 
 def nothing_open(data: CalibrationData, case: Case) -> bool:
-    """Return whether tolerances of zero declare every number of a case exact."""
+    """Return True if zero tolerances declare every parameter of a case exact."""
     return not len(free(full_set(case.nominal, case.deformation), data))
 
 
 def with_targets(
     calibration_question: CalibrationQuestion, data: CalibrationData, measured: MeasuredPlatform, case: Case
 ) -> CalibrationQuestion | None:
-    """Return the question with what targets on legs and, of a deforming platform, on attachments measure; None without.
+    """Return the question with measurements of targets on legs and, for a deforming platform, on attachments; None
+    without.
 
-    The deformation's coefficients then follow from these shifts themselves, and nothing is known of them beforehand.
+    Deformation coefficients then follow from the measured shifts, and have no prior.
     """
     problem = with_bodies(calibration_question.problem, measured)
     problem = with_shifts(problem, data, measured) if case.deformation != "none" else problem
@@ -238,7 +248,7 @@ def with_targets(
 
 
 def _of_machine(calibration_question: CalibrationQuestion) -> Prior:
-    """Return what is known beforehand of the machine's numbers alone; nothing else is correlated with them there."""
+    """Return the prior of the machine's parameters alone; they are uncorrelated with the rest."""
     return Prior(
         calibration_question.prior.mean[: calibration_question.count],
         calibration_question.prior.information[: calibration_question.count, : calibration_question.count],
@@ -246,12 +256,12 @@ def _of_machine(calibration_question: CalibrationQuestion) -> Prior:
 
 
 def is_deformation(entry: LegParameter) -> bool:
-    """Return whether a parameter is a coefficient of the platform's deformation."""
+    """Return True for coefficients of the platform's deformation."""
     return entry.name == "kappa" or entry.name.startswith("K")
 
 
 def _opened(prior: Prior, bent: NDArray) -> Prior:
-    """Return the prior with nothing known of some parameters (P,); they are independent of the others there."""
+    """Return the prior without knowledge of some parameters (P,), which are independent of the others there."""
     information = prior.information.copy()
     information[bent, bent] = _FREE_DEFORMATION**-2.0
     return Prior(prior.mean, information)
@@ -274,7 +284,7 @@ def observation_covariance(measured: MeasuredPlatform, reading_sigma: float) -> 
 
 
 def own_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
-    """Return that covariance without the errors that all poses have in common, which are numbers of the problem."""
+    """Return that covariance without errors common to all poses, which are unknowns of the problem."""
     whole = observation_covariance(measured, reading_sigma)
     effects = common_effects(measured)
     whole[:, :6, :6] -= effects @ np.swapaxes(effects, -1, -2)
@@ -282,7 +292,7 @@ def own_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
 
 
 def common_effects(measured: MeasuredPlatform) -> NDArray:
-    """Return what the errors common to all poses do to those of the platform, (B, 6, K)."""
+    """Return the effects (B, 6, K) of errors common to all poses on the platform's pose."""
     if measured.network is None:
         return np.zeros((len(measured.rho), 6, 0))
     return measured.network.effects[:, :6]
@@ -295,7 +305,7 @@ def free(parameters: ParameterSet, data: CalibrationData) -> ParameterSet:
 
 
 def tolerances(data: CalibrationData, case: Case, parameters: ParameterSet) -> NDArray:
-    """Return one sigma (P,) of what is known of each parameter beforehand; NaN where nothing is."""
+    """Return the prior sigma (P,) of each parameter; NaN where there is none."""
     known = data.deformations.get(case.deformation)
     found = np.full(len(parameters), np.nan)
     for i, entry in enumerate(parameters.entries):
@@ -308,13 +318,13 @@ def tolerances(data: CalibrationData, case: Case, parameters: ParameterSet) -> N
 
 
 def _place(name: str, leg: int, legs: int) -> int:
-    """Return where a deformation's coefficient stands in K, row by row."""
+    """Return the flat index of a deformation coefficient in K."""
     column = leg if name == "kappa" else int(name.replace("_", "")[1 + len(str(leg + 1)) :]) - 1
     return leg * legs + column
 
 
 def widest(parameters: ParameterSet) -> NDArray:
-    """Return a sigma (P,) that says nothing, and keeps the equations well scaled."""
+    """Return sigmas (P,) without information, which keep the equations well scaled."""
     heads = [entry.name.partition("_")[0] for entry in parameters.entries]
     wide = {"u": FREE_DIRECTION, "a": FREE_LENGTH_M, "b": FREE_LENGTH_M, "l": FREE_LENGTH_M, "rho0": FREE_LENGTH_M}
     return np.array([wide.get(head, _FREE_DEFORMATION) for head in heads])
@@ -323,7 +333,7 @@ def widest(parameters: ParameterSet) -> NDArray:
 def _prior(
     surveyed: SurveyedAttachments | None, parameters: ParameterSet, nominal: NDArray, tolerance: NDArray
 ) -> Prior:
-    """Return what tolerances and the survey of the attachments say of the parameters beforehand."""
+    """Return the prior of the parameters from tolerances and the survey of the attachments."""
     sigma = np.where(np.isfinite(tolerance), tolerance, widest(parameters))
     information = np.diag(sigma**-2.0)
     if surveyed is None:

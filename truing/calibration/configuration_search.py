@@ -1,4 +1,4 @@
-"""The search for configurations: what judges them, candidates, bound, methods, and poses to hold out."""
+"""Search for calibration configurations: criterion, candidates, upper bound, methods, and verification poses."""
 
 from __future__ import annotations
 
@@ -27,29 +27,29 @@ from truing.simulation.mechanisms.pose_regressors import Placed, PoseRegressors
 from truing.simulation.mechanisms.structures.structure import poses_at
 
 _SAME = 1e-7  # m and rad
-# Parameters are told apart where no combination of their unit columns is shorter than this. Rank, not noise, is asked
-# for, as in the report: its seven reach 1e-3 and more on the telescope, a_z or b_z beside them 4e-5 at most.
-_TOLD_APART = 2e-4
-_BETWEEN = 50  # points, in case that all corners are forbidden
-# The report's seven (section 6.3.1); others only enter where these leave room.
+# Least length of any combination of unit columns of separable parameters. This tests rank, not noise, as in the report:
+# the report's parameters reach 1e-3 and more on the telescope, a_z or b_z in addition 4e-5 at most.
+_SEPARABLE = 2e-4
+_BETWEEN = 50  # interior points, in case all corners are forbidden
+# Parameters of the report (section 6.3.1); others enter only after these.
 _REPORTED = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "u_z", "l")
-_DENSE = 2000  # points spread over the region, beside its corners
-_CLIMBERS = 60  # from which more sensitive points than those are sought
-_ROUNDS = 4  # in which what climbs have found joins the candidates
-_RAISED = 1e-4  # of the bound, as a share of the measurements, that needs no further round
+_DENSE = 2000  # points spread over the region, in addition to its corners
+_CLIMBERS = 60  # starting points of the search for more sensitive points
+_ROUNDS = 4  # rounds in which the points found join the candidates
+_RAISED = 1e-4  # increase of the bound per parameter below which no further round is needed
 _STARTS = 10
-_POLISH, _ITERATIONS = 50, 1000  # of moving an exchanged choice, and random poses
-_NEAR = 0.9  # of the largest sensitivity: candidates less sensitive than that are in no good design
-_OUTSIDE = 1.01  # of a limit: a hundredth beyond it is the actuator's noise, not another range
-_HULL = 7  # configurations that a verification pose is a mean of: one more than a pose has coordinates
+_POLISH, _ITERATIONS = 50, 1000  # iterations from an exchanged choice, and from random poses
+_NEAR = 0.9  # candidates below this share of the largest sensitivity are in no good design
+_OUTSIDE = 1.01  # factor on a limit: an excess of 1 % is the actuator's noise, not another range
+_HULL = 7  # configurations averaged to a verification pose: one more than a pose has coordinates
 
 
 @dataclass(frozen=True)
 class DesignProblem:
-    """What configurations are judged by; rows are in tolerances of the parameters and noise of the residual.
+    """Criterion of configurations; rows are in tolerances of the parameters and noise of the residual.
 
     names (q,) with unit and SI; tolerance (q,) SI; noise (L,) m: one sigma of a leg's residual; noise_from, in words;
-    held: parameters of a leg that are not told apart from those, or were not asked for.
+    held: parameters of a leg that are not separable from those, or were not requested.
     """
 
     regressors: PoseRegressors
@@ -62,12 +62,12 @@ class DesignProblem:
 
     @property
     def legs(self) -> int:
-        """Return the number of legs."""
+        """Number of legs."""
         return len(self.noise)
 
     @property
     def size(self) -> int:
-        """Return the number of parameters of all legs."""
+        """Number of parameters of all legs."""
         return self.legs * len(self.names)
 
     def rows(self, placed: Placed) -> NDArray:
@@ -85,14 +85,14 @@ class DesignProblem:
         return rows * scale, changes * scale[..., None]
 
     def reached(self, x: NDArray) -> NDArray:
-        """Return which coordinates (B, 6) lie within the limits, and readings lead to past no singular pose."""
+        """Return True for coordinates (B, 6) within the limits that readings reach without passing a singular pose."""
         regressors, placed = self.regressors, self.regressors.at(x)
         found = poses_at(regressors.structure, regressors.machine, placed.rho)
         away = np.abs(np.concatenate([found.p - placed.p, (found.R - placed.R).reshape(-1, 9)], -1)).max(-1)
         return np.asarray(found.converged & (away < _SAME) & self.region.within(x))
 
     def placed_at(self, rho: NDArray) -> Placed:
-        """Return configurations by readings rho (B, L), m; raises ValueError where they reach no pose."""
+        """Return configurations at readings rho (B, L), m; raises ValueError where they reach no pose."""
         regressors = self.regressors
         reached = poses_at(regressors.structure, regressors.machine, rho)
         if not reached.converged.all():
@@ -111,7 +111,7 @@ class ConfigurationLimits:
 
 
 def identifiable_parameters(problem: DesignProblem) -> list[int]:
-    """Return a maximal set that configurations at the corners and between tell apart, every leg having the same."""
+    """Return a maximal set of parameters, the same for every leg, that corner and interior configurations separate."""
     between = problem.region.draw(_BETWEEN, np.random.default_rng(0))
     rows = problem.rows_at(np.concatenate([problem.region.corners(), between]))
     rows = rows / np.linalg.norm(rows, axis=0)
@@ -125,14 +125,16 @@ def identifiable_parameters(problem: DesignProblem) -> list[int]:
     first = [0.0 if entry.name in _REPORTED else 1.0 for entry in problem.names] * problem.legs
     groups = list(range(size)) * problem.legs
     found = choose_identifiable(
-        jacobian, np.ones(len(labels)), labels, groups=groups, preference=first, unidentifiable=1.0 / _TOLD_APART
+        jacobian, np.ones(len(labels)), labels, groups=groups, preference=first, unidentifiable=1.0 / _SEPARABLE
     )
     return [int(k) for k in np.flatnonzero(found.chosen[:size])]
 
 
 @dataclass(frozen=True)
 class AssessedConfigurations:
-    """Configurations as a calibration sees them: their number, information (L, q, q), how many lie outside."""
+    """Information of a calibration from configurations: their number, information (L, q, q), number outside
+    the limits.
+    """
 
     count: int
     information: NDArray
@@ -145,12 +147,12 @@ class AssessedConfigurations:
 
     @property
     def sigma(self) -> NDArray:
-        """The standard deviations (L, q), in tolerances, that data alone will leave."""
+        """Standard deviations (L, q), in tolerances, from data alone."""
         return np.sqrt(np.diagonal(np.linalg.inv(self.information), axis1=1, axis2=2))
 
 
 def assessed(problem: DesignProblem, rho: NDArray) -> AssessedConfigurations:
-    """What a calibration learns from configurations by readings rho (B, L), m.
+    """Return the information of a calibration from configurations at readings rho (B, L), m.
 
     Raises ValueError where they reach no pose.
     """
@@ -162,9 +164,9 @@ def assessed(problem: DesignProblem, rho: NDArray) -> AssessedConfigurations:
 def ordered(
     problem: DesignProblem, placed: Placed, last: NDArray | None, rng: np.random.Generator, trade_off: float
 ) -> PoseOrder:
-    """The order of configurations after the readings ``last`` (L,), or the reference.
+    """Return the order of configurations, starting from the readings ``last`` (L,), or from the reference.
 
-    Time is kept apart from every leg's regressors and from the drives; trade_off: see `order_poses`.
+    The order decorrelates time from every leg's regressors and from the drives; trade_off: see `order_poses`.
     """
     rho0 = problem.regressors.machine.legs.rho0
     groups = [*np.moveaxis(problem.rows(placed), 1, 0), placed.rho - rho0]
@@ -175,9 +177,10 @@ def ordered(
 
 @dataclass(frozen=True)
 class Bounded:
-    """Candidates x (C, 6), the first of them corners; the best design on them; upper: with what lies between them.
+    """Candidates x (C, 6), corners first, the best design on them, and ``upper``, a bound that includes points between
+    them.
 
-    unreached: how many more were left out, for readings do not lead to them from the reference pose.
+    unreached: number of candidates left out because readings do not lead to them from the reference pose.
     """
 
     x: NDArray
@@ -189,17 +192,19 @@ class Bounded:
 
     @property
     def raised(self) -> float:
-        """Return by how much, in log det, the points between candidates raise the bound."""
+        """Increase of the bound, in log det, by points between candidates."""
         return self.upper - self.bound.upper
 
     @property
     def climbed(self) -> int:
-        """Return how many candidates climbs have found."""
+        """Number of candidates found by gradient ascent."""
         return len(self.x) - self.corners - self.dense
 
 
 def bounded(problem: DesignProblem, poses: int, given: NDArray | None, rng: np.random.Generator) -> Bounded:
-    """Return what no choice of poses can exceed; raises ValueError where forbidden regions leave no room."""
+    """Return candidates with an upper bound for any choice of poses; raises ValueError if forbidden regions leave no
+    room.
+    """
     corners, between = problem.region.corners(), problem.region.draw(_DENSE, rng)
     kept = problem.reached(corners), problem.reached(between)
     x = np.concatenate([corners[kept[0]], between[kept[1]]])
@@ -237,13 +242,13 @@ def choose(
 
 
 def _drawn(problem: DesignProblem, count: int, rng: np.random.Generator) -> NDArray:
-    """Return points spread over what can be reached of the region; as they come where that is next to nothing."""
+    """Return random points of the region, reachable ones first."""
     x = problem.region.draw(4 * count, rng)
     return x[np.argsort(~problem.reached(x), kind="stable")[:count]]
 
 
 def _moved(problem: DesignProblem, x: NDArray, given: NDArray | None, iterations: int) -> NDArray:
-    """Return configurations moved along the gradient; where one leaves what can be reached, as they were."""
+    """Return configurations improved along the gradient, or unchanged if one would become unreachable."""
     found = optimise_directly(problem.region, problem.rows_and_changes, x, given, iterations)
     return found.x if problem.reached(found.x).all() else x
 
@@ -251,7 +256,9 @@ def _moved(problem: DesignProblem, x: NDArray, given: NDArray | None, iterations
 def _by_exchange(
     problem: DesignProblem, candidates: Bounded, poses: int, given: NDArray | None, rng: np.random.Generator
 ) -> NDArray:
-    """Return the best of exchanges from the rounded optimum and from random starts, moved on to between candidates."""
+    """Return the best exchange from the rounded optimum and from random starts, improved to points between
+    candidates.
+    """
     sensitivity = candidates.bound.sensitivity
     pool = np.flatnonzero(sensitivity >= _NEAR * sensitivity.max())
     rows, place = problem.rows_at(candidates.x[pool]), np.full(len(sensitivity), -1)
@@ -269,7 +276,7 @@ def _by_exchange(
 def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.Generator) -> NDArray:
     """Return poses (count, 6) within the hull of the chosen (N, 6), far from them and from each other.
 
-    Raises ValueError where forbidden regions leave no room for so many.
+    Raises ValueError if forbidden regions leave no room for so many.
     """
     if not count:
         return np.empty((0, 6))

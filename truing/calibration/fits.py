@@ -1,4 +1,6 @@
-"""The calibrations of a case: by errors in variables, and by the closure alone as the telescope report does."""
+"""Calibrations of a case: by errors in variables, and by least squares on the closures alone as in the telescope
+report.
+"""
 
 from __future__ import annotations
 
@@ -30,22 +32,21 @@ from truing.simulation.mechanisms.parameters import ParameterSet, full_set, repo
 from truing.simulation.mechanisms.structures.structure import Machine
 
 MAXIMUM_LIKELIHOOD, IMPLICIT = "errors-in-variables", "implicit"
-# A calibration that has not settled by then will not.
+# Iterations after which a calibration counts as not converged.
 _ITERATIONS = 200
 _NO_REDUNDANCY = "no redundancy: As many parameters as equations: measure more poses."
-# A parameter counts as identified where the data say at least as much of it as its tolerance does.
-_TOLD = np.sqrt(0.5)
+# A parameter is identifiable if the data hold at least as much information on it as its tolerance.
+_IDENTIFIABLE = np.sqrt(0.5)
 
 
 @dataclass(frozen=True)
 class MachineCalibration:
-    """One calibration: parameters identified with covariance (P, P), in SI, and how it ended.
+    """One calibration: identified parameters with covariance (P, P), SI, and its status.
 
-    declared (P, P): the covariance at the declared noise, where that of the fit is enlarged for more; common (K,): the
-    errors common to all poses, as estimated, and joint (P + K, P + K) the covariance, at the declared noise, of the
-    errors of parameters and of these; tolerance (P,):
-    one sigma of what was known before, NaN where nothing was; identifiable (P,): what the data tell better; kept (B,):
-    poses that took part, of those that it was asked to fit; chi_square with its freedom: of the closing.
+    declared (P, P): covariance at the declared noise, while ``covariance`` is enlarged if more noise was found; common
+    (K,): estimated errors common to all poses; joint (P + K, P + K): covariance of the errors of both, at the declared
+    noise; tolerance (P,): prior sigma, NaN where there is none; identifiable (P,): parameters that the data determine
+    better; kept (B,): poses that took part; chi_square, with its freedom: of the closures.
     """
 
     case: Case
@@ -67,12 +68,12 @@ class MachineCalibration:
 
     @property
     def parameters(self) -> ParameterSet:
-        """Return what was identified."""
+        """Identified parameters."""
         return self.problem.parameters
 
     @property
     def machine(self) -> Machine:
-        """Return the machine as identified."""
+        """Identified machine."""
         return self.parameters.machine(self.case.nominal, self.values)
 
     def problem_at(self, measured: MeasuredPlatform) -> CalibrationProblem:
@@ -81,12 +82,12 @@ class MachineCalibration:
 
     @property
     def sigma(self) -> NDArray:
-        """Return the standard deviations (P,)."""
+        """Standard deviations (P,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def pull(self) -> NDArray:
-        """Return the pulls (P,): unit normal where tolerances are honest; NaN where the data do not tell.
+        """Pulls (P,): unit normal if tolerances are right; NaN where a parameter is not identifiable.
 
         With the tolerance as prior a shift has the variance tolerance^2 - sigma^2, without it their sum.
         """
@@ -98,11 +99,11 @@ class MachineCalibration:
 def maximum_likelihood(
     data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray
 ) -> MachineCalibration:
-    """Return the calibration by errors in variables over the poses kept (B,), what is known beforehand as prior."""
+    """Return the calibration by errors in variables over the poses kept (B,), with tolerances and surveys as prior."""
     used = fitted.chosen(kept)
     calibration_question = question(data, used, case)
     fit = answer(calibration_question, robust=False)
-    # All models are weighed on the same data: poses and readings, and what the targets said of the deformation.
+    # All models are compared on the same data: poses, readings, and the deformation from the targets.
     evidence, count = _log_evidence(fit, calibration_question.prior), calibration_question.count
     if (more := with_targets(calibration_question, data, used, case)) is not None:
         fit = answer(more, fit.values[:count], robust=False)
@@ -122,7 +123,7 @@ def maximum_likelihood(
         fit.values[last:],
         fit.covariance[np.ix_(places, places)],
         tolerance,
-        np.sqrt(np.diag(found)) < _TOLD * known,
+        np.sqrt(np.diag(found)) < _IDENTIFIABLE * known,
         kept,
         fit.judgement.chi_square,
         float(fit.judgement.freedom),
@@ -132,9 +133,9 @@ def maximum_likelihood(
 
 
 def _enlarged(data: CalibrationData, fit: ErrorsInVariablesFit, calibration_question: CalibrationQuestion) -> NDArray:
-    """Return the covariance (P, P) of the machine's numbers where more noise was found than declared.
+    """Return the covariance (P, P) of the machine's parameters, enlarged where more noise was found than declared.
 
-    The survey of the attachments was taken by the same instrument: it stands in the prior, and is as much noisier.
+    The survey of the attachments is part of the prior, but was taken by the same instrument, so it is enlarged as well.
     """
     excess = max(fit.noise_ratio, 1.0)
     if data.surveyed is None or not np.isfinite(excess):
@@ -153,7 +154,9 @@ def _enlarged(data: CalibrationData, fit: ErrorsInVariablesFit, calibration_ques
 def answer(
     calibration_question: CalibrationQuestion, start: NDArray | None = None, *, robust: bool
 ) -> ErrorsInVariablesFit:
-    """Return the fit, from the machine's numbers (P,) in ``start`` or from the nominal ones."""
+    """Return the fit of a question, started from the machine's parameters (P,) in ``start`` or from the
+    nominal ones.
+    """
     values = calibration_question.problem.start
     if start is not None:
         values = np.concatenate([start, values[len(start) :]])
@@ -167,13 +170,13 @@ def answer(
 
 
 def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
-    """Return the log of the marginal likelihood, up to what all models of a campaign share."""
+    """Return the log marginal likelihood, up to a constant that all models of a campaign share."""
     occam = np.linalg.slogdet(fit.information + prior.information)[1] - np.linalg.slogdet(prior.information)[1]
     return -0.5 * float(fit.cost + occam)
 
 
 def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray) -> MachineCalibration:
-    """Return the calibration by least squares on the closure alone, over the poses kept (B,): the report's own way."""
+    """Return the calibration by unweighted least squares on the closures over the poses kept (B,), as in the report."""
     problem = problem_of(case, _implicit_set(data, fitted.chosen(kept), case), fitted.chosen(kept))
     nominal = problem.parameters.values(case.nominal)
     still = np.zeros((int(kept.sum()), problem.deviations))
@@ -190,7 +193,7 @@ def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: 
     at = problem.constrain(values, still)
     freedom = at.value.size - len(nominal)
     ended = _end_of_fit(SolverStatus(solution.status[0])) if freedom > 0 else _NO_REDUNDANCY
-    # What did not end at a minimum, or left nothing over to judge the scatter by, has no uncertainty to be told.
+    # A fit without convergence, or without degrees of freedom, has no uncertainty.
     variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
     covariance = solution.covariance[0] * variance
     used = fitted.chosen(kept)
@@ -219,24 +222,28 @@ def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: 
 
 
 def _propagated(inverse: NDArray, at: PoseEquations, noise: NDArray) -> NDArray:
-    """Return what noise (B, N, N) gives to an unweighted fit (P, P), ``inverse`` being that of its normal matrix."""
+    """Return the covariance (P, P) of an unweighted fit by noise (B, N, N); ``inverse`` is that of its
+    normal matrix.
+    """
     spread = at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2)
     reported = np.einsum("bmp,bmn,bnq->pq", at.by_values, spread, at.by_values, optimize=True)
     return inverse @ reported @ inverse
 
 
 def _moved(inverse: NDArray, at: PoseEquations, effects: NDArray) -> NDArray:
-    """Return how an unweighted fit (P, K) goes astray against errors that all poses have in common, effects (B, 6, K)
-    on those of the platform."""
+    """Return the derivatives (P, K) of an unweighted fit by common errors, whose effects on the platform
+    are (B, 6, K).
+    """
     spread = at.by_deviation[..., :6] @ effects
     return np.asarray(inverse @ np.einsum("bmp,bmk->pk", at.by_values, spread))
 
 
 def _implicit_set(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ParameterSet:
-    """Return what the report identifies of legs as it has them, on actuators of their own; of others what can be.
+    """Return the parameters of the implicit fit: those of the report for legs like its own, otherwise identifiable
+    ones.
 
-    That is a largest set of joints, lengths and kappa that the data tell better than their tolerances do, the same
-    for every leg.
+    The latter are a largest set of joints, lengths and kappa that the data determine better than tolerances do, the
+    same for every leg.
     """
     if "u" in case.nominal.legs.closure.geometry:
         return report_set(case.nominal, case.deformation)

@@ -1,4 +1,4 @@
-"""What data can know of the parameters: observability, absorption, and the budget of every number by source."""
+"""Information of the data on the parameters: observability, absorption, and uncertainty budget by source."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, 
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 
-# A shift of the attachments per displacement that is plausible of a platform, where no target tells.
+# Plausible shift of an attachment per displacement, where no target measures it.
 _PLAUSIBLE_KAPPA = 0.01
 Array = NDArray[np.float64]
 TARGETS = Source("targets and their survey, through the poses", "B")
@@ -51,7 +51,7 @@ _TOLERANCES = {
 
 @dataclass(frozen=True)
 class LinearKnowledge:
-    """Derivatives (N, Q) by some numbers, in standard deviations of all that was measured, and by the entries of K."""
+    """Derivatives (N, Q) of all measurements, in standard deviations, by the unknowns and by the entries of K."""
 
     jacobian: NDArray
     by_K: NDArray
@@ -60,9 +60,10 @@ class LinearKnowledge:
 def linear(
     dataset: CalibrationData, calibration_question: CalibrationQuestion, values: NDArray, measured: MeasuredPlatform
 ) -> LinearKnowledge:
-    """Return how all that was measured follows the question's numbers at some values, and the entries of K (L L).
+    """Return the derivatives of all measurements by a question's unknowns at given values, and by the entries of K (L
+    L).
 
-    Below the closings stands what the survey of the attachments says of them.
+    The rows of the closures come first, then those of the survey of the attachments.
     """
     problem = calibration_question.problem
     size = len(problem.parameters)
@@ -82,8 +83,9 @@ def linear(
 
 
 def observe_model(dataset: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Observability:
-    """Return the observability of the chosen model's numbers, by all that was measured: targets on legs and
-    attachments too."""
+    """Return the observability of the chosen model's parameters by all measurements, targets on legs and attachments
+    included.
+    """
     calibration_question = _full_question(dataset, fitted, chosen.case)
     values = np.concatenate([chosen.values, calibration_question.problem.start[calibration_question.count :]])
     seen = linear(dataset, calibration_question, values, fitted).jacobian
@@ -99,14 +101,14 @@ def _full_question(dataset: CalibrationData, measured: MeasuredPlatform, case: C
 
 
 def _with_common_known(jacobian: NDArray, calibration_question: CalibrationQuestion) -> NDArray:
-    """Return the derivatives with what is known beforehand of errors common to all poses below."""
+    """Return the derivatives with additional prior rows of errors common to all poses."""
     known = np.zeros((calibration_question.common, jacobian.shape[1]))
     known[:, jacobian.shape[1] - calibration_question.common :] = np.eye(calibration_question.common)
     return np.concatenate([jacobian, known])
 
 
 def _without(jacobian: NDArray, count: int) -> NDArray:
-    """Return the first columns with what the others, of which nothing is known, can imitate taken out of them."""
+    """Return the first ``count`` columns without their projection on the other columns, which are unknown."""
     if count == jacobian.shape[1]:
         return jacobian
     others = np.linalg.qr(jacobian[:, count:])[0]
@@ -114,7 +116,7 @@ def _without(jacobian: NDArray, count: int) -> NDArray:
 
 
 def observe_legs(dataset: CalibrationData, fitted: MeasuredPlatform) -> list[Observability]:
-    """Return the observability of each leg's numbers: joints, direction, length, reference reading and kappa."""
+    """Return the observability of each leg's parameters: joints, direction, length, reference reading and kappa."""
     machine = dataset.machine
     parameters = full_set(machine, "linear", rho0=True)
     problem = CalibrationProblem(
@@ -134,7 +136,9 @@ def observe_legs(dataset: CalibrationData, fitted: MeasuredPlatform) -> list[Obs
 
 
 def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray:
-    """Return what a parameter may plausibly be off (P,): its tolerance; of the reference reading that of the joints."""
+    """Return plausible errors (P,) of the parameters: their tolerances; for the reference reading that of
+    the joints.
+    """
     heads = [entry.name.partition("_")[0] for entry in parameters.entries]
     known = {"rho0": tolerance.get("a", 0.0), "kappa": _PLAUSIBLE_KAPPA, **tolerance}
     given = np.array([known.get(head, 0.0) for head in heads])
@@ -142,10 +146,10 @@ def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray
 
 
 def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration) -> Absorption:
-    """Return what the calibration's parameters take over of each entry of K, seen from before any fit.
+    """Return the absorption of each entry of K by the calibration's parameters, predicted before any fit.
 
-    The maximum-likelihood fit weighs what was measured by its noise, and has the tolerances as prior; the implicit one
-    has neither.
+    The maximum-likelihood fit weights measurements by their noise and has tolerances as prior; the implicit one does
+    neither.
     """
     if calibration.estimator != MAXIMUM_LIKELIHOOD:
         problem = problem_of(calibration.case, calibration.parameters, fitted)
@@ -165,7 +169,9 @@ def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration:
 
 
 def _knowledge_difference(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
-    """Return the variance (P,) of what the whole fit knows more, or less, of the parameters: it has other data."""
+    """Return the variance (P,) of the difference between two fits of the parameters that is due to their different
+    data.
+    """
     place = dict(zip(whole.parameters.labels, np.diag(whole.declared), strict=True))
     own = np.diag(calibration.declared)
     more = [place.get(label, variance) for label, variance in zip(calibration.parameters.labels, own, strict=True)]
@@ -173,9 +179,9 @@ def _knowledge_difference(calibration: MachineCalibration, whole: MachineCalibra
 
 
 def _counterparts(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
-    """Return the values (P,) that the calibration's parameters have in one with the whole deformation.
+    """Return the values (P,) of the calibration's parameters in the one with the whole deformation.
 
-    kappa is counted from its nominal value, of which the effect left out is counted too.
+    kappa has its nominal value, relative to which the omitted effect is given too.
     """
     own, nominal = calibration.parameters, calibration.nominal
     place = dict(zip(whole.parameters.labels, whole.values, strict=True))
@@ -189,8 +195,11 @@ def _counterparts(calibration: MachineCalibration, whole: MachineCalibration) ->
 
 @dataclass(frozen=True)
 class Absorbed:
-    """What the parameters (P,) of a calibration take over of an effect that it leaves out, in SI: as predicted before
-    any fit, as observed against the fit with the whole effect, and one sigma of the difference."""
+    """Absorption of an omitted effect by the parameters (P,) of a calibration, SI.
+
+    ``predicted`` before any fit, ``observed`` as difference to the fit with the whole effect, ``sigma`` of their
+    difference.
+    """
 
     predicted: NDArray
     observed: NDArray
@@ -200,7 +209,7 @@ class Absorbed:
 def absorbed(
     dataset: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration, whole: MachineCalibration
 ) -> Absorbed:
-    """Return what a calibration with less deformation takes over of K; ``whole`` has all of K."""
+    """Return the absorption of K by a calibration with less deformation; ``whole`` has all of K."""
     known, count = dataset.deformations["matrix"], len(calibration.parameters.entries)
     found = _absorption(dataset, fitted, calibration)
     size = (known.K - calibration.case.nominal.deformation).ravel()
@@ -214,7 +223,7 @@ def absorbed(
 
 @dataclass(frozen=True)
 class RefittedCalibration:
-    """The chosen calibration, fitted once more from where it stood."""
+    """The chosen calibration, refitted from its result."""
 
     data: CalibrationData
     question: CalibrationQuestion
@@ -224,7 +233,7 @@ class RefittedCalibration:
 def answered_again(
     dataset: CalibrationData, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
 ) -> RefittedCalibration | None:
-    """The maximum-likelihood calibration of a model (structure, deformation), from where it ended.
+    """Return the maximum-likelihood calibration of a model (structure, deformation), refitted from its result.
 
     stood: values by parameter and leg, in the units of the tables. None where there is no such model, or no minimum.
     """
@@ -241,10 +250,9 @@ def answered_again(
 
 
 def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
-    """Return the covariance (P, P), SI, that each source gives to all values of the fit.
+    """Return the covariance (P, P), SI, of all fitted values by source.
 
-    Where more noise was found than declared, that of the poses, the readings and the survey is as much larger, and
-    weighs as much less against the tolerances.
+    If more noise was found than declared, the noise of poses, readings and survey is enlarged accordingly.
     """
     calibration_question, fit = answered.question, answered.fit
     at = calibration_question.problem.constrain(fit.values, fit.deviations)
@@ -266,7 +274,7 @@ def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
 
 
 def _prior(answered: RefittedCalibration, ratio: float) -> tuple[dict[Source, Array], tuple[Source, ...]]:
-    """The precision (P, P) of what was known before, by source; and which of them are measurements."""
+    """Return the prior information (P, P) by source, and those of the sources that are measurements."""
     dataset, calibration_question = answered.data, answered.question
     left, found = calibration_question.prior.information.copy(), {}
     if dataset.surveyed is not None:
@@ -282,7 +290,7 @@ def _prior(answered: RefittedCalibration, ratio: float) -> tuple[dict[Source, Ar
 
 
 def _kinds(calibration_question: CalibrationQuestion) -> dict[Source, list[int]]:
-    """Which values each kind of knowledge is of: tolerances by kind, deformation as seen, and what is merely wide."""
+    """Return the indices of the values by kind of prior: tolerances by kind, deformation as measured, wide priors."""
     places: dict[Source, list[int]] = {}
     for i in range(len(calibration_question.problem.start)):
         source = WIDE if i < len(calibration_question.problem.start) - calibration_question.common else COMMON

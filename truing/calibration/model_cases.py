@@ -1,4 +1,4 @@
-"""The calibrations of a campaign: every model of its structure and deformation, of the poses that pass screening."""
+"""Calibrations of a campaign: every model of structure and deformation, fitted to the poses that pass screening."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from truing.calibration.fits import MachineCalibration, answer, implicit, maximu
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.legs.kinematics import upper_joints
 
-# A larger share of poses is not mismeasured; then the model is wrong.
+# If more than this share of poses disagrees, the model is wrong, not the poses.
 _MOST_BAD_POSES = 0.1
-# A leg's joints are where they always are in its survey frame, but for so many robust standard deviations.
+# Largest deviation of a leg's joints from their median place in its survey frame, in robust standard deviations.
 OFF = 8.0
 _LEAST_SCATTER_M = 1e-7
-LEAST_LEGS = 6  # with fewer, readings do not say where the platform is
+LEAST_LEGS = 6  # with fewer, readings do not determine the pose of the platform
 ESTIMATORS = {maximum_likelihood: "by errors in variables", implicit: "by the closure alone"}
 
 
 @dataclass(frozen=True)
 class OffLeg:
-    """A leg, counted from 0, whose targets put its joints elsewhere in a pose; off: by how many robust sigmas."""
+    """A pose in which a leg's targets contradict its joints: pose, leg counted from 0, deviation in robust sigmas."""
 
     pose: int | str
     leg: int
@@ -35,7 +35,7 @@ class OffLeg:
 
 @dataclass(frozen=True)
 class ScreenedPoses:
-    """Poses to be fitted, without the poses of single legs that are wrong; kept (B,): which of them agree."""
+    """Poses to be fitted, without wrong poses of single legs; kept (B,) marks those that agree with the others."""
 
     measured: MeasuredPlatform
     kept: NDArray
@@ -43,14 +43,14 @@ class ScreenedPoses:
 
     @property
     def poses_out(self) -> list[int | str]:
-        """Return the poses that disagree with all others: their weight in a robust fit is 0."""
+        """Poses that disagree with all others: their weight in a robust fit is 0."""
         return [pose for pose, agrees in zip(self.measured.poses, self.kept, strict=True) if not agrees]
 
 
 def screened(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ScreenedPoses:
-    """Return what agrees with the others under a model.
+    """Return the poses that agree with the others under a model.
 
-    A pose that was mismeasured is a rare one: where many seem to be, the model is wrong and all of them are kept.
+    Mismeasured poses are rare: if many disagree, the model is wrong and all poses are kept.
     """
     calibration_question = question(data, fitted, case)
     fit = answer(calibration_question, robust=True)
@@ -64,7 +64,7 @@ def screened(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> Scr
 def _without_bad_legs(
     problem: CalibrationProblem, values: NDArray, measured: MeasuredPlatform
 ) -> tuple[MeasuredPlatform, tuple[OffLeg, ...]]:
-    """Return the poses without those of single legs whose joints are not where they always are on the leg."""
+    """Return the poses without those of single legs whose joints deviate from their usual places on the leg."""
     machine = problem.machine(values)
     if not machine.legs.closure.one_body:
         return measured, ()
@@ -81,7 +81,9 @@ def _without_bad_legs(
 
 
 def _away(found: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray:
-    """Return by how many robust standard deviations (B,) the joints (B, 3) lie off their usual places on the leg."""
+    """Return the deviation (B,) of the joints (B, 3) from their usual places on the leg, in robust standard
+    deviations.
+    """
     places = [np.einsum("bji,bj->bi", found.R, joint - found.p) for joint in (lower, upper)]
     own = np.where(found.found[:, None], np.concatenate(places, -1), np.nan)
     if found.found.sum() < 3:
@@ -93,21 +95,22 @@ def _away(found: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray
 
 @dataclass(frozen=True)
 class Failure:
-    """A case that could not be calibrated; by: the estimator whose equations became singular, empty where every number
-    is declared exact."""
+    """A case that could not be calibrated; by: the estimator with singular equations, empty if all parameters are
+    exact.
+    """
 
     case: Case
     by: str = ""
 
     @property
     def why(self) -> str:
-        """Return why, in words."""
+        """Reason, in words."""
         return "the equations became singular" if self.by else "every number is declared exact"
 
 
 @dataclass(frozen=True)
 class CalibrationsByEstimator:
-    """The calibrations of every case by both estimators, and why any could not be made."""
+    """Calibrations of every case by both estimators, and the failures."""
 
     likely: tuple[MachineCalibration, ...]
     implicit: tuple[MachineCalibration, ...]
@@ -115,7 +118,7 @@ class CalibrationsByEstimator:
 
 
 def screened_poses(data: CalibrationData, fitted: NDArray, every: Sequence[Case]) -> ScreenedPoses:
-    """Return the poses to be fitted as the rigid legs find them, under all that is known of the deformation."""
+    """Return the poses to be fitted, screened with rigid legs and the richest model of deformation."""
     used = data.measured.chosen(fitted)
     richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
     everything = ScreenedPoses(used, np.ones(len(used.poses), bool))
@@ -128,7 +131,7 @@ def screened_poses(data: CalibrationData, fitted: NDArray, every: Sequence[Case]
 def calibrations(
     data: CalibrationData, clean: ScreenedPoses, every: Sequence[Case], progress: Callable[[int, int, Case], None]
 ) -> CalibrationsByEstimator:
-    """Return all calibrations of the poses that were not grossly mismeasured; progress: done, total, next."""
+    """Return the calibrations of all cases from screened poses; progress: done, total, next."""
     likely: list[MachineCalibration] = []
     closed: list[MachineCalibration] = []
     failed: list[Failure] = []
@@ -148,7 +151,9 @@ def calibrations(
 def assessed_calibration(
     data: CalibrationData, calibration: MachineCalibration, fitted: NDArray
 ) -> AssessedCalibration:
-    """Return a calibration with its errors at all poses, where readings fix them, and its misfit at held-out ones."""
+    """Return a calibration with its errors at all poses, where readings determine them, and its misfit at held-out
+    poses.
+    """
     measured, legs = data.measured, data.machine.legs.count
     held = measured.chosen(~fitted)
     squares = misfit(calibration, held, data.reading_sigma) if len(held.poses) else np.zeros(0)

@@ -1,1 +1,1 @@
-"""Runs as they lie on the disk, opened for notebooks, exports and comparisons."""
+"""Recorded runs, opened from their folders for notebooks, exports and comparisons."""

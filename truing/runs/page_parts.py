@@ -1,4 +1,4 @@
-"""What the page of a run consists of, from its tables alone: the same for the report stage and for a notebook."""
+"""Head and sections of a run's page, from its tables alone; used by the report stage and by notebooks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TARGET_COLUMNS = ["body", "target", *_XYZ, "leg"]
 
 
 def provenance_of(table: pa.Table) -> dict[str, str]:
-    """Return what a table carries about its origin: stage, digest, version, campaign, units, what its stage said."""
+    """Return the provenance in a table's metadata: stage, digest, version, campaign, units, remarks of its stage."""
     metadata = table.schema.metadata or {}
     return {k[len(_PREFIX) :].decode(): v.decode() for k, v in metadata.items() if k.startswith(_PREFIX)}
 
@@ -35,10 +35,10 @@ def page_parts(
     legs: pd.DataFrame | None = None,
     declared_noise: pd.DataFrame | None = None,
 ) -> tuple[PageHead, list[ReportSection]]:
-    """Return the head and the sections of the page for tables by artifact name; their verdict is made where none is.
+    """Return the head and the sections of the page for tables by artifact name; a missing verdict is computed.
 
-    ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame, and ``declared_noise``
-    (signal_mv, NaN where none is declared): what no table holds.
+    ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame; ``declared_noise``
+    (signal_mv, NaN where none is declared). No table holds these.
     """
     from truing.report.head import build_head
     from truing.report.sections import build_sections
@@ -87,17 +87,17 @@ def _as_artifact(name: str, rows: pd.DataFrame) -> pa.Table:
 
 
 def _frames(tables: Mapping[str, pa.Table]) -> dict[str, pd.DataFrame]:
-    """Tables with the reason, as an attribute, why their stage evaluated nothing."""
+    """Return the tables as data frames, each with the reason, as an attribute, if its stage was not evaluated."""
     from truing.report.tables import WHY_NOT
 
     frames = {name: table.to_pandas() for name, table in tables.items()}
-    for name, frame in frames.items():  # nothing else: pandas copies attributes with every step
+    for name, frame in frames.items():  # only the reason, because pandas copies attributes with every step
         frame.attrs[WHY_NOT] = provenance_of(tables[name]).get(WHY_NOT, "")
     return frames
 
 
 def _body_motions(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
-    """Columns pose, body, parent, px_mm .. pz_mm, and r00 .. r22 of x_parent = R x + p; None without poses."""
+    """Return columns pose, body, parent, px_mm .. pz_mm, and r00 .. r22 of x_parent = R x + p; None without poses."""
     poses = frames.get("poses")
     if poses is None or not len(poses):
         return None
@@ -110,7 +110,7 @@ def _body_motions(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
 
 
 def target_places(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
-    """Columns body, target, x_mm, y_mm, z_mm, leg; None where neither survey nor poses say."""
+    """Return columns body, target, x_mm, y_mm, z_mm, leg from the survey or the poses; None without both."""
     survey = frames.get("survey")
     if survey is not None and len(survey):
         return survey[_TARGET_COLUMNS]
@@ -120,7 +120,7 @@ def target_places(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
 
 
 def _averages(observations: pd.DataFrame, poses: pd.DataFrame, residuals: pd.DataFrame) -> pd.DataFrame:
-    """Measured points seen from their body, less their residual: what the fit takes the body to be."""
+    """Return the mean places of measured points in the frame of their body, without residuals."""
     chosen = poses[poses["default"] & (poses["status"] == "ok")]
     bases = chosen[["pose", "body", *_PLACE, *_TURN]].rename(columns={"body": "parent"})
     kept = residuals[~residuals["rejected"]].dropna(subset=_SHIFT)
@@ -136,7 +136,7 @@ def _averages(observations: pd.DataFrame, poses: pd.DataFrame, residuals: pd.Dat
 
 
 def _in_frames_of(place: np.ndarray, poses: pd.DataFrame, suffix: str) -> np.ndarray:
-    """Points (N, 3) of the parent's frame in the frames of N bodies."""
+    """Return points (N, 3), given in the parent's frame, in the frames of N bodies."""
     from truing.estimation.rotation import exp_so3
 
     turn = poses[[f"{c}{suffix}" for c in _TURN]].to_numpy(dtype=float)

@@ -1,4 +1,4 @@
-"""One run, opened: tables as pandas, figures as plotly objects, sentences, and the extended model."""
+"""A recorded run: tables as pandas, figures as plotly objects, verdict, and the extended model."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from truing.simulation.bench.extended_model import ExtendedSensor
     from truing.simulation.mechanisms.extended_model import ExtendedModel
 
-_TOLD = {"units", "stage", "digest", "software_version", "campaign"}
+_PROVENANCE = {"units", "stage", "digest", "software_version", "campaign"}
 
 
 @dataclass(frozen=True)
 class Run(Mapping[str, "pd.DataFrame"]):
-    """A run's tables by artifact name, read when first asked for.
+    """Tables of a run by artifact name, read on first access.
 
-    In the ``attrs`` of each: ``units`` by column, and where it comes from (stage, digest, software_version, campaign).
+    The ``attrs`` of each table: ``units`` by column, and its origin (stage, digest, software_version, campaign).
     """
 
     folder: Path
@@ -44,7 +44,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
     _read: dict[str, pa.Table] = field(default_factory=dict, repr=False, compare=False)
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        """Return a table, a fresh copy each time; raises KeyError where the run has none of this name."""
+        """Return a fresh copy of a table; raises KeyError if the run has none of this name."""
         frame, origin = self.table(name).to_pandas(), self.origin(name)
         frame.attrs |= {**origin, "units": json.loads(origin["units"])}
         return frame
@@ -56,7 +56,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         return len(self.files)
 
     def table(self, name: str) -> pa.Table:
-        """Return a table as Arrow; raises KeyError for an unknown name, ValueError where it breaks its schema."""
+        """Return a table as Arrow; raises KeyError for an unknown name, ValueError if it violates its schema."""
         if name not in self.files:
             raise KeyError(f"{name}: this run has {', '.join(self.files)}")
         if name not in self._read:
@@ -64,29 +64,29 @@ class Run(Mapping[str, "pd.DataFrame"]):
         return self._read[name]
 
     def origin(self, name: str) -> dict[str, str]:
-        """Return where a table comes from: stage, digest, software_version, campaign, and what its stage said."""
+        """Return the origin of a table: stage, digest, software_version, campaign, and remarks of its stage."""
         return provenance_of(self.table(name))
 
     @property
     def verdict(self) -> pd.DataFrame:
-        """State, reason and explanation of the campaign (first row) and of each section, as the page reads them."""
+        """State, reason and explanation of the campaign (first row) and of each section, as on the page."""
         if "verdict" in self:
             return self["verdict"]
         return verdict_table({name: self.table(name) for name in self.files}).to_pandas()
 
     @property
     def verdicts(self) -> tuple[tuple[str, str], ...]:
-        """The sentences at the top of the page, each with its mark: found, fail, warn, pass or none."""
+        """Sentences at the top of the page, each with its mark: found, fail, warn, pass or none."""
         return self._page[0].verdicts
 
     @property
     def sections(self) -> list[ReportSection]:
-        """What the page consists of, in its order."""
+        """Sections of the page, in order."""
         return self._page[1]
 
     @cached_property
     def figures(self) -> dict[str, go.Figure]:
-        """Figures of the page by section and place in it, as ``evidence-0``."""
+        """Figures of the page by section and index, such as ``evidence-0``."""
         from truing.report.page import all_of
 
         drawn = ((section.id, figures) for section in all_of(self.sections) if (figures := section.figures))
@@ -94,7 +94,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
 
     @cached_property
     def model(self) -> ExtendedModel | ExtendedSensor | ExtendedAxis | None:
-        """The extended model that `predict_poses` or `predict_readings` takes; None where the run has left none."""
+        """Extended model for `predict_poses` or `predict_readings`; None where the run has none."""
         path = self.folder / ARTIFACTS["model"].file
         if not path.is_file():
             return None
@@ -112,7 +112,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
 
     @cached_property
     def sensor(self) -> CalibratedSensor | None:
-        """The calibrated force sensor, whose `wrench` takes signals; None where the run calibrated none."""
+        """Calibrated force sensor, whose `wrench` takes signals; None where the run calibrated none."""
         from truing.estimation.sensor.calibrated_sensor import sensor_from
 
         path = self.folder / ARTIFACTS["sensor"].file
@@ -126,8 +126,8 @@ class Run(Mapping[str, "pd.DataFrame"]):
 def load(folder: str | Path) -> Run:
     """Open the folder of a run.
 
-    Raises FileNotFoundError where it holds no table that a run has left, ValueError where a table is damaged, or of a
-    later version of truing than this one.
+    Raises FileNotFoundError if it holds no table of a run, ValueError if a table is damaged, or written by a later
+    version of truing.
     """
     folder = Path(folder)
     found = {name: (path, facts) for path in sorted(folder.glob("*.parquet")) for name, facts in _known(path)}
@@ -139,7 +139,7 @@ def load(folder: str | Path) -> Run:
 
 
 def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """The artifact that a file says it is, with its provenance; nothing for a file of another making."""
+    """Yield the artifact name and provenance of a file; nothing if it is no artifact."""
     known = {name for name, artifact in ARTIFACTS.items() if artifact.file == path.name}
     if not known:
         return
@@ -155,11 +155,11 @@ def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
 
 
 def _check_provenance(file: str, facts: dict[str, str], version: int) -> None:
-    """Raise ValueError where a table does not tell where it comes from in the words of this version."""
+    """Raise ValueError if the provenance of a table is incomplete or of a later version."""
     try:
         found, reported = (
             int(facts["schema_version"]),
-            facts.keys() >= _TOLD and isinstance(json.loads(facts["units"]), dict),
+            facts.keys() >= _PROVENANCE and isinstance(json.loads(facts["units"]), dict),
         )
     except (KeyError, ValueError, RecursionError):
         found, reported = version, False
