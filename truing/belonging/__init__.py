@@ -1,1 +1,1 @@
-"""Whether the tables of a campaign belong together, and which slip of the hand explains them where they do not."""
+"""Consistency of a campaign's tables with each other, and recording mistakes (slips) that explain contradictions."""

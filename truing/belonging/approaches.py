@@ -1,4 +1,4 @@
-"""Do positions of an axis belong to the targets that they are written beside?"""
+"""Test of an axis: do recorded positions match the targets in the same rows?"""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from truing.arrays import Array
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 
-_BETTER = 10.0  # times smaller is the misfit that a slip has to leave
-_OF_SPACING = 0.1  # misfit over the smallest distance of targets, from which on a slip is looked for
-_FOLLOWS = 0.2  # change of the position over that of the target, below which it does not follow at all
-_AS_GOOD = 2.0  # times the smallest misfit: slips that explain as much
-_FARTHEST = 200  # rows that positions are looked for away from their targets
-_LEFT = 0.02  # of the travel: what a slip may leave once undone
+_BETTER = 10.0  # factor by which a slip must reduce the misfit
+_OF_SPACING = 0.1  # misfit over the smallest distance of targets above which slips are tested
+_FOLLOWS = 0.2  # slope of position over target below which positions do not follow targets
+_AS_GOOD = 2.0  # factor on the smallest misfit within which slips explain equally well
+_FARTHEST = 200  # largest shift of rows that is tested
+_LEFT = 0.02  # largest misfit after a slip is undone, as a share of the travel
 
 
 @dataclass(frozen=True)
 class TargetMatch:
-    """Rms misfit of positions against targets, in their unit: as recorded, and with the slip undone that explains it.
+    """Rms misfit of positions against targets, in their unit: as recorded, and with the best slip undone.
 
-    ``slips`` hold together; each of ``rivals`` explains as much. ``deviations``: the positions are deviations from the
-    targets. ``still``: all positions are one.
+    ``slips`` apply together; each of ``rivals`` explains as much. ``deviations``: positions are deviations from the
+    targets. ``still``: all positions are equal.
     """
 
     misfit: float
@@ -35,15 +35,15 @@ class TargetMatch:
 
     @property
     def is_slip(self) -> bool:
-        """Whether something that was tried explains the misfit."""
+        """Whether one of the tested slips explains the misfit."""
         return bool(self.slips) or self.deviations or self.still
 
 
 def match_targets(target: Array, position: Array) -> TargetMatch:
-    """Return how positions (N,) match targets (N,), in the order of the rows of their file.
+    """Return the match of positions (N,) with targets (N,), in the order of the rows of their file.
 
-    A common offset counts for nothing. Tried are units, signs, both, deviations in place of positions, and positions
-    that stand fewer rows away from their targets than a cycle has, 200 at most.
+    A common offset is ignored. Tested slips: unit, sign, both, deviations in place of positions, and a shift of rows by
+    less than a cycle, at most 200.
     """
     misfit = _rms(position - target)
     places = np.unique(target)
@@ -65,7 +65,7 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
 
 
 def _tried(target: Array, position: Array) -> Iterator[tuple[float, tuple[RecordSlip, ...]]]:
-    """The misfit that each slip leaves, once undone; the plainer slips first."""
+    """Yield the misfit after each slip is undone; simpler slips first."""
     turned = RecordSlip(SlipKind.SIGN, "position_mm")
     yield _rms(-position - target), (turned,)
     for factor in both_ways(LENGTH_FACTORS):
@@ -79,7 +79,7 @@ def _tried(target: Array, position: Array) -> Iterator[tuple[float, tuple[Record
 
 
 def _moved(values: Array, shift: int) -> Array:
-    """Values that stand ``shift`` rows too far down, beside the rows that they belong to."""
+    """Return values without the rows that a shift leaves without a partner."""
     return values[shift:] if shift > 0 else values[:shift]
 
 
@@ -88,5 +88,5 @@ def _kept(values: Array, shift: int) -> Array:
 
 
 def _rms(values: Array) -> float:
-    """Root mean square about the median."""
+    """Return the root mean square about the median."""
     return float(np.sqrt(np.mean((values - np.median(values)) ** 2)))

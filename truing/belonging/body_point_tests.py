@@ -1,4 +1,4 @@
-"""Do measured points belong to the survey of their body, in all poses or in some, and are all poses their own?"""
+"""Tests of measured points against the survey of their body, pose by pose, and of copied poses."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState,
 from truing.belonging.slips_in_rows import places, rounding
 from truing.estimation.rigid_poses.umeyama import umeyama
 
-_FIFTH = 0.2  # the share of the misfit that a slip may leave
-_HALF = 0.5  # of the misfit: what decides whether a pose is better with the slip undone
-_AS_RIGHT = 5.0  # typical misfits, up to which a pose is right as it stands
-_AS_OTHERS = 3.0  # typical misfits of the other poses, which a slip may leave
-_SCALE = 0.02  # relative, to a factor between units
-_NEARER = 3.0  # how much nearer to the other poses one change of axes has to bring points than any other
-_WITHIN = 1.5  # of how far the other poses lie from their middle: where points of the right axes lie
+_FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
+_HALF = 0.5  # share of the misfit below which a pose is better with the slip undone
+_AS_RIGHT = 5.0  # typical misfits up to which a pose is right as recorded
+_AS_OTHERS = 3.0  # typical misfits of the other poses up to which a slip explains a pose
+_SCALE = 0.02  # tolerance of the logarithm of a factor between units
+_NEARER = 3.0  # factor by which one change of axes must bring points nearer to the other poses than the next best
+_WITHIN = 1.5  # largest distance of points with the right axes, over that of the other poses from their median
 _LEAST_TARGETS = 4  # three points are congruent to their mirror image
-_MOST_TARGETS = 40  # of a body whose exchanges of two labels are tried
+_MOST_TARGETS = 40  # most targets of a body for the test of exchanged labels
 _AXES = ("x_mm", "y_mm", "z_mm")
 SURVEY, COPIES = "points-against-survey", "copied-poses"
 _POSES_TO_COMPARE = 2
 _FLAT = 0.02  # thickness over length, below which a body is its own mirror image
 _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
-_OTHER_BODY = 0.05  # of a body's size (rms from its middle): by as much no body deforms
-_ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; rounding three coordinates makes half of it
+_OTHER_BODY = 0.05  # misfit over a body's size (rms from its middle) that no deformation explains
+_ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; rounding of three coordinates gives 0.5
 _CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
 
 
 @dataclass(frozen=True)
 class AsOtherBody:
-    """Points (B, K, 3), m, that a body has in each pose, seen (B, K), and the survey (K, 3) of another body ``name``.
+    """Points (B, K, 3), m, of a body in each pose, seen (B, K), paired with the survey (K, 3) of another body ``name``.
 
     They are paired by the names of targets, or by their places in the file.
     """
@@ -53,8 +53,8 @@ class AsOtherBody:
 class BodyPoints:
     """One body: survey (T, 3) and points (B, T, 3) in m, seen (B, T), sigma of a coordinate in m.
 
-    ``poses`` (B,) in the order of the file; ``groups``: columns that sort poses, with their values; ``others``: what
-    was written down for this body, as points of others.
+    ``poses`` (B,) in the order of the file; ``groups``: columns that group poses, with their values; ``others``: the
+    recorded points paired with the surveys of other bodies.
     """
 
     name: str
@@ -76,7 +76,9 @@ class BodyPoints:
 
 @dataclass(frozen=True)
 class _Trial:
-    """What may explain poses (B,): kind, quantity, factor; misfit (B,), m, with it undone, infinite for none."""
+    """A slip that may explain poses (B,): kind, quantity, factor; misfit (B,), m, after it is undone, infinite where
+    undefined.
+    """
 
     kind: SlipKind
     quantity: str
@@ -85,10 +87,10 @@ class _Trial:
 
 
 def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ...], Mask]:
-    """Return the slips in some poses of a body, the points of others being right, and the poses (B,) concerned.
+    """Return the slips in some poses of a body while the others are right, and the poses (B,) concerned.
 
-    limit: misfit, m, up to which points fit their survey. No slip where every pose, or none, is right as it stands, and
-    none in poses with fewer than four targets.
+    limit: largest misfit, m, of points that fit their survey. No slip where every pose, or none, is right as recorded,
+    and none in poses with fewer than four targets.
     """
     usable = np.flatnonzero(
         np.max([one.sum(axis=1) for one in (body.seen, *(other.seen for other in body.others))], axis=0)
@@ -107,7 +109,7 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
     typical = float(np.median(np.where(is_better, least, plain)))
     right = ~is_better & (plain <= max(limit, _AS_RIGHT * typical))
     is_unit = np.array([trial.kind is SlipKind.UNIT for trial in trials])[best]
-    # a factor of a thousand is told by the size alone: numbers in metres may be coarse
+    # a factor of a thousand shows in the size alone: numbers in metres may be coarse
     slipped = is_better & (is_unit | (least <= max(_AS_OTHERS * typical, limit)))
     if not right.any() or not slipped.any():
         return (), concerned
@@ -118,7 +120,7 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
 
 @dataclass(frozen=True)
 class _Named:
-    """A slip and the poses (B,) that fit better with it undone."""
+    """A slip and the poses (B,) that fit better after it is undone."""
 
     slip: RecordSlip
     rows: Mask
@@ -129,7 +131,7 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
         rows = which == number
         if not rows.any() or (trial.kind is SlipKind.MIRRORED and _labels_explain(body, rows, trial.misfit)):
             continue
-        # a pose with a gross error fits neither way, and belongs to those about it where it fits better
+        # a pose with a gross error fits neither way; it counts as slipped like its neighbours if it fits better then
         kept = right | (trial.misfit > _HALF * plain) | ((which >= 0) & ~rows)
         axes = _changed_axes(body, rows, right) if trial.kind is SlipKind.MIRRORED else np.full(len(rows), -1)
         for change in dict.fromkeys(axes[rows].tolist()):
@@ -140,7 +142,7 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
 
 
 def _fitted(survey: Array, points: Array, seen: Mask) -> Array:
-    """Misfit (B,), m, of points to their survey; infinite where fewer than four were seen."""
+    """Return the misfit (B,), m, of points to their survey; infinite where fewer than four were seen."""
     rms = umeyama(survey, points, seen.astype(float)).rms
     return np.where(np.isfinite(rms) & (seen.sum(axis=1) >= _LEAST_TARGETS), rms, np.inf)
 
@@ -161,7 +163,7 @@ def _of_other_bodies(body: BodyPoints) -> Iterator[_Trial]:
 
 
 def _labels_explain(body: BodyPoints, rows: Mask, mirrored: Array) -> bool:
-    """Whether two labels exchanged explain a pose as well as a mirror image: bodies that are symmetric."""
+    """Return True if two exchanged labels explain a pose as well as a mirror image does, as for symmetric bodies."""
     row = int(np.flatnonzero(rows)[0])
     seen = np.flatnonzero(body.seen[row])
     if len(seen) > _MOST_TARGETS:
@@ -183,7 +185,7 @@ class _Change:
 
 
 def _changes() -> Iterator[_Change]:
-    """Changes of the axes that make a mirror image: an odd number of signs, or two axes exchanged."""
+    """Yield changes of axes that mirror: an odd number of signs, or two axes exchanged."""
     for signs in product((1.0, -1.0), repeat=3):
         if np.prod(signs) < 0.0:
             turned = " and ".join(name for name, sign in zip(_AXES, signs, strict=True) if sign < 0.0)
@@ -199,8 +201,10 @@ _CHANGES = tuple(_changes())
 
 
 def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
-    """Which change (B,) brings the points of mirrored poses where those of the right ones lie; -1 where none clearly
-    does, as with an instrument that stood elsewhere."""
+    """Return the change (B,) that brings mirrored poses to the place of the right ones; -1 where none clearly does.
+
+    None does where the instrument was moved.
+    """
     found = np.full(len(rows), -1)
     points = np.where(body.seen[:, :, None], body.points, np.nan)
     known = np.isfinite(points[right]).any(axis=(0, 2))
@@ -216,14 +220,14 @@ def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
 
 
 def _apart(points: Array, middle: Array) -> Array:
-    """Root mean square distance (B,) of points (B, T, 3) from where they usually are."""
+    """Return the root mean square distance (B,) of points (B, T, 3) from their median places."""
     square = np.sum((points - middle) ** 2, axis=2)
     known = np.isfinite(square)
     return np.asarray(np.sqrt(np.where(known, square, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)))
 
 
 def relate_survey(body: BodyPoints) -> RelationTest:
-    """Return whether a body's points are its survey, moved: not mirrored, and in the same unit."""
+    """Return the test of a body's points against its survey: not mirrored, and in the same unit."""
     usable = body.seen.sum(axis=1) >= _LEAST_TARGETS
     if not usable.any():
         return RelationTest(SURVEY, RelationState.NOT_TESTED, "few-targets", body.name)
@@ -261,7 +265,7 @@ def relate_survey(body: BodyPoints) -> RelationTest:
 
 
 def poses_with_slips(body: BodyPoints) -> Mask:
-    """Return the poses (B,) whose points hold a slip that those of others do not."""
+    """Return True for poses (B,) whose points hold a slip that the others do not."""
     return slips_in_poses(body, _MISFIT * body.sigma)[1]
 
 
@@ -280,7 +284,9 @@ def together(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:
 
 
 def _unit(scale: Array) -> float | None:
-    """The factor between units that makes points of scales (B,) as large as their survey; None where none does."""
+    """Return the factor between units that gives points of scales (B,) the size of their survey; None
+    where none does.
+    """
     if not np.isfinite(scale).any():
         return None
     factor, known = 1.0 / float(np.nanmedian(scale)), np.array(both_ways(LENGTH_FACTORS))
@@ -289,22 +295,22 @@ def _unit(scale: Array) -> float | None:
 
 
 def _is_flat(survey: Array) -> bool:
-    """Whether a body is, but for rounding, its own mirror image."""
+    """Return True if a body is its own mirror image within rounding."""
     size = np.linalg.svd(survey - survey.mean(axis=0), compute_uv=False)
     return bool(size[-1] <= _FLAT * size[0])
 
 
 def _typical(rms: Array) -> float:
-    """The median over poses; infinite where no pose was fitted."""
+    """Return the median over poses; infinite where no pose was fitted."""
     known = rms[np.isfinite(rms)]
     return float(np.median(known)) if len(known) else float("inf")
 
 
 def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...]) -> RelationTest:
-    """Return whether poses are measurements of their own: no two agree in every digit of points (B, T, 3), m.
+    """Return the test of copied poses: no two agree in every digit of points (B, T, 3), m.
 
-    Not tested where a single pose was measured, or the file's resolution is so coarse, against the noise sigma, that
-    chance could do it.
+    Not tested with a single pose, or if the file's resolution is so coarse, relative to the noise sigma, that equal
+    points are likely by chance.
     """
     groups: dict[bytes, list[int]] = {}
     measured = np.flatnonzero(seen.any(axis=1))
@@ -329,6 +335,6 @@ def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...
 
 
 def _resolution(values: Array) -> float:
-    """The smallest step, m, between different numbers of a file."""
+    """Return the smallest step, m, between different numbers of a file."""
     steps = np.diff(np.unique(values.round(12)))
     return float(steps.min()) if len(steps) else float("inf")

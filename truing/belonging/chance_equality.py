@@ -1,4 +1,6 @@
-"""How likely two readings of two runs are equal by chance: by resolution, noise and range of the runs' own channels."""
+"""Probability that readings of two runs are equal by chance, from resolution, noise and range of each
+run's channels.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +13,23 @@ import numpy as np
 from truing.arrays import Array, Index
 from truing.belonging.responses import directions
 
-_RANGE = 10.0  # readings gather: they are equal so many times as often as if they were uniform over their range
+_RANGE = 10.0  # factor on the probability for uniform readings, because readings cluster
 _PLACES = 10  # decimal places before and after the point in which a step is sought
-_PARTS = 10  # steps that the smallest difference may hold where values are few
-_OFF_GRID = 0.01  # of a step: less is rounding
-_RESOLVED = 1.0  # steps of noise: less is no more than what rounding alone makes
-_FEWEST = 4  # windows of neighbours
-_UNSEEN = 0.2  # of a declared noise is believed where the rows do not show it
+_PARTS = 10  # most steps in the smallest difference, where values are few
+_OFF_GRID = 0.01  # largest deviation from a grid, in steps; less is rounding
+_RESOLVED = 1.0  # noise in steps below which rounding alone explains the scatter
+_FEWEST = 4  # fewest windows of neighbours
+_UNSEEN = 0.2  # share of a declared noise that is assumed where the rows do not show noise
 _MEDIAN = 1.4826
-_NOISES = 3.0  # by which readings of nearly equal loads may differ and still be alike
+_NOISES = 3.0  # noise levels within which readings under nearly equal loads are alike
 
 
 @dataclass(frozen=True)
 class ChanceEquality:
-    """Resolution, noise as declared and as seen, and range (R, K) of the columns in each run; its loads (N, 6).
+    """Resolution, declared and observed noise, and range (R, K) of the columns in each run; its loads (N, 6).
 
-    A noise is NaN where none is declared or seen. All is each run's own: a column may hold another channel in each.
+    A noise is NaN where none is declared or observed. All values are separate for each run, because a column may hold
+    another channel in each.
     """
 
     step: Array
@@ -37,7 +40,9 @@ class ChanceEquality:
 
     @classmethod
     def of_runs(cls, value: Array, rows: Sequence[Index], load: Array, declared: Array) -> Self:
-        """Return the chances of columns (N, K) whose rows each run holds, under loads (N, 6); declared noise (K,)."""
+        """Return the statistics of columns (N, K), for the rows of each run, under loads (N, 6); declared
+        noise (K,).
+        """
         shape = len(rows), value.shape[1]
         seen = np.array([noise_of_neighbours(load[own], value[own]) for own in rows]).reshape(shape)
         return cls(
@@ -55,7 +60,7 @@ class ChanceEquality:
             return alike
         span = np.minimum(self.span[first], self.span[second])
         by_range = _share(_RANGE * np.maximum(self.step[first], self.step[second]), span)
-        # a symmetric machine answers another axis alike: only noise makes a difference then
+        # a symmetric machine answers two axes alike; then readings differ by noise only
         noise = np.where(np.isnan(self.declared), self.seen, self.declared)
         return np.maximum(by_range, self._by_noise(noise, first, second, unknown=0.0))
 
@@ -70,12 +75,12 @@ class ChanceEquality:
         return np.median([self.under_equal_loads(run, run) for run in range(len(self.declared))], axis=0)
 
     def _by_noise(self, noise: Array, first: int, second: int, unknown: float) -> Array:
-        """The probability (K,) that two readings that differ by noise (R, K) alone are equal."""
+        """Return the probability (K,) that two readings are equal that differ by noise (R, K) alone."""
         step, both = np.maximum(self.step[first], self.step[second]), noise[[first, second]]
         return np.where(np.isfinite(both).all(axis=0), chance_of_equality(step, *both), unknown)
 
     def _same(self, first: int, second: int) -> bool:
-        """Whether the loads of two runs differ by less than what readings resolve."""
+        """Return True if the loads of two runs differ by less than readings resolve."""
         count = min(len(self.loads[first]), len(self.loads[second]))
         apart = np.abs(self.loads[first][:count] - self.loads[second][:count]).max(initial=0.0)
         if apart == 0.0:
@@ -88,7 +93,7 @@ class ChanceEquality:
 
 
 def resolution(value: Array) -> float:
-    """Return the step on whose grid values (N,) lie, or the smallest difference of two where they lie on none."""
+    """Return the step of the grid on which values (N,) lie, or their smallest difference where there is no grid."""
     levels = np.unique(_seen(value))
     if len(levels) < 2:
         return 0.0
@@ -101,7 +106,9 @@ def resolution(value: Array) -> float:
 
 
 def chance_of_equality(step: Array, first: Array, second: Array) -> Array:
-    """Return the probability that readings in steps are equal that differ by noise alone: 1 where steps are coarser."""
+    """Return the probability that readings in steps are equal if they differ by noise alone; 1 where steps
+    are coarser.
+    """
     is_coarse = (np.fmin(first, second) < _RESOLVED * step) | (step <= 0.0)
     return np.where(is_coarse, 1.0, _share(step, np.sqrt(2.0 * np.pi) * np.hypot(first, second)))
 

@@ -1,4 +1,4 @@
-"""Were times recorded, or do they merely count what was measured? And missing ones that the order of steps tells."""
+"""Recorded times: are they real or only a count of the measurements? Missing times follow from the order of steps."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from truing.arrays import Array, Index, Mask
 
 
 def merely_counts(time: Array, step: NDArray[np.number], run: Index) -> bool:
-    """Whether times (B,) of steps (B,), in order within runs (B,), only count what was measured.
+    """Return True if times (B,) of steps (B,), in order within runs (B,), only count the measurements.
 
-    They do where every run begins at the same time, and goes on by one a row or by one a step.
+    They do if every run begins at the same time and advances by one per row or by one per step.
     """
     begins = np.flatnonzero(np.diff(run, prepend=run[:1] - 1))
     within = np.diff(run) == 0
@@ -22,9 +22,9 @@ def merely_counts(time: Array, step: NDArray[np.number], run: Index) -> bool:
 
 
 def times_from_order(run: Index, step: Array, known: Array) -> Array:
-    """Times (N,) in s of steps (N,) from those known (NaN elsewhere), between which they count by steps.
+    """Return times (N,) in s of steps (N,), interpolated by step between known ones (NaN elsewhere).
 
-    A run without any known time counts its steps, one per second: their order is all there is.
+    In a run without any known time, steps count one second each: only their order is known.
     """
     time = known.copy()
     for one in np.unique(run):
@@ -39,7 +39,9 @@ def times_from_order(run: Index, step: Array, known: Array) -> Array:
 
 
 def _between_known(step: Array, time: Array, seen: Mask) -> Array:
-    """Times between known ones by steps, beyond them at the mean pace (1 s where there is but one)."""
+    """Return times interpolated by step between known ones, extrapolated at the mean pace (1 s if only
+    one is known).
+    """
     first, last = np.flatnonzero(seen)[[0, -1]]
     pace = (time[last] - time[first]) / (step[last] - step[first]) if last > first else 1.0
     filled = np.interp(step, step[seen], time[seen])

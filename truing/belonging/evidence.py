@@ -1,4 +1,4 @@
-"""How well a hypothesis explains data whose physics is known in outline: evidence with a free noise level."""
+"""Evidence of a hypothesis on data with roughly known physics and unknown noise level."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def physics(columns: Array) -> Physics:
 
 
 def log_evidence(misfit: Array, known: Physics, floor: float, ceiling: float = np.inf) -> Array:
-    """Return the log marginal likelihood of misfits (..., N) under known physics and white noise of unknown level.
+    """Return the log marginal likelihood of misfits (..., N) with known physics and white noise of unknown level.
 
-    The noise level is the most likely one not below ``floor`` nor above ``ceiling`` (unit of the misfit, positive).
-    Constants that all hypotheses about the same N numbers share are kept, so that evidences compare.
+    The noise level is the most likely one between ``floor`` and ``ceiling`` (unit of the misfit, positive). Constants
+    are kept, so evidences of hypotheses about the same N numbers are comparable.
     """
     explained = misfit @ known.left
     rest = np.maximum(np.sum(misfit**2, -1) - np.sum(explained**2, -1), 0.0)

@@ -1,4 +1,4 @@
-"""Columns that stand still while the loads change to which they otherwise answer."""
+"""Columns with constant values while the loads change that normally move them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from truing.arrays import Array, Index
 from truing.belonging.chance_equality import chance_of_equality, noise_of_neighbours
 
-_CHANCE = 1e-6  # that noise leaves all values of a run equal
-_FEWEST = 4  # equal values that follow each other
+_CHANCE = 1e-6  # probability below which noise does not explain equal values in a whole run
+_FEWEST = 4  # fewest successive equal values
 _OVER_NOISE, _OVER_STEP = 20.0, 5.0
 _OF_RANGE = 0.1  # of what the column answers at most
 _AT_END = 0.01  # of a column's range
@@ -21,8 +21,7 @@ _BEYOND = 0.9  # share of rows beyond the value on one side, as where a signal i
 
 @dataclass(frozen=True)
 class Frozen:
-    """A column that stands still in a run (index) from some row of it on; how far it should have moved, over its
-    largest response."""
+    """A column that is constant in a run (index) from some row on; expected movement over its largest response."""
 
     column: int
     run: int
@@ -31,10 +30,10 @@ class Frozen:
 
 
 def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -> Iterator[Frozen]:
-    """Yield columns (N, K) that stand still where loads (N, 6) should move them, by what they answer, matrix (K, 6).
+    """Yield columns (N, K) that are constant where loads (N, 6) should move them by their response matrix (K, 6).
 
-    noise (K,): one standard deviation, NaN where none is known. A value beyond which the load would lead is a limit of
-    the instrument, and no frozen value.
+    noise (K,): one standard deviation, NaN where unknown. A constant value beyond which the load would lead is a limit
+    of the instrument, and is not reported.
     """
     for column, answer in enumerate(matrix):
         seen = np.isfinite(value[:, column])
@@ -51,9 +50,9 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
 
 
 def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
-    """Yield columns (N, K) with one value in a whole run (N,) of changing loads (N, 6), whatever they answer to them.
+    """Yield columns (N, K) with one value in a whole run (N,) of changing loads (N, 6), whatever their response.
 
-    Their noise in the runs in which they move tells how likely that is; a coarse converter may well stand still.
+    Their noise in other runs gives the probability of this; a coarse converter may well show a constant value.
     """
     for column, own in enumerate(value.T):
         runs = [rows for one in np.unique(run) if len(rows := np.flatnonzero((run == one) & np.isfinite(own)))]
@@ -70,13 +69,13 @@ def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
 
 
 def _step(value: Array) -> float:
-    """The smallest difference of values that no correction for air or temperature makes of equal readings."""
+    """Return the smallest difference of values that is larger than a correction for air or temperature."""
     steps = np.diff(np.unique(value))
     return float(min(steps[steps > _CORRECTION * np.abs(value).max(initial=0.0)], default=0.0))
 
 
 def _longest(value: Array) -> slice:
-    """The longest stretch of equal values that follow each other."""
+    """Return the longest stretch of successive equal values."""
     ends = np.flatnonzero(np.concatenate([[True], np.diff(value) != 0.0, [True]]))
     length = np.diff(ends)
     if not len(length):
@@ -86,7 +85,7 @@ def _longest(value: Array) -> slice:
 
 
 def _is_limit(value: Array, rows: Index, expected: Array, still: slice) -> bool:
-    """Whether values stand at an end of the range of their column that the expected ones lead beyond."""
+    """Return True if values stay at an end of their column's range beyond which the expected values lead."""
     rest = np.ones(len(rows), bool)
     rest[still] = False
     level = value[rows][still][0]

@@ -1,4 +1,6 @@
-"""A tested relation between two parts of a campaign, and the slips of the hand that could have broken it."""
+"""Result of one consistency test between two parts of a campaign, and the slips (recording mistakes) that
+explain it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ _MOST_NAMED = 3
 
 
 class RelationState(StrEnum):
-    """Result of the test of a relation."""
+    """State of a relation after its test."""
 
     OK = "ok"
     ATTENTION = "attention"
@@ -19,7 +21,7 @@ class RelationState(StrEnum):
 
 
 class SlipKind(StrEnum):
-    """What a person or an export does to numbers on their way from an instrument into a table."""
+    """Kind of change that a person or an export made to numbers between instrument and table."""
 
     UNIT = "unit"  # all numbers times a factor between units
     SIGN = "sign"  # all numbers times -1
@@ -30,11 +32,11 @@ class SlipKind(StrEnum):
     MIRRORED = "mirrored"
     PARTS_EXCHANGED = "parts-exchanged"  # two parts of the description stand in each other's place
     DIRECTION = "direction-reversed"
-    FROZEN = "frozen"  # the same number again and again while the machine moves
+    FROZEN = "frozen"  # constant while the machine moves
     COPIED = "copied"
-    STRAY = "stray"  # single numbers far from where they belong: a misread digit, a number of another row
+    STRAY = "stray"  # single numbers far from their expected values: a misread digit, a number of another row
     ROUNDED = "rounded"  # written down in steps far above the noise
-    FRINGES = "counted-in-fringes"  # numbers of fringes in place of lengths; times factor they are right
+    FRINGES = "counted-in-fringes"  # numbers of fringes in place of lengths; multiplied by factor they are right
     MISLABELLED = "mislabelled"  # one part bears the label of another
     REVERSED = "rows-reversed"  # from the last to the first
 
@@ -84,7 +86,7 @@ class RelationTest:
 
 
 def named_shortly(names: Sequence[str]) -> str:
-    """The subject of a test that concerns a few names; empty where they are more than a subject holds."""
+    """Return the subject of a test for a few names; empty where they are too many."""
     return ", ".join(names) if len(names) <= _MOST_NAMED else ""
 
 

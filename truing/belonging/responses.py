@@ -1,4 +1,4 @@
-"""Responses of recorded columns to the loads of each run: the numbers by which slips of whole runs are told."""
+"""Responses of recorded columns to the loads of each run, by which slips of whole runs are detected."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 
-_FEWEST = 4  # rows of a run that a response is told by
-_INDEPENDENT = 0.05  # size of a direction of loading over the largest, below which it is none of its own
+_FEWEST = 4  # fewest rows of a run for a response
+_INDEPENDENT = 0.05  # least size of an independent direction of loading, relative to the largest
 _GROSS = 6.0  # scatters beyond which a row is left out
 _MEDIAN = 1.4826
 _MOST_OUT = 0.2  # of a run's rows
@@ -19,10 +19,10 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Responses:
-    """C responses: how far a column goes at the largest load of a run, along one direction of its loads.
+    """C responses: the change of a column at the largest load of a run, along one direction of its loads.
 
     ``run``, ``column`` (C,); ``direction`` (C, 6) that largest load, N and N m; ``size`` (C,) the response to it, in
-    the unit of the columns, and its standard deviation ``sigma`` by the scatter of the run itself.
+    the unit of the columns; ``sigma`` its standard deviation by the scatter in the run.
     """
 
     run: Index
@@ -45,7 +45,7 @@ _Cell = tuple[int, int, Array, float, float]
 def responses(load: Array, run: Index, value: Array, *, has_zero: bool = True) -> Responses:
     """Return the responses of columns (N, K) to loads (N, 6) in each run (N,); NaN where nothing was recorded.
 
-    has_zero: every run counts from a zero of its own; otherwise values count from none, and all runs are taken as one.
+    has_zero: every run has a zero of its own; otherwise there is none, and all runs are treated as one.
     """
     groups = [np.flatnonzero(run == one) for one in np.unique(run)] if has_zero else [np.arange(len(run))]
     found = [cell for rows in groups for cell in _of_rows(int(run[rows[0]]), load[rows], value[rows], has_zero)]
@@ -59,7 +59,7 @@ def responses(load: Array, run: Index, value: Array, *, has_zero: bool = True) -
 
 
 def _of_rows(run: int, load: Array, value: Array, has_zero: bool) -> Iterator[_Cell]:
-    """The responses of each column over rows that share a zero, if they have any."""
+    """Return the responses of each column over rows that share a zero, if there are any."""
     seen = np.isfinite(value)
     kinds, kind = np.unique(seen, axis=1, return_inverse=True)
     for number, rows in enumerate(kinds.T):
@@ -74,9 +74,11 @@ def _of_rows(run: int, load: Array, value: Array, has_zero: bool) -> Iterator[_C
 
 
 def directions(load: Array, has_zero: bool = True) -> tuple[Array, Array]:
-    """Return the independent directions (D, 6) of loads (N, 6), and how far along each every load is (N, D), at most 1.
+    """Return the independent directions (D, 6) of loads (N, 6), and the part (N, D) of every load along each, at most
+    1.
 
-    Axes where those that are loaded are independent, else principal directions of the loads in shares of the largest.
+    These are axes where the loaded axes are independent, otherwise principal directions of the loads relative to the
+    largest.
     """
     about = load - load.mean(axis=0) if has_zero else load
     largest = np.abs(about).max(axis=0)
@@ -95,7 +97,7 @@ def directions(load: Array, has_zero: bool = True) -> tuple[Array, Array]:
 
 
 def _fitted(way: Array, value: Array, has_zero: bool) -> tuple[Array, Array]:
-    """Responses (D, K) of columns (N, K) and their standard deviations, single gross values left out."""
+    """Return the responses (D, K) of columns (N, K) and their standard deviations, without single gross errors."""
     columns = np.column_stack([way, np.ones(len(way))]) if has_zero else way
     rank = way.shape[1]
     inverse = np.linalg.pinv(columns)

@@ -1,1 +1,1 @@
-"""What quality checks look at: bodies over all poses, and readings under load, as arrays."""
+"""Arrays that the quality checks look at: bodies over all poses, and readings under load."""

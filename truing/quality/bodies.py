@@ -1,4 +1,4 @@
-"""Each body as the quality checks see it: its points over time, a first robust fit, and what that leaves."""
+"""Bodies for the quality checks: points over time, a first robust fit, and its residuals."""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ class PoseSurroundings:
 
     @property
     def covariates(self) -> Array:
-        """(B, C) settings, temperature and time, each scaled to unit spread; as many as a third of the poses
-        allow."""
+        """Settings, temperature and time (B, C), each scaled to unit spread; at most a third as many as poses."""
         columns = [*self.settings.T, *(() if self.temperature is None else (self.temperature,)), self.time]
         spread = [(c - np.nanmean(c)) / np.nanstd(c) for c in columns if np.nanstd(c) > 0.0]
         kept = spread[: max(0, len(self.poses) // 3)]
@@ -71,17 +70,17 @@ class BodyView:
 
     @property
     def measured_sigma(self) -> Array:
-        """(B, T, 3) declared standard deviation of the measurement alone, in m."""
+        """Declared standard deviation (B, T, 3) of the measurement alone, in m."""
         return np.sqrt(np.einsum("btii->bti", self.points.cov))
 
     @property
     def framed(self) -> Mask:
-        """(B,) whether enough targets of the frame were seen to say where the body is."""
+        """True for poses (B,) in which enough targets of the frame were seen to determine the body's pose."""
         return np.asarray((self.points.seen & self.frame).sum(axis=1) >= _LEAST_TARGETS)
 
     @property
     def why_no_places(self) -> str:
-        """Why nothing tells whether targets are in their places; empty where something does."""
+        """Reason why the places of targets cannot be tested; empty where they can."""
         if not self.framed.any():
             return f"{self.name}: no pose shows three targets, and fewer give no frame"
         if not self.is_surveyed and self.framed.sum() < _POSES_TO_COMPARE:
@@ -90,12 +89,12 @@ class BodyView:
 
     @property
     def good(self) -> Mask:
-        """(B, T) seen, in its place, in a pose whose fit stands."""
+        """True for points (B, T) that were seen, are in their place, and belong to a pose with a valid fit."""
         return self.points.seen & ~self.gross & self.fit.ok[:, None]
 
 
 def first_shape(points: PosePoints) -> SurveyPoints:
-    """Without a survey, the pose that shows most targets stands in for it; its noise counts as the survey's."""
+    """Return the pose that shows most targets, as a substitute for a survey with its measurement noise."""
     richest = int(points.seen.sum(axis=1).argmax())
     seen = points.seen[richest]
     names = tuple(t for t, s in zip(points.targets, seen, strict=True) if s)
@@ -104,7 +103,9 @@ def first_shape(points: PosePoints) -> SurveyPoints:
 
 
 def _gross_attachments(residuals: Array, sigma: Array, seen: Mask, covariates: Array) -> Mask:
-    """Attachments may follow the actuators; gross is what is far from its own regression on them."""
+    """Return gross errors of attachments, which may follow the actuators: points far from their own regression on
+    these.
+    """
     gross = np.zeros(seen.shape, bool)
     for target in np.nonzero(seen.any(axis=0))[0]:
         rows = seen[:, target]
@@ -137,7 +138,7 @@ def body_view(
 
 @dataclass(frozen=True)
 class RepeatedPositions:
-    """What is seen again: its name, positions (B, 3) with covariances (B, 3, 3) in m, and where they are known (B,)."""
+    """Positions measured repeatedly: name, positions (B, 3) with covariances (B, 3, 3) in m, and known (B,)."""
 
     name: str
     position: Array
@@ -146,10 +147,10 @@ class RepeatedPositions:
 
 
 def repeated_positions(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterator[RepeatedPositions]:
-    """Bodies seen from the first, and each target of bodies that have too few for a pose; legs move by themselves.
+    """Return bodies relative to the first one, and each target of bodies with too few targets for a pose.
 
-    Where no body has a pose, or the instrument stood still, they are seen from the instrument: single reflectors alone
-    mean nothing in a frame that changes from pose to pose.
+    Where no body has a pose, or the instrument did not move, positions are relative to the instrument: single
+    reflectors have no meaning in a frame that changes from pose to pose.
     """
     reference = bodies[0] if len(bodies[0].survey.targets) >= _LEAST_TARGETS and not instrument_stood else None
     for body in bodies:
@@ -175,7 +176,9 @@ def _reflectors(reference: BodyView | None, body: BodyView) -> Iterator[Repeated
 
 
 def _measured_cov(body: BodyView) -> Array:
-    """Covariances (B, 6, 6) of a body's poses by the measurement alone: the survey's errors are the same each time."""
+    """Return the covariances (B, 6, 6) of a body's poses by the measurement alone: errors of the survey do
+    not change.
+    """
     used = body.good & body.frame
     measured, both = (
         np.where(used[..., None], sigma**2, 0.0).sum(axis=(1, 2)) for sigma in (body.measured_sigma, body.sigma)
@@ -185,7 +188,9 @@ def _measured_cov(body: BodyView) -> Array:
 
 
 def _in_frame(reference: BodyView, points: Array, cov: Array) -> tuple[Array, Array]:
-    """Points (B, 3) with covariances (B, 3, 3) in the frame of a body, its own covariance added to first order."""
+    """Return points (B, 3) with covariances (B, 3, 3) in the frame of a body, with its own covariance to
+    first order.
+    """
     turn = np.swapaxes(np.nan_to_num(reference.fit.R), 1, 2)
     offset = np.nan_to_num(points - reference.fit.t)
     arm = np.cross(np.eye(3)[None], offset[:, None])
@@ -203,7 +208,7 @@ def chi_square_about_mean(values: Array, cov: Array) -> float:
 
 
 def scatter_by_pose(body: BodyView) -> Scatter:
-    """Chi-square of each pose's residuals in units of the body's ordinary scatter, the median over its poses."""
+    """Return the median chi-square of each pose's residuals, in units of the body's ordinary scatter."""
     good = body.good & body.frame
     dof = np.maximum(3.0 * good.sum(axis=1) - 6.0, 0.0)
     square = np.where(good[..., None], (body.residuals / body.sigma) ** 2, 0.0).sum(axis=(1, 2))
@@ -213,12 +218,12 @@ def scatter_by_pose(body: BodyView) -> Scatter:
 
 
 def odd_poses(scatter: Scatter) -> Mask:
-    """Poses that chance makes as noisy once in a million: a gross error that its few neighbours hid, most often."""
+    """Return poses as noisy as chance makes one in a million; mostly a gross error that few neighbours could reveal."""
     return (scatter.p_above(1.0) < _ODD_POSE) & (np.nan_to_num(scatter.ratio) > 1.5)
 
 
 def is_trend(values: Array, sigma: Array, kept: Mask, time: Array, onset: int) -> bool:
-    """Whether a straight line in time explains the values (B, 3) better than the step at ``onset``."""
+    """Return True if a straight line in time explains the values (B, 3) better than a step at ``onset``."""
     left = []
     for shape in ((np.arange(len(time)) >= onset).astype(float), time):
         design = np.column_stack([np.ones(int(kept.sum())), shape[kept]])
@@ -228,7 +233,7 @@ def is_trend(values: Array, sigma: Array, kept: Mask, time: Array, onset: int) -
 
 
 def nearest_neighbour(points: Array) -> Array:
-    """How far each of points (N, 3) is from the nearest other one (N,)."""
+    """Return the distance of each of points (N, 3) to the nearest other one (N,)."""
     distance = np.linalg.norm(points[:, None] - points[None], axis=2)
     np.fill_diagonal(distance, np.inf)
     return distance.min(axis=1)

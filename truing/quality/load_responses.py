@@ -1,4 +1,4 @@
-"""How runs and channels answer loads, or the simulation: slopes, signs and sizes that can be compared."""
+"""Responses of channels to loads or to the simulation, run by run: slopes, signs and sizes."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure
 from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
 
-FEWEST = 4  # readings of a run that a slope is told by
+FEWEST = 4  # fewest readings of a run for a slope
 _EXACT = 1e-6
-_BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # a stiffness off by that factor is another sensor's
-_ITS_OWN = 0.3  # of how far apart two channels' answers are: readings that near to one of them are its own
-_APART = 0.7  # of the larger answer: nearer to each other, what the sensor does otherwise than simulated tells as much
-_REGULAR = 0.9  # of a run's readings: the others may be gross errors
-_OTHERS = 2  # runs that an answer is typical of
+_BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # factor by which no answer of the same sensor differs; largest relative sigma
+_ITS_OWN = 0.3  # share of the difference between two channels' answers within which readings belong to a channel
+_APART = 0.7  # least difference of two answers, relative to the larger one; below it model errors are as large
+_REGULAR = 0.9  # share of a run's readings that must agree; the others may be gross errors
+_OTHERS = 2  # fewest other runs that define a typical answer
 _Answer = tuple[str, int, float, float, int]
 
 
 @dataclass(frozen=True)
 class Answers:
-    """Per run and channel (G,): readings over what they should follow, its sigma by their own scatter, and its kind.
+    """Per run and channel (G,): slope of readings over their expectation, its sigma from their own scatter, and its
+    kind.
 
-    With a simulation readings follow it, and a kind is a channel; without one they follow the load of runs under one
-    axis, and a kind is an axis and a channel. Those of one kind should be alike.
+    With a simulation, the expectation is the simulated reading, and a kind is a channel. Without one, it is the load of
+    runs under one axis, and a kind is an axis and a channel. Answers of one kind should be alike.
     """
 
     channel: tuple[str, ...]
@@ -48,7 +49,7 @@ def _collected(found: list[_Answer], *, simulated: bool) -> Answers:
 
 
 def answers(view: LoadingView) -> Answers:
-    """The answers of all runs and channels that are clear enough to be compared."""
+    """Return the answers of all runs and channels that are clear enough to be compared."""
     found = []
     for channel in view.channels:
         for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
@@ -60,7 +61,7 @@ def answers(view: LoadingView) -> Answers:
 
 
 def signal_answers(view: LoadingView) -> Answers:
-    """The answers of signals to the loads of runs under one axis; a kind is an axis and a signal."""
+    """Return the answers of signals to the loads of runs under one axis; a kind is an axis and a signal."""
     steps, found = view.steps, []
     for run in np.flatnonzero(view.loaded_alone).tolist():
         axis = int(view.axis[run])
@@ -81,7 +82,7 @@ def _drive(view: LoadingView, channel: ChannelView, run: int, rows: Index) -> tu
 
 
 def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
-    """Slope and its standard deviation by the scatter about a zero and a straight line."""
+    """Return the slope and its standard deviation, by the scatter about a straight line."""
     x, y = drive - drive.mean(), reading - reading.mean()
     square = float(x @ x)
     if square == 0.0:
@@ -92,7 +93,7 @@ def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
 
 
 def beyond_simulation(found: Answers, excluded: Index) -> list[int]:
-    """Answers that are another size than the simulated by more than any sensor departs from it."""
+    """Return the answers whose size differs from the simulation by more than any sensor can."""
     if not found.simulated:
         return []
     size = np.abs(found.slope)
@@ -102,7 +103,7 @@ def beyond_simulation(found: Answers, excluded: Index) -> list[int]:
 
 
 def typical_size(value: Array, kind: Index) -> Array:
-    """The median size (G,) of the others of the same kind; NaN where there are fewer than two."""
+    """Return the median size (G,) of the other answers of the same kind; NaN where there are fewer than two."""
     out = np.full(len(value), np.nan)
     for at in range(len(value)):
         others = np.flatnonzero((kind == kind[at]) & (np.arange(len(value)) != at))
@@ -112,16 +113,16 @@ def typical_size(value: Array, kind: Index) -> Array:
 
 
 def turned_round(found: Answers, share: float) -> list[int]:
-    """Which of the answers have the sign opposite to the simulated, or to that of most of their kind."""
+    """Return the answers with the opposite sign to the simulated one, or to most of their kind."""
     slope, sigma, kind, count = found.slope, found.sigma, found.kind, len(found.slope)
-    if found.simulated:  # each by itself against it: all of them may have been turned round
+    if found.simulated:  # each by itself, because all of them may have the wrong sign
         slope, sigma = np.append(slope, np.ones(count)), np.append(sigma, np.full(count, _EXACT))
         kind = np.tile(np.arange(count), 2)
     return [int(at) for at in signs_flipped(slope, sigma, kind, share).where if at < count]
 
 
 def same_sign(found: Answers, share: float) -> Mask:
-    """Which answers (G,) clearly have the sign of the simulated, or of another of their kind."""
+    """Return the answers (G,) that clearly have the sign of the simulated one, or of another of their kind."""
     sure = signs_sure(found.slope, found.sigma, share)
     if found.simulated:
         return sure & (found.slope > 0.0)
@@ -130,8 +131,10 @@ def same_sign(found: Answers, share: float) -> Mask:
 
 
 def read_as(view: LoadingView, expected: ExpectedReadings) -> tuple[list[tuple[int, int, int, bool]], int]:
-    """Run, channel, the other that it reads like, and whether that other's answer is the larger; and how many runs and
-    channels were asked."""
+    """Return run, channel, the channel that it reads like, and if that one's answer is larger; and the number of tests.
+
+    A test is a run and channel with at least one other channel whose answer differs clearly.
+    """
     found, count = [], 0
     for channel in view.channels:
         beside = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
@@ -148,8 +151,10 @@ def read_as(view: LoadingView, expected: ExpectedReadings) -> tuple[list[tuple[i
 def _nearness(
     view: LoadingView, channel: ChannelView, expected: ExpectedReadings, rows: Index, other: int
 ) -> tuple[float, bool] | None:
-    """How far a channel's readings are from another's answer, over how far that is from its own; whether the other's is
-    the larger. None where these are too near to each other, or too small."""
+    """Return the distance of a channel's readings to another's answer, over the distance of the two answers.
+
+    The second value is True if the other's answer is larger. None where the two answers are too similar or too small.
+    """
     if len(rows) < FEWEST:
         return None
     answer = expected.value[rows][:, [channel.place, other]]
@@ -167,7 +172,7 @@ def _nearness(
 
 
 def as_others(view: LoadingView) -> ExpectedReadings:
-    """Readings as the other runs under the same axis answer, by their median; NaN where they are too few."""
+    """Return readings as the other runs under the same axis answer, by their median; NaN where there are too few."""
     slope = np.full((len(view.steps.runs), 6), np.nan)
     for channel in view.channels:
         for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):

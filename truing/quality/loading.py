@@ -1,4 +1,4 @@
-"""A loading campaign as its quality checks see it: load steps, what each channel leaves over, what was simulated."""
+"""Loading campaign for the quality checks: load steps, residual of each channel, simulated readings."""
 
 from __future__ import annotations
 
@@ -17,16 +17,19 @@ TEMPERATURES = ("air_temperature_c", "material_temperature_c")
 UNITS = ("um",) * 3 + ("arcsec",) * 3
 _MAIN = 0.3  # of a channel's largest expected answer: where its sign is beyond doubt
 _CLEAR = 10.0  # sigmas that an expected answer spans where its size can be told
-_FEWEST = 6  # readings of a channel that anything can be said of
-_FEWEST_STEPS, _LEAST_FREEDOM = 8, 4  # of a signal whose scatter is told
-_FEW = 0.1  # of a run's steps: where a table says nothing at more, it was not meant to
+_FEWEST = 6  # fewest readings of a channel that is assessed
+_FEWEST_STEPS, _LEAST_FREEDOM = 8, 4  # fewest steps and degrees of freedom for the scatter of a signal
+_FEW = 0.1  # share of a run's steps: where more have no value, the value was not meant to be recorded
 
 
 @dataclass(frozen=True)
 class ChannelView:
-    """One channel: rows (N,) of the load steps that it was read in, its runs (R,) by number, run (N,) counting in them,
-    the declared noise (SI, NaN where none is), and what is left of its readings once what follows loads and time is
-    taken out."""
+    """One channel: rows (N,) of the load steps at which it was read, its runs (R,) by number, index run (N,) into
+    these.
+
+    ``declared``: declared noise, SI, NaN where there is none; ``fit``: residuals of its readings after a fit of loads
+    and time.
+    """
 
     place: int
     rows: Index
@@ -37,38 +40,40 @@ class ChannelView:
 
     @property
     def name(self) -> str:
-        """dx .. rz."""
+        """Name of the channel: dx .. rz."""
         return CHANNELS[self.place]
 
     @property
     def unit(self) -> str:
-        """The unit that its readings have in files."""
+        """Unit of its readings in files."""
         return UNITS[self.place]
 
     @property
     def noise_ratio(self) -> float:
-        """Scatter over declared noise, 1 where it is less or cannot be told."""
+        """Scatter over declared noise, at least 1; 1 where it is unknown."""
         return float(np.sqrt(max(self.fit.chi_square / self.fit.dof, 1.0))) if self.fit.dof > 0 else 1.0
 
     @cached_property
     def sigma(self) -> float:
-        """The typical noise of its readings, SI."""
+        """Typical noise of its readings, SI."""
         return float(np.median(self.fit.sigma))
 
     @cached_property
     def of_runs(self) -> tuple[Index, ...]:
-        """Which of its readings are those of each run: steps stand in the order of runs."""
+        """Readings of each run; steps are in the order of runs."""
         return tuple(np.split(np.arange(len(self.run)), np.flatnonzero(np.diff(self.run)) + 1))
 
     @property
     def in_files(self) -> float:
-        """What makes SI the unit in files."""
+        """Factor from SI to the unit in files."""
         return float(1.0 / READING_SI[self.place])
 
 
 @dataclass(frozen=True)
 class ExpectedReadings:
-    """Readings (B, 6), SI, as they are expected, NaN where nothing is; and what such loads could move at most."""
+    """Expected readings (B, 6), SI, NaN where unknown; ``at_most``: the largest response that such loads
+    could cause.
+    """
 
     value: Array
     at_most: Array | None = None
@@ -83,19 +88,19 @@ class ExpectedReadings:
         )
 
     def is_clear(self, place: int, rows: Index, sigma: float) -> bool:
-        """Whether a channel's answer at some rows is a main one, and clear of the noise sigma."""
+        """Return True if a channel's answer at some rows is a main one and clearly above the noise sigma."""
         answer = self.value[rows, place]
         if not np.ptp(answer) > max(_MAIN * self._span[place], _CLEAR * sigma):
             return False
-        # what a load hardly moves may well turn round as the sensor is built
+        # a small cross response may have either sign in a real sensor
         return self.at_most is None or bool(np.abs(answer).max() > _MAIN * self.at_most[rows, place].max())
 
 
 @dataclass(frozen=True)
 class LoadingView:
-    """The load steps of a campaign, and readings as they are simulated (None where nothing is).
+    """Load steps of a campaign, and simulated readings (None where there are none).
 
-    What loads could move at most is known by the energy that they store.
+    The largest possible response follows from the energy that the loads store.
     """
 
     steps: RecordedSteps
@@ -104,7 +109,7 @@ class LoadingView:
 
     @cached_property
     def channels(self) -> tuple[ChannelView, ...]:
-        """Every channel that was read, in the order dx .. rz."""
+        """All channels that were read, in the order dx .. rz."""
         known = [name for name in TEMPERATURES if name in self.steps.covariates]
         around = np.column_stack(
             [self.steps.covariates[name] for name in known] or [np.zeros((len(self.steps.run), 0))]
@@ -123,11 +128,11 @@ class LoadingView:
         return ChannelView(k, np.flatnonzero(seen), runs, run, declared, fit)
 
     def run_name(self, run: int) -> str:
-        """How the campaign calls a run."""
+        """Return the name of a run in the campaign."""
         return f"run {self.steps.runs[run]}"
 
     def places(self, rows: Iterable[int]) -> list[str]:
-        """The run and step of rows (n,) in words."""
+        """Return run and step of rows (n,) in words."""
         return [f"{self.run_name(self.steps.run[row])} step {self.steps.step[row]}" for row in rows]
 
     @cached_property
@@ -137,7 +142,7 @@ class LoadingView:
 
     @cached_property
     def axis(self) -> Index:
-        """(R,) the axis that each run loads most, in shares of the campaign's largest; -1 where none is loaded."""
+        """Axis (R,) that each run loads most, relative to the campaign's largest loads; -1 where none is loaded."""
         share = np.abs(self.steps.load) / np.maximum(np.abs(self.steps.load).max(axis=0, initial=0.0), 1e-300)
         most = np.zeros((len(self.steps.runs), 6))
         np.maximum.at(most, self.steps.run, share)
@@ -145,7 +150,7 @@ class LoadingView:
 
     @cached_property
     def loaded_alone(self) -> Mask:
-        """(R,) whether a run loads a single axis."""
+        """True for runs (R,) that load a single axis."""
         loaded = np.zeros((len(self.steps.runs), 6), dtype=bool)
         np.logical_or.at(loaded, self.steps.run, self.steps.load != 0.0)
         return loaded.sum(axis=1) == 1
@@ -153,7 +158,7 @@ class LoadingView:
 
 @dataclass(frozen=True)
 class Programme:
-    """Loads that were run more than once: the first run of them, chi-square and degrees of freedom of all."""
+    """A load programme run more than once: its first run, chi-square and degrees of freedom over all runs."""
 
     run: str
     square: float
@@ -161,7 +166,7 @@ class Programme:
 
 
 def repeated_programmes(view: LoadingView, channel: ChannelView) -> Iterator[Programme]:
-    """The programmes of loads that a channel was read in more than once, and how far its runs of each scatter."""
+    """Return load programmes that a channel was read in more than once, and the scatter of its runs."""
     steps = view.steps
     alike: dict[bytes, list[Index]] = {}
     for mine in channel.of_runs:
@@ -179,7 +184,7 @@ def repeated_programmes(view: LoadingView, channel: ChannelView) -> Iterator[Pro
 
 
 def scatter_of_signal(view: LoadingView, at: int, sigma: float) -> float:
-    """Scatter over sigma of one signal; NaN where too few steps tell it."""
+    """Return the scatter of one signal over sigma; NaN where too few steps determine it."""
     there = np.isfinite(view.steps.signal[:, at])
     if there.sum() < _FEWEST_STEPS:
         return float("nan")
@@ -192,20 +197,20 @@ def scatter_of_signal(view: LoadingView, at: int, sigma: float) -> float:
 
 
 def predicted_by_loads(load: Array, value: Array) -> Array:
-    """What a signal (N,) would be by its loads (N, 6) and a zero, both fitted."""
+    """Return a signal (N,) fitted by its loads (N, 6) and a zero."""
     design = np.column_stack([load / np.maximum(np.abs(load).max(axis=0), 1e-300), np.ones(len(load))])
     return np.asarray(design @ np.linalg.lstsq(design, value, rcond=None)[0])
 
 
 def steps_without(run: Index, values: Array) -> Index:
-    """The few steps (N,) at which a table (B, K) of values says nothing, in runs (B,) of which it does."""
+    """Return the few steps (N,) without values in a table (B, K), in runs (B,) that mostly have them."""
     there = np.isfinite(values).any(axis=1)
     lost = np.flatnonzero(~there & np.isin(run, np.unique(run[there])))
     return lost if len(lost) <= _FEW * there.sum() else lost[:0]
 
 
 def first_steps(view: LoadingView) -> Index:
-    """The number (R,) that the steps of each run begin with; the lowest where most runs begin with it."""
+    """Return the number (R,) of the first step of each run; the lowest one where most runs begin with it."""
     steps = view.steps
     first = np.full(len(steps.runs), np.iinfo(np.int64).max)
     np.minimum.at(first, steps.run, steps.step)

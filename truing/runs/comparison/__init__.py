@@ -1,1 +1,1 @@
-"""Runs of one machine side by side: which of its numbers have changed from one campaign to the next."""
+"""Comparison of runs of one machine: which of its parameters changed from one campaign to the next."""

@@ -1,4 +1,4 @@
-"""Several runs of one machine side by side: their numbers in one long table, and what changed from each to the next."""
+"""Several runs of one machine in one long table, with the changes from each run to the next."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ _NTH = "nth"
 
 @dataclass(frozen=True)
 class SideBySide:
-    """The rows of compared.parquet, and from each run to the next the steps that were judged, or why not."""
+    """Rows of compared.parquet, and the assessed steps from each run to the next, or the reason why there are none."""
 
     table: pd.DataFrame
     steps: tuple[tuple[RunStep, ...], ...]  # of each pair of neighbours
 
 
 def kind_of(run: Run) -> str:
-    """Return what a run is a campaign of, by its tables."""
+    """Return the kind of campaign of a run, judged by its tables."""
     return "a force sensor on its bench" if "readings" in run else "points on bodies"
 
 
 def mechanism_of(run: Run) -> str:
-    """Return the mechanism of a run, as ``6-pus of 6 legs``; empty where it has left no model that tells."""
+    """Return the mechanism of a run, such as ``6-pus of 6 legs``; empty where it has no model of a mechanism."""
     model = run.model
     if isinstance(model, ExtendedModel):
         return f"{model.model.nominal.closure.name} of {model.model.part_count} legs"
@@ -57,7 +57,7 @@ def mechanism_of(run: Run) -> str:
 
 
 def side_by_side(runs: Sequence[Run]) -> SideBySide:
-    """Compare runs of one machine in their order; raises ValueError where a file is not what a run leaves."""
+    """Compare runs of one machine in their order; raises ValueError for a file that no run writes."""
     numbers = [_numbers(run) for run in runs]
     steps = tuple(
         tuple(_steps(before, now, *tables))
@@ -74,7 +74,7 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
 
 
 def compared_table(found: SideBySide) -> pa.Table:
-    """Return the rows as the artifact ``compared`` has them."""
+    """Return the rows as the artifact ``compared``."""
     schema = ARTIFACTS["compared"].arrow_schema()
     columns = {
         name: [None if _missing(value) else _plain(value, schema.field(name).type) for value in found.table[name]]
@@ -137,7 +137,7 @@ def _begun(start: dict[str, Any], now: Run) -> str:
 
 
 def _simulated(run: Run) -> np.ndarray:
-    """Return the sigmas (36,), SI, that the compliance was simulated with; endless where nothing is known of them."""
+    """Return the prior sigmas (36,), SI, of the simulated compliance; infinite where they are unknown."""
     sigma = np.full((6, 6), np.inf)
     if "compliance" not in run or "simulated_sigma" not in run["compliance"]:
         return sigma.ravel()
@@ -154,7 +154,7 @@ def _matrix_model(run: Run) -> str:
 
 
 def _numbered(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return rows with a count of those of the same name: two forms of one effect may share theirs."""
+    """Return rows with a running number among rows of the same name: two forms of one effect may share a name."""
     return rows.assign(**{_NTH: rows.groupby(NAMES, dropna=False).cumcount()})
 
 
@@ -163,7 +163,7 @@ def _first(numbers: pd.DataFrame) -> pd.DataFrame:
 
 
 def _joined(own: pd.DataFrame, before: pd.DataFrame, assessed: list[pd.DataFrame]) -> pd.DataFrame:
-    """Return the numbers of a run with what was judged of them against the run before."""
+    """Return the numbers of a run with their assessed changes since the run before."""
     on = [*NAMES, _NTH]
     table = _numbered(own).merge(_numbered(before)[[*on, "value"]], on=on, how="left", suffixes=("", "_before"))
     table["difference"] = table["value"] - table.pop("value_before")

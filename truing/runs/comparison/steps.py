@@ -1,4 +1,4 @@
-"""From one run to the next: what was judged of the numbers that both have, or why nothing was."""
+"""Changes from one run to the next in the numbers that both have, or the reason why they cannot be compared."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from truing.simulation.mechanisms.prior import mechanism_prior
 from truing.simulation.reported_numbers import TOLD, ReportedNumbers, figures, reported_numbers
 from truing.simulation.targets import shape_unknowns
 
-# In so many comparisons of campaigns between which nothing changed a change is told.
+# Rate of comparisons that report a change although nothing changed.
 FALSE_ALARM = 0.05
-# Two questions are asked, and each gets half of it: of a mechanism, each number by itself and all together; of a
-# sensor, its compliance and its matrix.
+# Each of two tests gets half of it: for a mechanism, single numbers and all together; for a sensor, compliance and
+# matrix.
 LEVEL = FALSE_ALARM / 2.0
 NAMES = ["group", "effect_of", "leg", "parameter"]
 
@@ -36,8 +36,10 @@ _LEGS = 6
 
 @dataclass(frozen=True)
 class RunStep:
-    """Rows by NAMES with sigma_difference, z, changed, change, sigma_change, instead and reason; empty where nothing
-    could be judged, and then ``why``. ``rebuilt``: more has changed than can be named one by one.
+    """Rows by NAMES with sigma_difference, z, changed, change, sigma_change, instead and reason.
+
+    Empty where nothing could be compared, with the reason in ``why``. ``rebuilt``: too many numbers changed to name
+    them one by one.
     """
 
     rows: pd.DataFrame
@@ -46,15 +48,15 @@ class RunStep:
 
 
 def not_assessed(why: str) -> RunStep:
-    """Return the step between two runs whose numbers cannot be held against each other."""
+    """Return the step between two runs whose numbers cannot be compared."""
     return RunStep(pd.DataFrame(columns=[*NAMES, "z", "changed"]), why)
 
 
 def shift_without_effects(shared: NDArray, covariance: NDArray, own: NDArray, effects: list[NDArray]) -> NDArray:
-    """Return as a covariance (n, n) by what numbers at ``own`` (n,) would move, were each effect not in the model.
+    """Return the shifts of numbers at ``own`` (n,) if each effect were left out of the model, as a covariance (n, n).
 
-    shared (G,) with covariance (G, G); effects: the places of each one's parameters. What one campaign found, and
-    another did not, may be there in both; the other's numbers are then off by as much.
+    shared (G,) with covariance (G, G); effects: the places of each one's parameters. An effect that one campaign found
+    may be present but missing in the other's model, whose numbers are then biased by this much.
     """
     spread = np.zeros((len(own), len(own)))
     for places in effects:
@@ -65,9 +67,9 @@ def shift_without_effects(shared: NDArray, covariance: NDArray, own: NDArray, ef
 
 
 def beyond_chance(z: NDArray) -> NDArray:
-    """Return which of some differences over their sigmas (n,), NaN where not judged, chance does not explain.
+    """Return True for differences over their sigmas (n,), NaN where not assessed, that are significant.
 
-    Each by itself; the level is that of all together, whatever their correlations are.
+    Each number is tested by itself at a familywise level, valid for any correlations.
     """
     from scipy.special import ndtr
 
@@ -76,7 +78,7 @@ def beyond_chance(z: NDArray) -> NDArray:
 
 
 def mechanism_numbers(found: ExtendedModel) -> pd.DataFrame:
-    """Return every number of a model: NAMES, value and sigma in the tables' units."""
+    """Return all numbers of a model: NAMES, value and sigma in the tables' units."""
     model, sigma = found.model, np.sqrt(np.diag(found.covariance))
     geometry = identified_geometry(model, found.shared, found.covariance)
     rows = [
@@ -99,15 +101,15 @@ def _effect_rows(cause: Cause, values: NDArray, sigmas: NDArray, legs: int) -> l
 
 
 def owner(cause: Cause) -> str:
-    """Return what the tables call an effect."""
+    """Return the name of an effect in the tables."""
     return f"{cause.id} {cause.subject}".strip()
 
 
 def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
-    """Return what has changed between two models of one mechanism, each with its whole covariance.
+    """Return the changes between two models of one mechanism, by their full covariances.
 
-    Tolerances draw both the same way, and so does a survey that both rest on; surveys of their own define frames of
-    their own.
+    Both estimates are drawn to the same tolerances, and to a survey if both rest on the same one; separate surveys
+    define separate frames.
     """
     if stated := _stated_otherwise(before.model, now.model):
         return not_assessed(stated)
@@ -142,20 +144,20 @@ def _step(columns: dict[str, Any], known: NDArray) -> RunStep:
 
 
 def _known(reported: ReportedNumbers, covariance: NDArray, prior: NDArray) -> NDArray:
-    """Return which rows (R,) an estimate tells more of than what was known before."""
+    """Return True for rows (R,) on which an estimate holds more information than the prior."""
     by = reported.by_numbers
     return np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * np.diag(by @ prior @ by.T)
 
 
 def _of_others(model: MechanismModel, common: tuple[Cause, ...]) -> list[NDArray]:
-    """Return where the parameters of lasting effects stand that the other model does not have."""
+    """Return the places of persistent effects that the other model does not have."""
     keys = {cause.key for cause in common}
     own = [model.layout[cause.key] for cause in model.causes if cause.is_persistent and cause.key not in keys]
     return [np.arange(part.start, part.stop) for part in own]
 
 
 def _stated_otherwise(before: MechanismModel, now: MechanismModel) -> str:
-    """Return what campaign.toml of the two says differently; empty where both start from the same drawing."""
+    """Return in words how campaign.toml of the two differs; empty where both start from the same nominal machine."""
     old, new = before.nominal, now.nominal
     for name in ("a", "b", "u", "l", "rho0"):
         if np.abs(getattr(old, name) - getattr(new, name)).max() > _SAME_M:
@@ -175,7 +177,7 @@ def _surveyed(found: ExtendedModel) -> MechanismModel:
 
 
 def sensor_numbers(found: ExtendedSensor) -> pd.DataFrame:
-    """Return every number of a sensor's model: NAMES, value and sigma in SI, of effects in the tables' units."""
+    """Return all numbers of a sensor's model: NAMES, value and sigma in SI, those of effects in the tables' units."""
     sigma = np.sqrt(np.diag(found.covariance))
     names = [(f"{channel} {load}", _unit(channel, load)) for channel in CHANNELS for load in LOADS]
     rows = [
@@ -196,10 +198,9 @@ def matrix_numbers(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray) -> RunStep:
-    """Return what has changed of compliance and common effects; simulated (36,): sigmas known before either campaign.
+    """Return the changes of compliance and common effects; simulated (36,): prior sigmas of both campaigns.
 
-    The tolerances that both are drawn to are counted as if each campaign had its own: its differences are smaller than
-    told, never larger.
+    The shared prior counts as if each campaign had its own, so the stated uncertainty of differences is an upper bound.
     """
     if not np.allclose(before.nominal, now.nominal, rtol=1e-6, atol=0.0):
         return not_assessed("their campaign.toml name another sensor, as simulated")
@@ -213,7 +214,7 @@ def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray)
 
 
 def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> RunStep:
-    """Return which entries of G_B have changed."""
+    """Return the changes of the entries of G_B."""
     both = before.merge(now, on=NAMES, suffixes=("_before", "_now"))
     spread = np.hypot(both["sigma_before"].to_numpy(float), both["sigma_now"].to_numpy(float))
     difference = (both["value_now"] - both["value_before"]).to_numpy(float)
@@ -221,9 +222,9 @@ def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> RunStep:
 
 
 def _each(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> RunStep:
-    """Return which of the known numbers (n,) differ by more than chance explains, each by itself.
+    """Return the significant changes of the known numbers (n,), each tested by itself.
 
-    The bound is for all of them together, whatever their correlations are.
+    The level is familywise, valid for any correlations.
     """
     known = known & (spread > 0.0)
     z = np.where(known, difference / np.where(known, spread, 1.0), np.nan)
@@ -245,7 +246,7 @@ def _unit(channel: str, load: str) -> str:
 
 
 def _common(found: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
-    """Return compliance and common effects, by key, with their sigmas and what other effects leave open."""
+    """Return compliance and common effects, by key, with sigmas that include the possible bias by other effects."""
     every = np.concatenate([found.compliance.ravel(), *(effect.values for effect in found.effects)])
     rest = [cause for cause in sorted(found.causes, key=_key) if cause.key not in keys and cause.is_persistent]
     own, others = found.places(_kept(found, keys)), [np.r_[found.layout[cause.key]] for cause in rest]

@@ -1,1 +1,1 @@
-"""What a run leaves, in the forms that others read: each export is a function of a run, giving files by name."""
+"""Exports of a run: each is a function from a run to files by name."""

@@ -1,4 +1,4 @@
-"""A run's certificate: which results may stand on it, administrative data, conditions, statements, as XML of a DCC."""
+"""Calibration certificate of a run as DCC XML: certified results, administrative data, conditions, statements."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from truing.schemas.verdict import INCOMPLETE, OF_MODEL, Relation
 
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 _LANGUAGE = "en"
-# What XML 1.0 does not allow as a character at all, escaped or not.
+# Characters that XML 1.0 does not allow, escaped or not.
 _NO_CHARACTER = re.compile(r"[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 register_namespace("dcc", DCC)
@@ -57,10 +57,10 @@ FILE = "certificate.xml"
 _INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
 _PROBABILITY = "0.95"
 _NORMS = {"positioning": "ISO 230-2"}
-# Kinds of result that are measured, and rest on no model of the machine.
+# Kinds of result that are measured and need no model of the machine.
 _MEASURED = ("pose", "positioning")
 _TO_DO = "Its results are not certified: correct [noise] and tolerances, or find the missing cause, and run again."
-_ALIKE = 2  # from so many results of one quantity on they stand as a list
+_ALIKE = 2  # fewest results of one quantity that are written as a list
 
 
 def dcc(parent: Element, name: str, text: str | None = None) -> Element:
@@ -80,41 +80,41 @@ def _append(parent: Element, tag: str, text: str | None) -> Element:
 
 
 def one_line(text: str) -> str:
-    """A text without characters that XML cannot hold, its blanks single: never empty where it holds anything else."""
+    """Return a text in one line, without characters that XML cannot hold."""
     return " ".join(_NO_CHARACTER.sub("\ufffd", str(text)).split())
 
 
 def one_word(text: str) -> str:
-    """A text for a list that is separated by blanks."""
+    """Return a text without blanks, for a list separated by blanks."""
     return one_line(text).replace(" ", "_") or "_"
 
 
 def text(parent: Element, name: str, *sentences: str) -> Element:
-    """Append a named element with content in the language of the certificate, which may stand there but once."""
+    """Append a named element with one content in the language of the certificate."""
     child = dcc(parent, name)
     dcc(child, "content", " ".join(sentences)).set("lang", _LANGUAGE)
     return child
 
 
 def optional(parent: Element, name: str, value: str | None) -> None:
-    """Append an element where there is something to tell."""
+    """Append an element if it has a value."""
     if value is not None:
         dcc(parent, name, value)
 
 
 def rounded(value: float, uncertainty: float) -> tuple[str, str]:
-    """An estimate and its expanded uncertainty of two significant digits, both to the same place (GUM 7.2.6)."""
+    """Return an estimate and its expanded uncertainty of two significant digits, both to the same place (GUM 7.2.6)."""
     reported = Decimal(f"{uncertainty:.1e}")
     return str(Decimal(repr(value)).quantize(reported)), str(reported)
 
 
 def words(values: Iterable[str]) -> str:
-    """A list as D-SI writes one."""
+    """Return a list in the format of D-SI."""
     return " ".join(values)
 
 
 def si_unit(unit: str) -> tuple[float, str] | None:
-    """The factor to SI and the D-SI unit of ``N m/mV``, ``1/K``, ``m/(N m)``; None for a unit that it cannot write."""
+    """Return the factor to SI and the D-SI unit of ``N m/mV``, ``1/K``, ``m/(N m)``; None for an unknown unit."""
     parts = unit.strip().split("/")
     factor, written = 1.0, []
     for place, part in enumerate(parts):
@@ -132,7 +132,9 @@ def si_unit(unit: str) -> tuple[float, str] | None:
 
 @dataclass(frozen=True)
 class _Qualified:
-    """Results that may be certified, as rows of ``uncertainty``; and sentences on what may not, and is in no budget."""
+    """Results to be certified, as rows of ``uncertainty``; sentences on results left out and on effects
+    in no budget.
+    """
 
     results: pd.DataFrame
     left_out: tuple[str, ...]
@@ -140,7 +142,7 @@ class _Qualified:
 
 
 def failed_checks(run: Run) -> list[str]:
-    """The failed checks of a run that no person has accepted."""
+    """Return the failed checks of a run that no person has accepted."""
     if "qa" not in run:
         return []
     checks = run["qa"]
@@ -151,7 +153,7 @@ def failed_checks(run: Run) -> list[str]:
 
 
 def doubts(run: Run) -> list[str]:
-    """A sentence per section of the verdict by which the run's model is not to be relied on, or incomplete."""
+    """Return a sentence per section of the verdict in which the run's model fails or is incomplete."""
     rows = run.verdict
     doubted = rows["state"].eq(RelationState.FAILS.value) | rows["reason_code"].isin(
         [code.value for code in INCOMPLETE]
@@ -161,23 +163,27 @@ def doubts(run: Run) -> list[str]:
 
 
 def _size(row: Any) -> str:
-    """The figure that a state rests on, with its limit where it has one."""
+    """Return the figure behind a state, with its limit if it has one."""
     parts = [f"{name} {plain(size)}" for name, size in (("value", row.value), ("limit", row.limit)) if size == size]
     return ", ".join([str(row.reason_code), *parts])
 
 
 def _rest_on_model(run: Run) -> list[str]:
-    """Kinds of result that follow from a model; of poses where what was searched relates no machine to them."""
+    """Return the kinds of result that follow from a model; poses too, if a searched relation has no
+    simulated machine.
+    """
     relations = run["diagnosis"]["relation"].dropna().unique() if "diagnosis" in run else ()
     measured = _MEASURED if all(Relation(name).is_simulated for name in relations) else _MEASURED[1:]
     return [kind for kind in KINDS if kind not in measured]
 
 
 def qualified(run: Run) -> _Qualified:
-    """The results with an uncertainty that holds: none of a model that fails, nor without a cause that was found."""
+    """Return the results with a valid uncertainty: not those of a model that fails, or that omits a cause that was
+    found.
+    """
     stated, parts = run["uncertainty"], run["uncertainty_budget"]
     good = stated[stated["stated"] & stated["estimate"].notna() & (stated["expanded_uncertainty"] > 0.0)]
-    good = good[good["coverage_factor"] >= 1.0]  # others have no place in D-SI
+    good = good[good["coverage_factor"] >= 1.0]  # D-SI allows no others
     left_out = []
     if doubted := doubts(run):
         kinds = [kind for kind in _rest_on_model(run) if (good["result"] == kind).any()]
@@ -197,13 +203,13 @@ def qualified(run: Run) -> _Qualified:
 
 
 def _off(parts: pd.DataFrame) -> dict[str, list[str]]:
-    """By kind of result, the causes that its estimates are off by and its uncertainty does not cover."""
+    """Return by kind of result the causes that bias its estimates and that its uncertainty does not cover."""
     rows = parts[parts["reason"] == NOT_HELD]
     return {str(kind): list(dict.fromkeys(own["input_source"])) for kind, own in rows.groupby("result", sort=False)}
 
 
 def temperature(run: Run) -> tuple[float, float] | None:
-    """The lowest and the highest temperature, degrees C, that the campaign has recorded; None where it has none."""
+    """Return the lowest and the highest recorded temperature, degrees C; None where none was recorded."""
     for table, column in (
         *(("configurations", "temperature_c"), ("readings", "material_temperature_c")),
         *(("signals", "material_temperature_c"), ("positions", "material_temperature_c")),
@@ -216,7 +222,7 @@ def temperature(run: Run) -> tuple[float, float] | None:
 
 
 def certificate(run: Run, document: Certificate) -> Iterator[tuple[str, bytes]]:
-    """Yield the certificate of a run; ``document`` has to have all keys that a certificate needs."""
+    """Yield the certificate of a run; ``document`` must have all keys that a certificate needs."""
     found = qualified(run)
     root = Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": _VERSION})
     root.set(f"{{{_INSTANCE}}}schemaLocation", f"{DCC} {DCC}/v{_VERSION}/dcc.xsd")
@@ -262,7 +268,7 @@ def _administration(parent: Element, run: Run, document: Certificate, found: _Qu
 
 
 def _software(parent: Element, run: Run) -> None:
-    """Every version that has made a table of the run."""
+    """Append every version of the software that wrote a table of the run."""
     for version in sorted({run.origin(name)["software_version"] for name in run}):
         software = dcc(parent, "software")
         text(software, "name", "truing")
@@ -310,7 +316,7 @@ def _contact(parent: Element, contact: Contact) -> None:
 
 
 def _conditions(parent: Element, run: Run, document: Certificate) -> None:
-    """The temperature of the item: as recorded, else as [certificate] tells it; even between its ends."""
+    """Append the temperature of the item as recorded, else as in [certificate]; uniform between its limits."""
     recorded = temperature(run)
     if recorded is not None:
         low, high, how = *recorded, "As recorded during the measurement."
@@ -342,7 +348,7 @@ def _statement(parent: Element, name: str, *sentences: str) -> None:
 def _add_results(
     parent: Element, results: pd.DataFrame, methods: tuple[str, ...], circumstances: Callable[[Element], None]
 ) -> None:
-    """Append a measurement result per kind, in the order of the page; ``circumstances`` appends those of each."""
+    """Append a measurement result per kind, in the order of the page; ``circumstances`` appends its conditions."""
     for kind, title in KINDS.items():
         own = results[results["result"] == kind]
         if len(own):
@@ -377,7 +383,7 @@ def _kind(
 
 
 def _by_body(own: pd.DataFrame) -> Any:
-    """Poses of one body together: what stands before the pose in their subject."""
+    """Group poses by body, which precedes the pose in their subject."""
     return own.groupby(own["subject"].str.partition(", pose ")[0], sort=False)
 
 
@@ -404,7 +410,7 @@ def _unit(unit: Any) -> tuple[float, str]:
 
 
 def _number(row: Any) -> tuple[str, str, str, str]:
-    """Value, expanded uncertainty, coverage factor and distribution, in SI units."""
+    """Return value, expanded uncertainty, coverage factor and distribution, in SI units."""
     factor = _unit(row.unit)[0]
     value, uncertainty = rounded(factor * row.estimate, abs(factor) * row.expanded_uncertainty)
     law = "normal" if row.degrees_of_freedom != row.degrees_of_freedom else "t"
@@ -412,7 +418,7 @@ def _number(row: Any) -> tuple[str, str, str, str]:
 
 
 def _numbers(parent: Element, labels: list[str], unit: str, reported: list[tuple[str, str, str, str]]) -> None:
-    """One number with its uncertainty, or several as the list that D-SI has for them."""
+    """Append one number with its uncertainty, or several as a list of D-SI."""
     many = "XMLList" if len(reported) >= _ALIKE else ""
     values, uncertainties, factors, laws = (words(column) for column in zip(*reported, strict=True))
     real = si(parent, f"realList{many}" if many else "real")

@@ -1,4 +1,4 @@
-"""The extended model for a machine's controller: its numbers as TOML and as a plain table, each with its sigma."""
+"""Export of the extended model for a machine's controller: its numbers as TOML and CSV, each with its sigma."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _OF_MECHANISM = ("reference_temperature_c", "kind", "loop")
 
 
 def controller(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield ``controller.toml`` and ``controller.csv``: legs or compliance, effects, and a sensor's matrix G_B; of a
-    linear calibration ``wrench_matrix.csv`` too, as a data logger takes it.
+    """Yield ``controller.toml`` and ``controller.csv``: legs or compliance, effects, and a sensor's matrix G_B.
 
-    Nothing of the machine where the run has left no extended model.
+    A linear calibration also gives ``wrench_matrix.csv`` for a data logger. Without an extended model there are no
+    numbers of the machine.
     """
     yield from _logger(run)
     path = run.folder / ARTIFACTS["model"].file
@@ -50,10 +50,10 @@ def controller(run: Run) -> Iterator[tuple[str, bytes]]:
 
 
 def cautions(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str], str]:
-    """Numbers that are no physics of the machine, by what they are of and their name, with the reason's code.
+    """Return the reason code of numbers that are no physical properties of the machine, by subject and name.
 
-    They reproduce poses together with all others, and mislead where one is used alone, as masses and stiffnesses of a
-    dynamic controller are. A name of "" concerns all numbers of an effect, or of the model.
+    They reproduce poses together with all others, but mislead if used alone, for example as masses and stiffnesses of a
+    dynamic controller. A name of "" concerns all numbers of an effect, or of the model.
     """
     found: dict[tuple[str, str], str] = {}
     if "pulls" in run:
@@ -84,8 +84,7 @@ def _caution_text(warned: dict[tuple[str, str], str]) -> Iterator[str]:
 
 
 def _logger(run: Run) -> Iterator[tuple[str, bytes]]:
-    """The matrix and offset of load = G_B . signals + offset, a row for each load; none of a calibration that needs
-    more than a matrix."""
+    """Yield matrix and offset of load = G_B . signals + offset, a row for each load, if the calibration is linear."""
     sensor = run.sensor
     if sensor is None or (offset := sensor.offset) is None:
         return
@@ -96,7 +95,7 @@ def _logger(run: Run) -> Iterator[tuple[str, bytes]]:
 
 
 def _text(document: dict[str, Any]) -> Iterator[str]:
-    """The mechanism as a campaign.toml has it, with the identified numbers, and what the effects add."""
+    """Yield the mechanism in the format of campaign.toml with the identified numbers, and the effects."""
     about = document["model"]
     is_whole = "legs" in document or "compliance" in document
     simulates = "a [mechanism] that simulates this machine" if is_whole else "what its model holds"

@@ -1,4 +1,4 @@
-"""What a run concludes, as JSON for a lab's own database: sentences, checks, causes, the calibration, requirements."""
+"""Summary of a run as JSON for a lab's database: sentences, checks, causes, calibration, requirements."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import pandas as pd
 from truing.report.calibration.calibrations import main_calibration, rows_of
 from truing.runs.recorded_run import Run
 
-_FORMAT = 1  # changes where a reader of the last one would fail
+_FORMAT = 1  # increases with every incompatible change
 _AS_THEY_ARE = ("diagnosis_choices", "calibrations_compared", "second_campaign_errors")
 
 
 def summary(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield the summary; what a run did not evaluate is absent, and numbers that are none are null."""
+    """Yield the summary; results that were not evaluated are absent, and missing numbers are null."""
     reported = {
         "format": _FORMAT,
         "campaign": run.campaign,
@@ -84,7 +84,7 @@ def _sensor(run: Run) -> dict[str, Any]:
 
 
 def _uncertainty(run: Run) -> dict[str, Any]:
-    """Return every result with its expanded uncertainty, or why none is stated, and what no budget holds."""
+    """Return every result with its expanded uncertainty, or the reason why none is stated, and effects in no budget."""
     if "uncertainty" not in run:
         return {}
     reported: dict[str, Any] = {"uncertainty": _rows(run["uncertainty"])}
@@ -96,6 +96,6 @@ def _uncertainty(run: Run) -> dict[str, Any]:
 
 
 def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows as JSON has them: what is missing, or no finite number, is null."""
+    """Return rows for JSON, with null for missing or infinite numbers."""
     rows: list[dict[str, Any]] = json.loads(table.to_json(orient="records", double_precision=15))
     return rows

@@ -1,4 +1,4 @@
-"""Every table of a run: as CSV of its own, or as a sheet of one Excel workbook after a sheet that lists them."""
+"""Export of all tables of a run: one CSV per table, or one Excel workbook with a list of contents."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CONTENTS = ("sheet", "artifact", "rows", "stage", "digest", "meaning")
 
 
 def text_tables(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield a file per table, named as the Parquet that it comes from."""
+    """Yield a CSV per table, named as its Parquet file."""
     for name, path in run.files.items():
         sink = pa.BufferOutputStream()
         pa.csv.write_csv(run.table(name), sink, pa.csv.WriteOptions(quoting_style="needed"))
@@ -30,9 +30,9 @@ def text_tables(run: Run) -> Iterator[tuple[str, bytes]]:
 
 
 def workbook(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield the workbook; a table too long for a sheet goes on in further ones, ``name (2)`` and so on."""
+    """Yield the workbook; a table too long for one sheet continues in ``name (2)`` and so on."""
     made = io.BytesIO()
-    # A text stays text: nothing that a file of a campaign says may become a formula or a link.
+    # A text stays text: no content of a campaign's file may become a formula or a link.
     options = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
     with xlsxwriter.Workbook(made, options) as book:
         book.set_properties({"title": run.campaign, "created": _ALWAYS_THE_SAME})
@@ -61,7 +61,7 @@ def _contents(book: xlsxwriter.Workbook, head: Any, run: Run, parts: Sequence[tu
 
 
 def _fill(sheet: Any, head: Any, table: pa.Table, units: dict[str, str]) -> None:
-    """Column names, units below them, then the rows; what is missing or no number stays empty."""
+    """Write column names, units below them, then the rows; missing numbers stay empty."""
     sheet.write_row(0, 0, table.schema.names, head)
     sheet.write_row(1, 0, [units.get(name, "") for name in table.schema.names], head)
     for column, values in enumerate(table.columns):
