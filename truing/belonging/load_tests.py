@@ -1,4 +1,4 @@
-"""Do the loads, readings and signals of a loading campaign belong together, and readings follow loads as simulated?"""
+"""Tests of a loading campaign: do loads, readings and signals match each other, and the simulation?"""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from truing.belonging.slip_search import ExpectedResponse, clear, explain, hidde
 from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
 
 READINGS = "loads-against-readings"
-_DEPARTS, _NO_SUCH = np.log(2.0), np.log(3.0)  # of a main response over the expected one, in most runs
-_MAIN = 0.3  # share of what is possible from which a response is a main one
+_DEPARTS, _NO_SUCH = np.log(2.0), np.log(3.0)  # log ratio of main responses to the expected ones, in most runs
+_MAIN = 0.3  # least share of the largest possible response that makes a response a main one
 _LINEAR = 0.1
 _EVERYWHERE = 0.5  # share of the main responses
-_RANGE = 0.003  # largest load over the declared range: no campaign is planned for so little
+_RANGE = 0.003  # least ratio of the largest load to the declared range in a planned campaign
 MILLIVOLT = 1e-3
 _SAME_SIZE = 1e-9  # of the logarithm of a factor
 
 
 def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], seen: Array) -> RelationTest:
-    """Return how readings follow loads, of which each column shows seen (K, 6): its row of the simulated compliance."""
+    """Return the test of readings against loads, with the rows (K, 6) of the simulated compliance that columns show."""
     found = clear(responses(steps.load, steps.run, steps.value), len(columns))
     if not len(found):
         return RelationTest(READINGS, RelationState.NOT_TESTED, "no-response")
@@ -57,13 +57,18 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], se
 
 
 def by_compliance(seen: Array) -> ExpectedResponse:
-    """Return what columns should answer by their rows (K, 6) of a compliance (6, 6) whose diagonal bounds the rest."""
+    """Return the expected response of columns, from rows (K, 6) of a compliance (6, 6) whose diagonal
+    bounds the rest.
+    """
     gives = np.sqrt(np.maximum(np.abs(np.diag(seen)), 1e-300))
     return ExpectedResponse(seen, np.maximum(gives, np.abs(seen / gives).max(axis=1)), gives)
 
 
 def against_range(load: Array, largest: Array) -> RelationTest | None:
-    """Return a campaign whose loads (N, 6) are no more than a trace of the declared range (6,), NaN where none is."""
+    """Return a test that calls for attention if the loads (N, 6) are only a trace of the declared range (6,).
+
+    The range is NaN where none is declared.
+    """
     share = np.abs(load).max(axis=0, initial=0.0) / largest
     loaded = np.isfinite(share) & (share > 0.0)
     if not loaded.any() or np.max(share[loaded]) > _RANGE:
@@ -77,27 +82,31 @@ def against_range(load: Array, largest: Array) -> RelationTest | None:
 
 
 def untested(reason: str) -> RelationTest:
-    """Return the relation where nothing predicts the readings: no unit of all loads, and no sign of them, can show."""
+    """Return the untested relation where nothing predicts the readings: a common unit or sign of all loads
+    cannot show.
+    """
     unseen = (RecordSlip(SlipKind.UNIT, "load"), RecordSlip(SlipKind.SIGN, "load"))
     return RelationTest(READINGS, RelationState.NOT_TESTED, reason, hidden=unseen)
 
 
 def _hardly_answering(found: Responses, expected: ExpectedResponse, runs: Sequence[str]) -> tuple[RecordSlip, ...]:
-    """What nobody sees in runs that no channel answers clearly which was read in them."""
+    """Return the slips that cannot show in runs to which no recorded channel responds clearly."""
     main = _main(found, expected)[0]
     idle = tuple(runs[run] for run in np.unique(found.run).tolist() if not main[found.run == run].any())
     return tuple(RecordSlip(kind, "reading", idle) for kind in (SlipKind.UNIT, SlipKind.SIGN)) if idle else ()
 
 
 def _main(found: Responses, expected: ExpectedResponse) -> tuple[Mask, Array, Array]:
-    """Which responses (C,) should be main ones, and responses and expectations in shares of what is possible."""
+    """Return True for main responses (C,), and responses and expectations as shares of the largest possible ones."""
     possible = expected.possible(found.column, found.direction)
     wanted = expected.expected(found.column, found.direction) / possible
     return np.abs(wanted) > _MAIN, found.size / possible, wanted
 
 
 def _departure(found: Responses, expected: ExpectedResponse) -> tuple[RelationState, str]:
-    """Whether most main responses are far from what is expected, though no slip explains it."""
+    """Return state and reason where no slip explains the data, from the deviation of main responses from
+    expected ones.
+    """
     main, share, wanted = _main(found, expected)
     if not main.any():
         return RelationState.NOT_TESTED, "no-main-response"
@@ -110,11 +119,11 @@ def _departure(found: Responses, expected: ExpectedResponse) -> tuple[RelationSt
 
 @dataclass(frozen=True)
 class KnownBench:
-    """What is declared of a bench: its channels, and of its sensor as far as it is.
+    """Declared properties of a bench and its sensor.
 
-    ``seen``: rows (6, 6) of the simulated compliance that channels see. ``leg_forces`` (6, 6) along the legs by the
-    loads. ``gain`` (S,) of signals, V/N. ``largest`` (6,) loads, N and N m, and ``signal_mv``, the noise of
-    signals, are NaN where none is declared. ``tared``: signals count from no load.
+    ``seen``: rows (6, 6) of the simulated compliance that channels see. ``leg_forces`` (6, 6): forces along the legs
+    per load. ``gain`` (S,) of signals, V/N. ``largest`` (6,) loads, N and N m, and ``signal_mv``, the noise of signals,
+    are NaN where not declared. ``tared``: signals are zero at no load.
     """
 
     channels: Sequence[RecordedColumn]
@@ -128,7 +137,7 @@ class KnownBench:
 
 @dataclass(frozen=True)
 class _ValueTable:
-    """Readings, or signals: values (N, K) by column, the number of the first among all, and typical noise (K,)."""
+    """Readings or signals: values (N, K) by column, the index of the first column among all, and typical noise (K,)."""
 
     relation: str
     name: str
@@ -138,7 +147,7 @@ class _ValueTable:
     noise: Array
 
     def recorded(self, steps: RecordedSteps, runs: Sequence[str], used: Mask, wrong: Sequence[RunPart]) -> _Used:
-        """What is told by: rows (N,) that are used, without runs of which a part is wrong, or that stood still."""
+        """Return the rows (N,) used for responses, without runs of which a part is wrong, or that are constant."""
         places = range(self.first, self.first + len(self.columns))
         apart = np.isin(steps.run, [one.run for one in wrong if concerns(one, places)])
         value = np.where((used & ~apart)[:, None], self.value, np.nan)
@@ -150,7 +159,9 @@ class _ValueTable:
     def tests(
         self, response: RelationTest, used: _Used, answers: Array, steps: RecordedSteps, wrong: Sequence[RunPart]
     ) -> list[RelationTest]:
-        """The tests of responses, parts, columns and rows; where these fail, responses that follow are left out."""
+        """Return the tests of responses, parts, columns and rows; responses without a slip are left out if the others
+        find any.
+        """
         response = _also_reversed(response, used.steps, self.name)
         found = [
             *of_parts(wrong, steps.step, used.steps.runs, self.columns, self.first, self.relation),
@@ -160,7 +171,7 @@ class _ValueTable:
         return [*([] if found and not response.slips else [response]), *found]
 
     def _of_rows(self, used: _Used, answers: Array, time_s: Array) -> Iterator[RelationTest]:
-        """Columns that stand still, and runs whose rows stand in another order than their loads."""
+        """Return the tests of constant columns, and of runs whose rows are in another order than their loads."""
         steps = used.steps
         still = [*used.still, *frozen(steps.load, steps.run, steps.value, answers, self.noise)]
         share = 100.0 * max((one.share for one in still), default=0.0)
@@ -176,14 +187,14 @@ class _ValueTable:
 
 @dataclass(frozen=True)
 class _Used:
-    """The rows and columns of a table that responses are told by, and what stood still."""
+    """Rows and columns of a table that are used for responses, and the constant ones."""
 
     steps: SignalSteps
     still: list[Frozen]
 
 
 def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[RelationTest, ...]:
-    """The tested relations of the loads, readings and signals of a bench, and of runs with each other."""
+    """Return the tested relations of the loads, readings and signals of a bench, and between runs."""
     runs = [f"run {run}" for run in steps.runs]
     copies = copied_runs(steps.run, runs, steps.load, _values(steps, known))
     alone = ~np.isin(steps.run, [runs.index(name) for one in copies for slip in one.slips for name in slip.subjects])
@@ -213,7 +224,7 @@ def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[RelationTest,
 
 
 def _reconciled(readings: RelationTest, signals: RelationTest) -> tuple[RelationTest, RelationTest]:
-    """Both tests with the slip first that both know; where readings follow the loads as predicted, loads are right."""
+    """Return both tests with a slip that both find first; where readings match the prediction, loads are right."""
     known = (*signals.slips, *signals.rivals)
     common = [slip for slip in (*readings.slips, *readings.rivals) if slip in known]
     if len(readings.slips) == len(signals.slips) == 1 and common:
@@ -240,7 +251,7 @@ def _by_the_same_slip(
     columns: Sequence[RecordedColumn],
     known: KnownBench,
 ) -> RelationTest:
-    """The test of signals with the slip of loads that readings tell, where it leaves nothing else to explain."""
+    """Return the test of signals with the slip of loads found from readings, if it explains all signals."""
     if readings.state != RelationState.FAILS or not signals.slips or len(readings.slips) != 1:
         return signals
     slip = readings.slips[0]
@@ -258,7 +269,7 @@ def _by_the_same_slip(
 
 
 def _put_first(tested: RelationTest, slip: RecordSlip) -> RelationTest:
-    """A test with one of the slips that it has found as likely before the others."""
+    """Return a test with one of its equally likely slips in first place."""
     if slip in tested.slips or abs(abs(np.log(slip.factor)) - abs(np.log(tested.slips[0].factor))) > _SAME_SIZE:
         return tested
     others = tuple(one for one in (*tested.slips, *tested.rivals) if one != slip)
@@ -266,7 +277,7 @@ def _put_first(tested: RelationTest, slip: RecordSlip) -> RelationTest:
 
 
 def _parts(steps: RecordedSteps, columns: Sequence[RecordedColumn], seen: Array | None) -> list[RunPart]:
-    """Parts of runs that are in another unit or have the opposite sign, told by channels and signals together."""
+    """Return the parts of runs in another unit or with the opposite sign, from channels and signals together."""
     value = np.column_stack([steps.reading, steps.signal])
     answers = signal_tests.responses_of(SignalSteps(steps.load, steps.run, value, ()), len(columns))
     if seen is not None:
@@ -275,8 +286,10 @@ def _parts(steps: RecordedSteps, columns: Sequence[RecordedColumn], seen: Array 
 
 
 def _also_reversed(tested: RelationTest, steps: SignalSteps, table: str) -> RelationTest:
-    """Runs with the opposite sign whose loads go the same way backwards: their rows may be reversed as well; loads that
-    are the same backwards never show it."""
+    """Return a test with rows that may be reversed as well, in runs of opposite sign with antisymmetric loads.
+
+    Loads that are the same backwards never show a reversal.
+    """
     turned = [slip for slip in tested.slips if slip.kind == SlipKind.SIGN]
     number = {name: run for run, name in enumerate(steps.runs)}
     rivals = list(tested.rivals)
@@ -309,7 +322,9 @@ def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known:
 
 
 def _either(predicted: RelationTest, alike: RelationTest, runs: Sequence[str]) -> RelationTest:
-    """What a prediction tells; where it tells no slip, or one of single runs, what runs tell of each other."""
+    """Return the test against a prediction, or between runs where the prediction finds no slip or only one of single
+    runs.
+    """
     of_runs = all(set(slip.subjects).intersection(runs) for slip in predicted.slips)
     if alike.slips and of_runs:
         return replace(alike, tried=predicted.tried + alike.tried)
@@ -319,7 +334,7 @@ def _either(predicted: RelationTest, alike: RelationTest, runs: Sequence[str]) -
 
 
 def _or_sensitivity(tested: RelationTest) -> RelationTest:
-    """All loads or all signals in another unit: the declared sensitivity may be, as well."""
+    """Return a test with another explanation for a unit of all loads or all signals: a wrong declared sensitivity."""
     slip = tested.slips[0] if len(tested.slips) == 1 else None
     if slip is None or slip.subjects or slip.kind != SlipKind.UNIT or slip.quantity not in ("load", "signal"):
         return tested
@@ -330,7 +345,7 @@ def _or_sensitivity(tested: RelationTest) -> RelationTest:
 def _frozen_slips(
     still: Sequence[Frozen], columns: Sequence[RecordedColumn], runs: Sequence[str]
 ) -> Iterator[RecordSlip]:
-    """One slip for runs in which the same columns of a quantity stand still."""
+    """Return one slip for all runs in which the same columns of a quantity are constant."""
     by_run: dict[tuple[int, str], list[int]] = {}
     for one in still:
         by_run.setdefault((one.run, columns[one.column].quantity), []).append(one.column)
@@ -344,12 +359,12 @@ def _frozen_slips(
 
 
 def _values(steps: RecordedSteps, known: KnownBench) -> list[Values]:
-    """Tables whose runs are held against each other, in the units of their files."""
+    """Return the tables whose runs are compared, in the units of their files."""
     tables = list[Values]()
     seen = np.isfinite(steps.reading)
     if seen.any():
         reading, sigma = steps.reading / READING_SI, steps.sigma / READING_SI
-        if seen.sum(axis=1).max() == 1:  # one channel at a time: a copy may stand under the name of another
+        if seen.sum(axis=1).max() == 1:  # one channel at a time: a copy may have the name of another channel
             reading = np.where(seen, reading, 0.0).sum(axis=1, keepdims=True)
             reading[~seen.any(axis=1)] = np.nan
             sigma = np.where(seen, sigma, np.inf).min(axis=1, keepdims=True)
@@ -361,7 +376,7 @@ def _values(steps: RecordedSteps, known: KnownBench) -> list[Values]:
 
 
 def _typical(sigma: Array) -> Array:
-    """The typical noise (K,) of columns (N, K); NaN where none is declared."""
+    """Return the typical noise (K,) of columns (N, K); NaN where none is declared."""
     known = np.isfinite(sigma)
     return np.array(
         [np.median(own[there]) if there.any() else np.nan for own, there in zip(sigma.T, known.T, strict=True)]

@@ -1,4 +1,4 @@
-"""The slips of the hand that are tried on responses: units, signs and exchanges of loads, and of recorded columns."""
+"""Candidate slips for responses: units, signs and exchanges of loads and of recorded columns."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ _FORCES, _TORQUES = np.arange(6) < 3, np.arange(6) >= 3
 
 @dataclass(frozen=True)
 class RecordedColumn:
-    """A recorded column: its name, its quantity, the factors that make other units right, and whether it may be that
-    some people count it in fringes (their size in its unit)."""
+    """A recorded column: name, quantity, factors to other units, and the size of a fringe in its unit if it may be
+    counted.
+    """
 
     name: str
     quantity: str
@@ -41,19 +42,19 @@ Undo = Callable[[ColumnReading], ColumnReading]
 
 
 def _loads(concerns: Mask, axes: Mask, factor: float) -> Undo:
-    """Loads (C, 6) of some responses, along some axes, times a factor."""
+    """Return loads (C, 6) of some responses multiplied by a factor along some axes."""
     factors = np.where(concerns[:, None] & axes, factor, 1.0)
     return lambda read: replace(read, direction=read.direction * factors)
 
 
 def _values(concerns: Mask, factor: float) -> Undo:
-    """Recorded values of some responses, times a factor."""
+    """Return recorded values of some responses multiplied by a factor."""
     factors = np.where(concerns, factor, 1.0)
     return lambda read: replace(read, factor=read.factor * factors)
 
 
 def _exchange_columns(concerns: Mask, pair: tuple[int, int], factor: float) -> Undo:
-    """Two columns stand for each other; ``factor``: unit of the second over that of the first."""
+    """Return the exchange of two columns; ``factor``: unit of the second over that of the first."""
 
     def undo(read: ColumnReading) -> ColumnReading:
         first, second = (concerns & (read.column == one) for one in pair)
@@ -65,14 +66,14 @@ def _exchange_columns(concerns: Mask, pair: tuple[int, int], factor: float) -> U
 
 
 def _exchange_axes(concerns: Mask, pair: tuple[int, int]) -> Undo:
-    """Loads of two axes were written down for each other."""
+    """Return the exchange of the loads of two axes."""
     order = np.arange(6)
     order[list(pair)] = pair[::-1]
     return lambda read: replace(read, direction=np.where(concerns[:, None], read.direction[:, order], read.direction))
 
 
 def slips_of_all_loads(found: Responses) -> Iterator[SlipCandidate]:
-    """Yield slips of the loads of all runs: all, forces, torques, one axis; two axes exchanged."""
+    """Yield slips of the loads of all runs: all loads, forces, torques, one axis, or two axes exchanged."""
     loaded = found.direction != 0.0
     everything, every_axis = np.ones(len(found), bool), np.ones(6, bool)
     for factor in FORCE_UNITS:
@@ -98,7 +99,7 @@ def slips_of_all_loads(found: Responses) -> Iterator[SlipCandidate]:
 
 
 def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: ExpectedResponse) -> Iterator[SlipCandidate]:
-    """Yield slips of the loads of single runs, and of all those that one and the same slip explains."""
+    """Yield slips of the loads of single runs, and of all runs that the same slip explains."""
     numbers = np.unique(found.run)
     every_axis, many = np.ones(6, bool), np.log(max(len(numbers), 1))
     torque = np.array([not np.any(found.direction[found.run == one][:, :3]) for one in numbers])
@@ -115,7 +116,7 @@ def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: Expected
 
 
 def _exchanged_labels(found: Responses, runs: Sequence[str]) -> Iterator[SlipCandidate]:
-    """Runs of one axis each, whose axes were written down for each other; or of one run alone."""
+    """Yield exchanged axes of runs with one axis each, or of one run alone."""
     numbers = np.unique(found.run).tolist()
     mine = {one: found.run == one for one in numbers}
     axes = {one: np.flatnonzero(found.direction[mine[one]].any(axis=0)) for one in numbers}
@@ -143,7 +144,9 @@ def slips_of_columns(
     *,
     of_all: bool,
 ) -> Iterator[SlipCandidate]:
-    """Yield slips of recorded columns: of a quantity, of a column, in all runs (of_all), in single runs, exchanged."""
+    """Yield slips of recorded columns: of a quantity or a column, in all runs (of_all) or in single runs, and
+    exchanges.
+    """
     many = np.log(max(len(np.unique(found.run)), 1))
     if of_all:
         for quantity in dict.fromkeys(column.quantity for column in columns):
@@ -195,7 +198,7 @@ def _in_runs(
     expected: ExpectedResponse,
     penalty: float,
 ) -> Iterator[SlipCandidate]:
-    """One slip of some columns in single runs, and in all runs that it explains."""
+    """Yield one slip of some columns in single runs, and in all runs that it explains."""
     by_slip: dict[tuple[SlipKind, float], list[SlipCandidate]] = {}
     numbers = np.unique(found.run).tolist()
     for one in numbers:
@@ -246,7 +249,7 @@ def _together(
     undo: Callable[[Mask], Undo],
     runs: int,
 ) -> Iterator[SlipCandidate]:
-    """One slip in all those runs in which it at least halves what is missed."""
+    """Return one slip in all runs in which it at least halves the misfit."""
     read = as_recorded(found)
     before = misses_read(found, expected, read)
     if not alone or np.max(np.abs(before), initial=0.0) < 1.0:
@@ -271,7 +274,7 @@ def _together(
 
 
 def _along(found: Responses, axis: int) -> Mask:
-    """The responses (C,) to loads along one axis alone."""
+    """Return True for responses (C,) to loads along one axis alone."""
     return np.asarray((found.direction[:, axis] != 0.0) & (np.count_nonzero(found.direction, axis=1) == 1))
 
 

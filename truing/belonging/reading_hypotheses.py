@@ -1,4 +1,4 @@
-"""Hypotheses about how a legged mechanism, its poses and its readings were written down, and the evidence for each."""
+"""Hypotheses about the recording of a legged mechanism, its poses and its readings, and their evidence."""
 
 from __future__ import annotations
 
@@ -15,29 +15,30 @@ from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import inverse
 
-_STEP = 1e-30  # of the complex step: exact to rounding
-_SMALL = 0.05  # relative; a length is another one beyond it (and beyond ten tolerances)
+_STEP = 1e-30  # complex step: derivatives are exact to rounding
+_SMALL = 0.05  # relative difference (and ten tolerances) beyond which a length is another one
 _TOLERANCES = 10.0
 _AXES = "xyz"
-# Honest widths of physical effects on a reading, one standard deviation: no slip is needed for what they explain.
-_GAIN = 0.1  # of a leg's own travel
-_LEAK = 0.05  # of another leg's travel: deformation of platform and base
-_CURVED = 0.05  # of the own travel, quadratic
+# Standard deviations of physical effects on a reading, which need no slip as explanation.
+_GAIN = 0.1  # per leg's own travel
+_LEAK = 0.05  # per other leg's travel: deformation of platform and base
+_CURVED = 0.05  # per own travel, quadratic
 _DRIVEN_M = 5e-5  # by time, temperature and other recorded drivers, over their spread
 PENALTY = 15.0  # log prior odds against a slip
-_GROSS = 0.05  # of a leg's length
-# Least standard deviation of a joint or a length, of a leg's length: a declared tolerance may be too small by ten.
+_GROSS = 0.05  # share of a leg's length
+# Least standard deviation of a joint or a length, relative to a leg's length: a declared tolerance may be ten times too
+# small.
 _LOOSE = 0.01
-_UNREACHED = 0.1  # of the readings that poses ask for
+_UNREACHED = 0.1  # share of the readings that poses require
 
 
 @dataclass(frozen=True)
 class MeasuredMotion:
     """Measured poses of a platform with readings: p (B, 3) m, R (B, 3, 3), readings (B, L) m.
 
-    ``tolerance``: one standard deviation of a, b, l (m) and u (1). ``noise``: one standard deviation of a reading less
-    the one that the pose asks for, m. ``drivers`` (B, C): what else may drive the legs (time, temperature), each
-    scaled to unit spread.
+    ``tolerance``: one standard deviation of a, b, l (m) and u (1). ``noise``: one standard deviation of a reading minus
+    the one required by the pose, m. ``drivers`` (B, C): other possible inputs (time, temperature), each scaled to unit
+    spread.
     """
 
     legs: Legs
@@ -49,23 +50,23 @@ class MeasuredMotion:
     drivers: Array
 
     def every(self, step: int) -> MeasuredMotion:
-        """Return the same of every ``step``-th pose."""
+        """Return every ``step``-th pose."""
         thin = {name: getattr(self, name)[::step] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **thin)
 
     def chosen(self, rows: Index) -> MeasuredMotion:
-        """Return the same of some poses."""
+        """Return some of the poses."""
         part = {name: getattr(self, name)[rows] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **part)
 
     def chosen_columns(self, legs: Index) -> MeasuredMotion:
-        """Return the same poses with the readings of some legs alone, for comparing numbers and not geometry."""
+        """Return the same poses with the readings of some legs alone, for comparisons of numbers without geometry."""
         return replace(self, readings=self.readings[:, legs])
 
 
 @dataclass(frozen=True)
 class Description:
-    """A mechanism and poses as they may have been meant, and the slips that made them what is recorded."""
+    """A mechanism and poses as possibly intended, and the slips that changed them to the recorded ones."""
 
     slips: tuple[RecordSlip, ...]
     legs: Legs
@@ -73,16 +74,16 @@ class Description:
     R: Array
 
     def every(self, step: int) -> Description:
-        """Return the same of every ``step``-th pose."""
+        """Return the same with every ``step``-th pose."""
         return Description(self.slips, self.legs, self.p[::step], self.R[::step])
 
     def required_readings(self) -> Array:
-        """Return the readings (B, L), m, that the poses ask for; NaN where no leg reaches."""
+        """Return the readings (B, L), m, required by the poses; NaN where no leg reaches."""
         with np.errstate(invalid="ignore", over="ignore"):
             return np.asarray(inverse(self.legs, self.p, self.R).real, float)
 
     def by_geometry(self) -> Array:
-        """Return the derivative (B, L, G) of the readings asked for by each number of a leg; a, b, l in m, u in 1."""
+        """Return the derivative (B, L, G) of the required readings by each parameter of a leg; a, b, l in m, u in 1."""
         columns = []
         for name, index in self._numbers():
             array = getattr(self.legs, name).astype(complex)
@@ -91,7 +92,7 @@ class Description:
         return np.stack(columns, -1)
 
     def scales(self, tolerance: dict[str, float]) -> Array:
-        """Return the tolerance (G,) of each number, in the order of ``by_geometry``."""
+        """Return the tolerance (G,) of each parameter, in the order of ``by_geometry``."""
         return np.array([tolerance[name] for name, _ in self._numbers()])
 
     def _numbers(self) -> Iterator[tuple[str, int | None]]:
@@ -100,7 +101,7 @@ class Description:
 
 
 def descriptions(motion: MeasuredMotion) -> Iterator[Description]:
-    """Yield the mechanism and the poses as recorded first, then each with one slip undone."""
+    """Yield the mechanism and the poses as recorded, then each with one slip undone."""
     legs, p, R = motion.legs, motion.p, motion.R
     yield Description((), legs, p, R)
     slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "joints of [mechanism]", ("a_mm", "b_mm"))
@@ -130,7 +131,7 @@ def _unit(quantity: str, factor: float) -> RecordSlip:
 
 
 def _other_lengths(motion: MeasuredMotion) -> Iterator[Description]:
-    """The lengths that poses and readings ask for, where they are not those of the description."""
+    """Return the lengths that poses and readings require, if they differ from those of the description."""
     legs = motion.legs
     if "l" not in legs.closure.geometry:
         return
@@ -156,7 +157,7 @@ def _other_lengths(motion: MeasuredMotion) -> Iterator[Description]:
 
 
 def _round(factor: float) -> float:
-    """A factor between units where it is near to one, else three digits."""
+    """Return the nearest factor between units, or else three digits."""
     known = np.array([*both_ways(LENGTH_FACTORS), 0.5, 2.0])
     nearest = float(known[np.argmin(np.abs(np.log(factor / known)))])
     return nearest if abs(np.log(factor / nearest)) < _SMALL else float(f"{factor:.3g}")
@@ -164,20 +165,20 @@ def _round(factor: float) -> float:
 
 @dataclass(frozen=True)
 class Changed:
-    """How the readings of one leg are changed: times ``factor``, and counted from another zero or not."""
+    """Change of the readings of one leg: multiplied by ``factor``, with the recorded zero or another one."""
 
     factor: float
     zero: bool
 
     @property
     def penalty(self) -> float:
-        """Log prior odds against it."""
+        """Log prior odds against the change."""
         return PENALTY * ((abs(self.factor) != 1.0) + (self.factor < 0.0) + self.zero)
 
 
 @dataclass(frozen=True)
 class Written:
-    """How readings were written down: for each leg the column that holds it and its change; the evidence for it."""
+    """A hypothesis on recorded readings: for each leg its column and change, with the evidence."""
 
     description: Description
     columns: Index
@@ -186,17 +187,17 @@ class Written:
     misfit: Array  # (B, L) m, readings as meant less those that the poses ask for
 
     def readings(self, recorded: Array, asked: Array) -> Array:
-        """Return readings (B, L) as they were meant."""
+        """Return the readings (B, L) as intended."""
         meant = self.undone(recorded)
         zero = np.array([change.zero for change in self.changes])
         return meant + np.where(zero, np.nanmedian(asked - meant, axis=0), 0.0)
 
     def undone(self, recorded: Array) -> Array:
-        """Return readings (B, L) in their columns, unit and sign, counted from the zero that was recorded."""
+        """Return the readings (B, L) in the right columns, unit and sign, with the recorded zero."""
         return np.asarray(recorded[:, self.columns] * np.array([change.factor for change in self.changes]))
 
     def slips(self, names: tuple[str, ...], recorded: Array) -> tuple[RecordSlip, ...]:
-        """Return what was done to the recorded readings and the description; nothing where all is as recorded."""
+        """Return the slips from intended to recorded readings and description; none where all is right as recorded."""
         offset = self.misfit.mean(axis=0) + np.mean(reached(self.description), axis=0)
         offset -= np.array([change.factor for change in self.changes]) * recorded[:, self.columns].mean(axis=0)
         changed = _change_slips(self, names, 1e3 * offset)
@@ -204,15 +205,15 @@ class Written:
 
 
 def own_changes() -> tuple[Changed, ...]:
-    """Return the changes that are tried on each leg; as recorded first."""
+    """Return the changes that are tried on each leg; the first is none."""
     factors = (1.0, *both_ways(LENGTH_FACTORS))
     return tuple(Changed(sign * factor, zero) for zero in (False, True) for sign in (1.0, -1.0) for factor in factors)
 
 
 def best_written(motion: MeasuredMotion, description: Description, *, exchanged: bool) -> tuple[Written, Written, int]:
-    """Return the readings as recorded and as they are most likely meant under a description, and how many were tried.
+    """Return the readings as recorded, the most likely intended ones under a description, and the number of trials.
 
-    ``exchanged``: whether columns may stand in each other's place, too.
+    ``exchanged``: whether exchanged columns are tried as well.
     """
     asked = reached(description)
     changes = _with_fitted(own_changes(), motion, asked)
@@ -223,12 +224,12 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
     for leg in range(count):
         for column in source if exchanged else (leg,):
             misfit = _misfits(motion.readings[:, column], asked[:, leg], changes)
-            # of the readings as recorded: a factor that shrinks them makes no hypothesis likelier
+            # relative to the readings as recorded, so that a factor that shrinks them does not raise the evidence
             shrunk = len(misfit[0]) * np.log(np.abs([change.factor for change in changes]))
             scores[leg, column] = log_evidence(misfit, effects[leg], motion.noise) + shrunk
             scores[leg, column, _is_geometry(motion, motion.readings[:, column], asked[:, leg], changes)] = -np.inf
     if description.slips and np.isnan(description.required_readings()).mean() > _UNREACHED:
-        scores[:] = -np.inf  # a description is no explanation where its legs do not reach
+        scores[:] = -np.inf  # a description with poses out of reach explains nothing
     own = np.arange(count)
     plain = _written(motion, description, asked, own, [changes[0]] * count, float(scores[own, own, 0].sum()))
     found = _most_likely(scores, changes, exchanged=exchanged)
@@ -238,21 +239,21 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
 
 
 def _is_geometry(motion: MeasuredMotion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Mask:
-    """Which changes (T,) assume nothing but another zero, by an amount that errors of the geometry may make."""
+    """Return True for changes (T,) that are only a shift of zero of a size that errors of the geometry can cause."""
     factor, zero = np.array([change.factor for change in changes]), np.array([change.zero for change in changes])
     offset = np.abs(np.median(factor[:, None] * recorded - asked, axis=1))
     return np.asarray(zero & (np.abs(factor) == 1.0) & (offset < _GROSS * np.abs(motion.legs.l).max()))
 
 
 def reached(description: Description) -> Array:
-    """Return the readings (B, L), m, that poses ask for; where no leg reaches, ones that are far off."""
+    """Return the readings (B, L), m, required by the poses; a far-off value where no leg reaches."""
     asked = description.required_readings()
     far = np.broadcast_to(np.abs(description.legs.l) + np.abs(description.legs.rho0), asked.shape)
     return np.where(np.isfinite(asked), asked, 2.0 * far + 1.0)
 
 
 def _with_fitted(changes: tuple[Changed, ...], motion: MeasuredMotion, asked: Array) -> tuple[Changed, ...]:
-    """The changes, and the one factor common to all legs that explains most, where it is none of them."""
+    """Return the changes, and the one common factor that explains most if it is none of them."""
     read, wanted = (values - values.mean(axis=0) for values in (motion.readings, asked))
     square = float(np.sum(read**2))
     slope = float(np.sum(read * wanted)) / square if square > 0.0 else 0.0
@@ -263,7 +264,7 @@ def _with_fitted(changes: tuple[Changed, ...], motion: MeasuredMotion, asked: Ar
 
 
 def _effects(motion: MeasuredMotion, description: Description, asked: Array) -> list[Physics]:
-    """What physics may add to each leg's readings: numbers of its geometry, travel of all legs, recorded drivers."""
+    """Return the physical effects on each leg's readings: geometry, travel of all legs, recorded drivers."""
     least = _LOOSE * float(np.abs(motion.legs.l).mean())
     loose = {name: max(sigma, _LOOSE if name == "u" else least) for name, sigma in motion.tolerance.items()}
     geometry = np.nan_to_num(description.by_geometry()) * description.scales(loose)
@@ -278,18 +279,18 @@ def _effects(motion: MeasuredMotion, description: Description, asked: Array) -> 
 
 
 def _misfits(recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Array:
-    """(T, B) readings changed in T ways, less those asked for."""
+    """Return readings changed in T ways minus the required ones, (T, B)."""
     misfit = np.array([change.factor for change in changes])[:, None] * recorded - asked
     zero = np.array([change.zero for change in changes])
     return np.where(zero[:, None], misfit - np.median(misfit, axis=1, keepdims=True), misfit)
 
 
 def _most_likely(scores: Array, changes: tuple[Changed, ...], *, exchanged: bool) -> tuple[Index, list[int], float]:
-    """Columns (L,), change per leg, and evidence less penalties: one change for all legs, or a leg's own."""
+    """Return columns (L,), change per leg, and evidence less penalties: one change for all legs, or one per leg."""
     count = len(scores)
     penalty = np.array([change.penalty for change in changes])
     exchange = PENALTY + float(gammaln(count + 1.0))  # log of the number of orders
-    # all legs changed alike, which counts as one change, or each by itself, each of which pays
+    # all legs changed alike, with one penalty, or each by itself, with one penalty per leg
     alone = scores - np.log(count) * (penalty > 0.0) - penalty
     ways = [(scores[:, :, change] - penalty[change] / count, change) for change in range(len(changes))]
     own = np.arange(count)
@@ -305,7 +306,7 @@ def _most_likely(scores: Array, changes: tuple[Changed, ...], *, exchanged: bool
 
 
 def _assigned(value: Array) -> Index:
-    """The column (L,) of each leg that together are worth most."""
+    """Return the column (L,) of each leg that maximises the sum of values."""
     return linear_sum_assignment(np.where(np.isfinite(value), value, -1e30), maximize=True)[1]
 
 
@@ -333,7 +334,7 @@ def _column_slips(columns: Index, names: tuple[str, ...]) -> tuple[RecordSlip, .
 
 
 def _change_slips(written: Written, names: tuple[str, ...], offset_mm: Array) -> tuple[RecordSlip, ...]:
-    """Changes of readings by kind; columns that share one are one slip."""
+    """Return changes of readings by kind; columns with the same change are one slip."""
     found: dict[tuple[SlipKind, float], list[int]] = {}
     for leg, change in enumerate(written.changes):
         if abs(change.factor) != 1.0:

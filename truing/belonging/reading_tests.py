@@ -1,4 +1,4 @@
-"""Do actuator readings, measured poses and the description of a legged mechanism belong together?"""
+"""Tests of a legged mechanism: do actuator readings, measured poses and the description match each other?"""
 
 from __future__ import annotations
 
@@ -31,29 +31,28 @@ from truing.belonging.slips_in_rows import (
 from truing.simulation.mechanisms.legs.kinematics import closure_rows, upper_joints
 
 READINGS, LEGS = "readings-against-poses", "legs-regular"
-_APART = 0.5  # of the movement that poses ask for: by as much no machine departs from its drawing
+_APART = 0.5  # misfit over the required movement that no error of the geometry explains
 _NOTED = 0.2
-_MOVED = 10.0  # sigmas of a reading that a leg has to move to be compared
-_AS_LIKELY = 10.0  # log evidence within which two explanations cannot be told apart
-_CLEAR = 50.0  # log evidence by which a slip has to win
-_MOST_SLIPS = 2  # more of them together explain whatever is recorded
-_HALVES = 0.5  # the share of the misfit that a slip may leave
+_MOVED = 10.0  # least movement of a leg for a comparison, in sigmas of a reading
+_AS_LIKELY = 10.0  # log evidence within which two explanations are indistinguishable
+_CLEAR = 50.0  # log evidence by which a slip must win
+_MOST_SLIPS = 2  # more slips together would explain any data
+_HALVES = 0.5  # largest share of the misfit that may remain after a slip is undone
 _LEAST_POSES = 3
-_MOST_POSES = 240  # for hypotheses about columns and the description; rows are looked at in all poses
+_MOST_POSES = 240  # most poses for hypotheses about columns and the description; rows are tested in all poses
 _TOLERATED = 4.0  # sigmas of an offset by the declared tolerances
 _STRAIGHT = 0.05  # rad between directions of parallel legs
 _SAME_M = 1e-6  # distance of joints that are the same
 _SINGULAR = 1e-4  # of the largest singular value of the legs' rows, arms in units of their rms
 _MOSTLY = 0.7  # of the rows that moved
-_SINGLE = 3  # stray readings, beyond which a part of the table is looked at first
-_FREE_NUMBERS = 12  # left over once physics is fitted, by which rounding is told
-_FROZEN = 4  # readings in a row that are the same number
+_SINGLE = 3  # number of stray readings above which a part of the table is tested first
+_FREE_NUMBERS = 12  # least degrees of freedom after the fit of physics for a test of rounding
+_FROZEN = 4  # fewest equal readings in successive rows
 
 
 @dataclass(frozen=True)
 class ReadingNames:
-    """What the campaign calls its columns of readings (L), its poses (B), and groups of these: a column's name and its
-    value in each pose."""
+    """Names of the columns of readings (L) and of the poses (B), and columns that group poses with their values."""
 
     columns: tuple[str, ...]
     poses: tuple[str, ...]
@@ -61,9 +60,9 @@ class ReadingNames:
 
 
 def relate_readings(motion: MeasuredMotion, names: ReadingNames) -> tuple[RelationTest, ...]:
-    """Return whether the legs hold the platform, and whether readings and poses belong together.
+    """Return the tests of the legs (do they hold the platform?) and of readings against poses.
 
-    Poses without a reading or a pose are to be left out of ``motion``.
+    Leave out poses without a reading or a pose from ``motion``.
     """
     if len(motion.p) < _LEAST_POSES:
         return (RelationTest(READINGS, RelationState.NOT_TESTED, "no-poses"),)
@@ -78,7 +77,7 @@ def relate_readings(motion: MeasuredMotion, names: ReadingNames) -> tuple[Relati
 
 
 def relate_legs(motion: MeasuredMotion) -> RelationTest | None:
-    """Return whether the legs of the description hold the platform at the measured poses; None for fewer than six."""
+    """Return the test if the described legs hold the platform at the measured poses; None for fewer than six."""
     legs = motion.legs
     if legs.count < 6:
         return None
@@ -102,7 +101,7 @@ def relate_legs(motion: MeasuredMotion) -> RelationTest | None:
 
 
 def _same_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
-    """Two legs with the same joints, which hold the platform as one."""
+    """Return two legs with the same joints, which hold the platform as one."""
     joints = np.concatenate([motion.legs.a, motion.legs.b], axis=-1)
     apart = np.linalg.norm(joints[:, None] - joints[None], axis=-1)
     pairs = np.argwhere(np.triu(apart < _SAME_M, 1)).tolist()
@@ -141,7 +140,7 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
 
 
 def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
-    """The result where slips in all rows explain what was recorded."""
+    """Return the result if slips in all rows explain the data."""
     slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
     if not 0 < len(slips) <= _MOST_SLIPS:
         return None
@@ -153,7 +152,7 @@ def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base
 
 
 def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest) -> RelationTest | None:
-    """The result where slips explain some rows of the table, and the rest agrees."""
+    """Return the result if slips explain some rows of the table and the rest is right."""
     reachable = np.flatnonzero(np.isfinite(asked).all(axis=1))
     whole, wanted = motion.chosen(reachable), asked[reachable]
     agreed = agreement(whole.readings, wanted, motion.noise)
@@ -177,14 +176,14 @@ def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: 
 
 
 def _there(slip: RecordSlip, where: tuple[str, ...]) -> RecordSlip:
-    """A slip with the rows that it concerns, ahead of a long list of columns: sentences cut these short."""
+    """Return a slip with the rows that it concerns before a long list of columns, which sentences cut short."""
     return replace(slip, subjects=(*where, *slip.subjects) if len(slip.subjects) > 2 else (*slip.subjects, *where))
 
 
 def _likely(search: _Found) -> list[Written]:
-    """Readings as they may be meant in some rows, the likeliest first.
+    """Return possible intended readings in some rows, the most likely first.
 
-    The rest of the table decides which of them holds: it knows the geometry far better than its tolerances do.
+    The rest of the table decides between them, because it determines the geometry far better than tolerances do.
     """
     least = search.plain.evidence + _AS_LIKELY
     found = [one for one in (search.meant, *search.rivals) if one.evidence > least and not one.description.slips]
@@ -194,7 +193,7 @@ def _likely(search: _Found) -> list[Written]:
 def _without_name(
     motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest, legs: Index
 ) -> RelationTest:
-    """The result where no slip that was tried explains the misfit; told of the legs that miss, where some do not."""
+    """Return the result if no tested slip explains the misfit, with the legs that do not fit, if others do."""
     pairs = [pair for pair in copied_columns(motion.readings) if set(pair) & set(legs.tolist())]
     if pairs:
         slips = tuple(
@@ -211,7 +210,7 @@ def _without_name(
 
 
 def _agreeing(motion: MeasuredMotion, search: _Found, names: ReadingNames, base: RelationTest) -> RelationTest:
-    """The result where readings and poses agree, but for what a calibration explains."""
+    """Return the result if readings and poses agree within what a calibration explains."""
     hidden = _hidden(motion, search.plain, names)
     misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / _APART
     if misfit <= _NOTED * moved:
@@ -225,7 +224,7 @@ def _agreeing(motion: MeasuredMotion, search: _Found, names: ReadingNames, base:
 
 
 def _rounded(base: RelationTest, step: float, noise: float) -> RelationTest:
-    """A warning of numbers written down in coarse steps: the error that these make, and the declared noise, mm."""
+    """Return a warning of numbers recorded in coarse steps: the error by rounding and the declared noise, mm."""
     slip = RecordSlip(SlipKind.ROUNDED, "readings", offset=1e3 * step)
     error = 1e3 * step / float(np.sqrt(12.0))
     return replace(
@@ -234,7 +233,7 @@ def _rounded(base: RelationTest, step: float, noise: float) -> RelationTest:
 
 
 def _left_by_physics(motion: MeasuredMotion) -> float:
-    """Rms misfit, m, that errors of the geometry, gains, leaks and drivers leave; 0 where poses are too few to say."""
+    """Return the rms misfit, m, after a fit of geometry, gains, leaks and drivers; 0 where there are too few poses."""
     own = next(descriptions(motion))
     asked, geometry = reached(own), np.nan_to_num(own.by_geometry())
     travel = asked - asked.mean(axis=0)
@@ -251,7 +250,7 @@ def _left_by_physics(motion: MeasuredMotion) -> float:
 
 
 def _strays(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """Single readings that are none of their pose."""
+    """Return single readings that do not belong to their pose."""
     determined = np.isfinite(asked).all(axis=1)
     at = np.flatnonzero(determined)
     found = stray_readings(motion.readings[determined], asked[determined], motion.noise)
@@ -260,14 +259,14 @@ def _strays(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[
 
 
 def _plain_misfit(motion: MeasuredMotion, asked: Array) -> tuple[float, float, Index]:
-    """Misfit and movement over all legs, rms in mm about each leg's mean; and the legs that miss by themselves."""
+    """Return misfit and movement over all legs, rms in mm about each leg's mean; and the legs that do not fit alone."""
     known = np.isfinite(asked).all(axis=1)
     if known.mean() < 0.5:
         return float("inf"), 0.0, np.arange(0)
     rows_known = np.flatnonzero(known)
     rows_known = rows_known[
         np.lexsort(motion.readings[rows_known].T)
-    ]  # the order of the rows leaves no trace in the sums' last digits
+    ]  # sorted, so that sums do not depend on the order of the rows in their last digits
     wanted, read = (values[rows_known] - values[rows_known].mean(axis=0) for values in (asked, motion.readings))
     own, moved = np.sqrt(np.mean((read - wanted) ** 2, axis=0)), np.sqrt(np.mean(wanted**2, axis=0))
     wrong = (own > _APART * moved) & (moved > _MOVED * motion.noise)
@@ -280,7 +279,9 @@ def _rms(values: Array) -> float:
 
 @dataclass(frozen=True)
 class _Found:
-    """As recorded, as most likely meant (in all poses), the order of rows, and the number of hypotheses tried."""
+    """Readings as recorded, as most likely intended (in all poses), the order of rows, and the number of hypotheses
+    tried.
+    """
 
     plain: Written
     meant: Written
@@ -315,13 +316,13 @@ def _search(motion: MeasuredMotion) -> _Found:
 
 
 def _in_full(motion: MeasuredMotion, written: Written, description: Description) -> Written:
-    """A hypothesis that was chosen on some of the poses, for all of them."""
+    """Return a hypothesis that was chosen on some of the poses, for all of them."""
     asked = reached(description)
     return replace(written, description=description, misfit=written.readings(motion.readings, asked) - asked)
 
 
 def _pays(plain: Written, best: Written, noise: float) -> bool:
-    """Whether slips explain more than all physics of the catalogue, and at least halve the misfit."""
+    """Return True if slips explain more than all physical effects of the catalogue, and at least halve the misfit."""
     if best.evidence - plain.evidence <= _CLEAR:
         return False
     before, after = _halved(plain.misfit, best.misfit)
@@ -331,7 +332,7 @@ def _pays(plain: Written, best: Written, noise: float) -> bool:
 
 
 def _halved(before: Array, after: Array) -> tuple[float, float]:
-    """Rms misfit, m, before and after slips are undone: about the mean of each leg, or whole where that says more."""
+    """Return the rms misfit, m, before and after slips are undone, about the mean of each leg or in total."""
     pairs = [(_rms(one - one.mean(axis=0)), _rms(one)) for one in (before, after)]
     about, whole = zip(*pairs, strict=True)
     return about if about[1] <= _HALVES * about[0] else whole
@@ -340,7 +341,7 @@ def _halved(before: Array, after: Array) -> tuple[float, float]:
 def _rivals(
     search: _Found, names: ReadingNames, motion: MeasuredMotion, slips: tuple[RecordSlip, ...]
 ) -> tuple[RecordSlip, ...]:
-    """Single slips that explain the data as well as those that were chosen."""
+    """Return single slips that explain the data as well as the chosen ones."""
     if not search.meant.slips(names.columns, motion.readings):  # an order of rows alone: no description explains it
         return ()
     found = [rival.slips(names.columns, motion.readings) for rival in search.rivals]
@@ -348,14 +349,14 @@ def _rivals(
 
 
 def _reordered(written: Written, order: RowOrder) -> Array:
-    """What is left once columns and rows stand where they were meant."""
+    """Return the misfit with columns and rows in their right places."""
     asked = reached(written.description)
     kept = order.rows >= 0
     return np.asarray((written.misfit + asked)[order.rows[kept]] - asked[kept])
 
 
 def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """An order of rows as one slip: all shifted, shifted from a pose on, reversed, or exchanged one by one."""
+    """Return an order of rows as slips: all shifted, shifted from a pose on, reversed, or exchanged in cycles."""
     moved = order.moved
     if order.gain <= 0.0:
         return ()
@@ -376,9 +377,10 @@ def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
 
 
 def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:
-    """Readings counted from the reference configuration, or as whole lengths: an offset of just that size in all legs.
+    """Return the slip of readings relative to the reference configuration, or given as whole lengths.
 
-    Other offsets are left to calibration, for errors of the geometry make them, too.
+    The offset must have this size in all legs, within tolerances. Calibration explains other offsets, which errors of
+    the geometry can also cause.
     """
     legs = motion.legs
     left = asked - motion.readings
@@ -397,7 +399,7 @@ def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:
 
 
 def _frozen(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """Columns that repeat one number over poses which ask for clearly different ones."""
+    """Return columns that repeat one number over poses which require clearly different ones."""
     found = []
     for leg, name in enumerate(names.columns):
         value = motion.readings[:, leg]
@@ -413,7 +415,7 @@ def _frozen(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[
 
 
 def _hidden(motion: MeasuredMotion, plain: Written, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """Exchanges of columns that these poses could not show: legs that move alike."""
+    """Return exchanges of columns that these poses cannot show, because the legs move alike."""
     asked = reached(plain.description)
     travel = asked - asked.mean(axis=0)
     level = max(_rms(plain.misfit - plain.misfit.mean(axis=0)), motion.noise)

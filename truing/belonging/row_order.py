@@ -1,4 +1,4 @@
-"""Do the rows of each run follow its loads in their order, or shifted by a step, or from the last to the first?"""
+"""Test of the order of rows in each run: do values follow the loads as recorded, shifted, or reversed?"""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from truing.belonging.responses import directions
 _SHIFTS = (1, -1, 2, -2)
 _FREE, _SIZEABLE, _SMALL = 10.0, 0.3, 0.1  # prior widths, of a column's range: response; its causes; play and drift
 _FLOOR = 1e-3  # of a column's range
-_PACES = (2.0, 8.0)  # steps by which what creeps follows
+_PACES = (2.0, 8.0)  # time constants of creep, in steps
 _MUCH = 15.0  # log evidence
 _MOST_RUNS = 0.7
 _FEWEST = 7
-_SINGLE = 2  # rows of a run that may stand out by themselves
-_MOST_LEFT = 0.1  # of a column's range: rows in their right order leave less
+_SINGLE = 2  # most rows of a run that may deviate by themselves
+_MOST_LEFT = 0.1  # largest residual of rows in their right order, as a share of a column's range
 _ALIKE = 0.98
-_CLEAR = 0.2  # of a column's largest range: a run in which it goes less far tells nothing by it
+_CLEAR = 0.2  # least range of a column in a run for a test, as a share of its largest range
 
 
 @dataclass(frozen=True)
 class RowSlip:
-    """Rows that were written down in another order: the slip, and rms of what is left before and after, in per cent of
-    the range of the columns."""
+    """Rows recorded in another order: the slip, and the rms residual before and after, in per cent of the columns'
+    range.
+    """
 
     slip: RecordSlip
     before: float
@@ -37,12 +38,12 @@ class RowSlip:
 
 @dataclass(frozen=True)
 class _Order:
-    """An order in which rows may stand: shifted by a number of rows, or reversed (shift 0)."""
+    """A possible order of rows: shifted by a number of rows, or reversed (shift 0)."""
 
     shift: int
 
     def rows(self, count: int) -> tuple[Index, Index]:
-        """Rows of the values, and those of the loads that they belong to."""
+        """Return the rows of the values, and those of the loads that belong to them."""
         every = np.arange(count)
         if self.shift == 0:
             return every, every[::-1]
@@ -50,7 +51,7 @@ class _Order:
         return values, values - self.shift
 
     def slip(self, quantity: str, runs: tuple[str, ...]) -> RecordSlip:
-        """The slip of this order."""
+        """Return the slip of this order."""
         if self.shift == 0:
             return RecordSlip(SlipKind.REVERSED, quantity, runs)
         return RecordSlip(SlipKind.ROWS_SHIFTED, quantity, runs, shift=self.shift)
@@ -61,7 +62,7 @@ _ORDERS = (*(_Order(shift) for shift in _SHIFTS), _Order(0))
 
 @dataclass(frozen=True)
 class _Tried:
-    """One order of one run: gain of log evidence over the recorded order, and sums of squares left of both."""
+    """One order of one run: gain in log evidence over the recorded order, and the residual sums of squares of both."""
 
     run: int
     order: _Order
@@ -73,7 +74,7 @@ class _Tried:
 def row_slips(
     load: Array, run: Index, time_s: Array, value: Array, runs: Sequence[str], quantity: str
 ) -> tuple[list[RowSlip], int]:
-    """Return the runs whose columns (N, K) follow loads (N, 6) in another order of rows, and how many were tried."""
+    """Return the runs whose columns (N, K) follow loads (N, 6) in another order of rows, and the number of tests."""
     numbers = np.unique(run).tolist()
     ranges = np.array([_range(value[run == one]) for one in numbers]).reshape(len(numbers), -1).max(axis=0, initial=0.0)
     tried = [
@@ -115,7 +116,7 @@ def _left(found: Sequence[_Tried]) -> tuple[float, float]:
 
 
 def can_reverse(load: Array, run: Index) -> tuple[bool, bool]:
-    """Return whether every run goes through the same loads backwards, and whether through the same with other signs."""
+    """Return if every run has the same loads backwards, and if it has the same with opposite signs."""
     even, odd = True, True
     for one in np.unique(run):
         own = load[run == one]
@@ -126,12 +127,14 @@ def can_reverse(load: Array, run: Index) -> tuple[bool, bool]:
 
 
 def _range(value: Array) -> Array:
-    """How far each column (N, K) goes, (K,), 0 where values are missing."""
+    """Return the range of each column (N, K), (K,), 0 where values are missing."""
     return np.nan_to_num(np.ptp(value, axis=0))
 
 
 def _of_run(number: int, load: Array, time_s: Array, value: Array, ranges: Array) -> Iterator[_Tried]:
-    """Orders of one run, by the columns that answer its loads; ranges (K,): the largest of a run in the campaign."""
+    """Return the tested orders of one run, by the columns that respond; ranges (K,): the largest of a run in the
+    campaign.
+    """
     columns = (ranges > 0.0) & (_range(value) > _CLEAR * ranges)
     way = directions(load)[1]
     if not columns.any() or not way.shape[1] or len(load) < max(_FEWEST, 3 * way.shape[1] + 4):
@@ -149,13 +152,13 @@ def _of_run(number: int, load: Array, time_s: Array, value: Array, ranges: Array
 
 
 def _left_of(value: Array, columns: Array) -> Array:
-    """What columns (N, P), each of prior width 1, leave (N, K) of values (K, N)."""
+    """Return the residuals (N, K) of values (K, N) after a fit of columns (N, P) with unit prior width."""
     ridge = columns.T @ columns + _FLOOR * np.eye(columns.shape[1])
     return np.asarray(value.T - columns @ np.linalg.solve(ridge, columns.T @ value.T))
 
 
 def _with_single_rows(value: Array, columns: Array) -> Array:
-    """Columns beside which the rows that stand out most are free: two rows that were exchanged are no other order."""
+    """Return the columns with free values for the rows that deviate most: two exchanged rows are no other order."""
     for _ in range(_SINGLE):
         worst = int(np.sum(_left_of(value, columns) ** 2, axis=1).argmax())
         columns = np.column_stack([columns, np.arange(len(columns)) == worst])
@@ -163,7 +166,7 @@ def _with_single_rows(value: Array, columns: Array) -> Array:
 
 
 def _causes(way: Array, time_s: Array) -> Array:
-    """Columns (N, P) that a run may follow, by their prior widths: loads, their history and time."""
+    """Return columns (N, P) that a run may follow, scaled by their prior widths: loads, their history and time."""
     size = np.abs(way)
     back = np.vstack([np.zeros_like(size[:1]), np.diff(size, axis=0) < 0.0])
     span = max(float(np.ptp(time_s)), 1e-300)
@@ -183,7 +186,7 @@ def _causes(way: Array, time_s: Array) -> Array:
 
 
 def _minus_shifted(way: Array, pace: float) -> Array:
-    """Loads (N, D) less what follows them by a number of steps."""
+    """Return loads (N, D) minus the same with a lag of some steps."""
     out, state = np.zeros_like(way), way[0].copy()
     for n in range(len(way)):
         state = state + (way[n] - state) * (1.0 - np.exp(-1.0 / pace))

@@ -1,4 +1,4 @@
-"""Parts of a run whose loads, readings or signals are in another unit, or have the opposite sign."""
+"""Test for parts of a run whose loads, readings or signals have another unit or the opposite sign."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, Rel
 from truing.belonging.responses import directions
 from truing.belonging.slip_search import merged
 
-_FEWEST = 4  # rows on either side
-_MOST = 400  # rows of a run: of longer ones only the signs of the loads are looked at
-_MAIN = 0.3  # of the largest range of a column: where it goes less far, it tells nothing
-_FOLLOWS = 0.07  # scatter of a part about its own line, over its range
-_BEYOND, _NEAR = 2.0, 1.4  # ratios of two slopes: no physical cause; that of a slip and that of what was recorded
-_FIFTH = 0.2  # of the misfit is left at most
+_FEWEST = 4  # fewest rows on either side
+_MOST = 400  # longer runs are only split by the sign of the loads
+_MAIN = 0.3  # least range of a column for a test, as a share of its largest range
+_FOLLOWS = 0.07  # largest scatter of a part about its own line, over its range
+_BEYOND, _NEAR = 2.0, 1.4  # ratio of two slopes beyond any physical cause; tolerance factor of a slip's ratio
+_FIFTH = 0.2  # largest share of the misfit that may remain
 _TIE, _AS_GOOD = 1.0 + 1e-6, 1.5  # ratios of misfits
 
 
 @dataclass(frozen=True)
 class RunPart:
-    """Rows (N,) of a run that are right times ``factor``: its loads, or its columns (indices) where there are any.
+    """Rows (N,) of a run that are right if multiplied by ``factor``: its loads, or its columns (indices) if there are
+    any.
 
-    ``first``: whether they are the first rows of the run; ``sign``: of the loads that they hold, 0 where they follow
-    each other. ``before``, ``after``: what is left of a line through the run, over the range, at most.
+    ``first``: they are the first rows of the run; ``sign``: sign of their loads, 0 for successive rows. ``before``,
+    ``after``: largest residual of a line through the run, over the range.
     """
 
     run: int
@@ -43,7 +44,7 @@ class RunPart:
 def parts(load: Array, run: Index, value: Array, columns: Sequence[RecordedColumn], answers: Array) -> list[RunPart]:
     """Return the parts of runs in which one factor makes columns (N, K) follow loads (N, 6) as in the rest of the run.
 
-    answers (K, 6): what columns answer by all runs or a simulation; it tells which of two parts is the wrong one.
+    answers (K, 6): responses of the columns by all runs or a simulation, which decide which of two parts is wrong.
     """
     runs = [np.flatnonzero(run == one) for one in np.unique(run)]
     ranges = [np.nan_to_num(np.ptp(value[rows], axis=0)) for rows in runs]
@@ -63,8 +64,11 @@ def parts(load: Array, run: Index, value: Array, columns: Sequence[RecordedColum
 
 @dataclass(frozen=True)
 class _Line:
-    """A run along one direction: way (N,) and values (N, K) of the columns that clearly answer, by their places (K);
-    the run's number and its rows (N,)."""
+    """A run along one direction: way (N,) and values (N, K) of the columns that respond clearly, with their indices
+    (K).
+
+    Also the run's number and its rows (N,).
+    """
 
     way: Array
     value: Array
@@ -73,7 +77,7 @@ class _Line:
     places: tuple[int, ...]
 
     def best(self, columns: Sequence[RecordedColumn], units: Sequence[float], answers: Array) -> RunPart | None:
-        """The part and the factor that leave least; loads where they do as well as columns."""
+        """Return the part and the factor with the smallest residual; loads if they do as well as columns."""
         found = [
             one for second, sign in self._halves() for one in self._of_halves(second, sign, columns, units, answers)
         ]
@@ -88,7 +92,7 @@ class _Line:
     def _of_halves(
         self, second: Mask, sign: int, columns: Sequence[RecordedColumn], units: Sequence[float], answers: Array
     ) -> Iterator[RunPart]:
-        """What puts one of two parts right, the one whose slopes are farther from what columns answer."""
+        """Yield the correction of one of two parts: the one whose slopes differ more from the expected responses."""
         kept, one, other = self._slopes(second)
         if not kept.any() or not _differ(other[kept] / one[kept]).any():
             return
@@ -110,7 +114,7 @@ class _Line:
                 yield RunPart(self.run, self.rows[part], first, -sign if first else sign, concerned, factor, *left)
 
     def _halves(self) -> Iterator[tuple[Mask, int]]:
-        """Rows from each of them on, and those of negative loads."""
+        """Yield the rows from each row on, and the rows with negative loads."""
         count = len(self.way)
         if count <= _MOST:
             for start in range(_FEWEST, count - _FEWEST + 1):
@@ -120,7 +124,7 @@ class _Line:
             yield negative, -1
 
     def _slopes(self, second: Mask) -> tuple[Mask, Array, Array]:
-        """Columns (K,) that follow a line in both parts, and their slopes about a zero of each part."""
+        """Return the columns (K,) that follow a line in both parts, and their slopes about a zero of each part."""
         follows, slopes = np.ones(self.value.shape[1], bool), []
         for rows in (~second, second):
             way = self.way[rows] - self.way[rows].mean()
@@ -135,7 +139,7 @@ class _Line:
     def _undone(
         self, part: Mask, ratio: Array, columns: Sequence[RecordedColumn], units: Sequence[float]
     ) -> Iterator[tuple[tuple[int, ...], float, Array]]:
-        """Columns (none: the loads), factor and what is then left (K,), where slopes differ by about that factor."""
+        """Return columns (none: the loads), factor and residual (K,), where slopes differ by about that factor."""
         for factor in (-1.0, *units):
             if _is_unphysical_ratio(ratio, factor).all():
                 way = np.where(part, factor, 1.0) * self.way
@@ -153,7 +157,7 @@ class _Line:
 
     @staticmethod
     def _left(way: Array, value: Array) -> Array:
-        """Root mean square (K,) of what lines through all rows leave, over the range of the columns."""
+        """Return the root mean square residual (K,) of lines through all rows, over the range."""
         about, own = way - way.mean(), value - value.mean(axis=0)
         left = own - about[:, None] * (about @ own / (about @ about))
         return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.ptp(own, axis=0))
@@ -164,7 +168,7 @@ def _differ(ratio: Array) -> Mask:
 
 
 def _is_unphysical_ratio(ratio: Array, factor: float) -> Mask:
-    """Whether ratios of slopes (K,) are about a factor that no physical cause has."""
+    """Return True if ratios of slopes (K,) are near a factor that no physical cause has."""
     large = factor < 0.0 or max(factor, 1.0 / factor) > _BEYOND * _NEAR
     near = (ratio / factor > 1.0 / _NEAR) & (ratio / factor < _NEAR)
     return near if large else np.zeros(len(ratio), bool)
@@ -175,7 +179,7 @@ def _is_known(answers: Array, least: Array) -> Mask:
 
 
 def _off(slope: Array, answers: Array, least: Array) -> Array:
-    """How far slopes (K,) are from what is answered, 0 where that is unknown, or no answer beside the least slope."""
+    """Return the deviation of slopes (K,) from the expected responses; 0 where these are unknown or small."""
     known = _is_known(answers, least)
     size = np.where(known, np.abs(answers), 1.0)
     return np.where(known, np.arcsinh(slope / size / 0.1) - np.arcsinh(np.sign(answers) / 0.1), 0.0)
@@ -189,7 +193,7 @@ def of_parts(
     first: int,
     relation: str,
 ) -> Iterator[RelationTest]:
-    """Yield one failed test of a relation, where parts concern its columns (numbers from first) or their loads."""
+    """Yield one failed test of a relation for parts that concern its columns (indices from first) or their loads."""
     mine = [one for one in found if concerns(one, range(first, first + len(columns)))]
     if mine:
         slips = merged([_slip(one, step, runs, columns, first) for one in mine])
@@ -200,7 +204,7 @@ def of_parts(
 
 
 def concerns(part: RunPart, columns: Container[int]) -> bool:
-    """Whether a part is one of the loads, or of some of these columns."""
+    """Return True if a part concerns the loads or some of these columns."""
     return not part.columns or any(column in columns for column in part.columns)
 
 
@@ -215,7 +219,7 @@ def _slip(part: RunPart, step: Index, runs: Sequence[str], columns: Sequence[Rec
 
 
 def _where(part: RunPart, step: Index, runs: Sequence[str]) -> str:
-    """The run and the part of it, in words."""
+    """Return the run and its part in words."""
     run, step = runs[part.run], step[part.rows]
     if part.sign:
         return f"{run} at {'negative' if part.sign < 0 else 'positive'} loads"

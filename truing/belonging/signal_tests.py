@@ -1,4 +1,4 @@
-"""Do the signals of a sensor follow its loads: by its geometry, its declared sensitivity, and in every run alike?"""
+"""Tests of a sensor's signals against its loads: by its geometry, its declared sensitivity, and between runs."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _ABOVE_TYPICAL = 1.5  # the largest responses over the typical one of all legs
 
 
 def typical(found: Responses, count: int) -> tuple[ExpectedResponse, Mask]:
-    """Return what columns (count) answer by most runs, and which responses (C,) at least two other runs vouch for."""
+    """Return the response of columns (count) by most runs, and True for responses (C,) confirmed by two other runs."""
     of_load = 1.0 / np.maximum(np.abs(found.direction).max(axis=0, initial=0.0), 1e-300)
     share = found.direction * of_load
     matrix, vouched = np.zeros((count, 6)), np.zeros(len(found), bool)
@@ -71,7 +71,7 @@ def _least_absolute(share: Array, size: Array) -> Array:
 
 
 def _vouched(share: Array, run: Index) -> Mask:
-    """Whether the responses of other runs determine each, at least twice."""
+    """Return True for responses that the other runs determine at least twice."""
     out = np.zeros(len(share), bool)
     for one in np.unique(run):
         mine, others = run == one, share[run != one]
@@ -89,7 +89,7 @@ def _vouched(share: Array, run: Index) -> Mask:
 class SignalSteps:
     """Load steps with signals: load (N, 6) in N and N m, run (N,) from 0, signal (N, S) in V, and names of runs.
 
-    ``tared``: signals count from no load, and not from a zero of each run.
+    ``tared``: signals are zero at no load, instead of a separate zero in each run.
     """
 
     load: Array
@@ -102,9 +102,10 @@ class SignalSteps:
 def against_geometry(
     steps: SignalSteps, columns: Sequence[RecordedColumn], legs: Array, gain: Array | None
 ) -> RelationTest | None:
-    """Return how signals follow the forces (6, 6) along the legs, N and N m to N; None where they are not those.
+    """Return the test of signals against the forces (6, 6) along the legs, N and N m to N; None if they are not leg
+    forces.
 
-    gain (S,): declared, V/N; without one, only what legs and axes have in common can be told.
+    gain (S,): declared, V/N; without it, only differences between legs and between axes can be tested.
     """
     found = _clear(steps, len(columns))
     if not len(found) or len(columns) != len(legs):
@@ -122,12 +123,14 @@ def against_geometry(
 
 
 def _named(tested: RelationTest) -> int:
-    """How many columns and runs slips name: of two stories, the one that needs fewer."""
+    """Return the number of columns and runs that slips name: the simpler of two explanations names fewer."""
     return sum(len(slip.subjects) for slip in tested.slips)
 
 
 def _reverses_most(tested: RelationTest, steps: SignalSteps) -> bool:
-    """Whether most runs would have the opposite sign: then the others have, of signals that count the other way."""
+    """Return True if most runs would have the opposite sign; then the others are wrong, and signals count the other
+    way.
+    """
     most = 0.5 * len(np.unique(steps.run))
     return any(slip.kind == SlipKind.SIGN and len(set(slip.subjects) & set(steps.runs)) > most for slip in tested.slips)
 
@@ -139,7 +142,7 @@ def _explained(
     columns: Sequence[RecordedColumn],
     gain: Array | None,
 ) -> tuple[Explained, tuple[RecordSlip, ...]]:
-    """What explains the responses, and which slips would not show."""
+    """Return the slips that explain the responses, and the slips that would not show."""
     each = [*slips_of_run_loads(found, steps.runs, expected), *exchanges_from_a_run(found, columns, steps.runs)]
     overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
     if gain is None:
@@ -153,7 +156,7 @@ def _explained(
 
 
 def _the_other_way(tested: RelationTest) -> tuple[RecordSlip, ...]:
-    """What as well explains torques in another unit than forces, where nobody says how large signals should be."""
+    """Return the alternatives to torques (or forces) in another unit: the other quantity in the reciprocal unit."""
     other = {"torque": "force", "force": "torque"}
     return tuple(
         replace(slip, quantity=other[slip.quantity], factor=1.0 / slip.factor)
@@ -163,7 +166,7 @@ def _the_other_way(tested: RelationTest) -> tuple[RecordSlip, ...]:
 
 
 def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], relation: str) -> RelationTest:
-    """Return how columns follow the loads of each run, held against the other runs."""
+    """Return the test of columns against the loads of each run, by comparison with the other runs."""
     found = _clear(steps, len(columns))
     expected, vouched = typical(found, len(columns))
     found = found.chosen(vouched) if len(found) else found
@@ -182,7 +185,7 @@ def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], re
 
 
 def responses_of(steps: SignalSteps, columns: int) -> Array:
-    """Return what columns answer to loads, (S, 6), by most runs."""
+    """Return the responses of columns to loads, (S, 6), by most runs."""
     found = _clear(steps, columns)
     return typical(found, columns)[0].matrix if len(found) else np.zeros((columns, 6))
 
@@ -199,8 +202,10 @@ def _tested(explained: Explained, relation: str, unseen: Sequence[RecordSlip]) -
 
 
 def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[ExpectedResponse]:
-    """What signals should answer with the declared gain, or with one that all of them have about in common: tension
-    positive, negative, or each as it is wired."""
+    """Yield the expected response of signals with the declared gain, or with one gain common to all of them.
+
+    The sign is positive for tension, negative, or separate for each signal.
+    """
     of_load = np.sqrt(np.mean(legs**2, axis=0))
     if gain is not None:
         yield ExpectedResponse(legs * gain[:, None], _ABOVE_TYPICAL * np.abs(gain), of_load, _DECLARED)
@@ -217,14 +222,16 @@ def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expe
 
 
 def _off(missed: Array, found: Responses, expected: ExpectedResponse) -> float:
-    """Root of the mean square by which main responses miss."""
+    """Return the root mean square deviation of main responses."""
     wanted = np.abs(expected.expected(found.column, found.direction))
     main = wanted > _MAIN * expected.possible(found.column, found.direction)
     return float(np.sqrt(np.mean(missed[main] ** 2))) if main.any() else np.inf
 
 
 def _is_of_all(candidate: SlipCandidate, columns: Sequence[RecordedColumn]) -> bool:
-    """Whether a slip changes the gain of signals alike, or of one of them: without a declared one nobody can tell."""
+    """Return True if a slip changes the gain of all signals or of one; without a declared gain this
+    cannot be tested.
+    """
     slip, names = candidate.slip, {column.name for column in columns}
     if slip.kind == SlipKind.COLUMNS or slip.quantity not in ("load", "signal"):
         return False
@@ -232,7 +239,7 @@ def _is_of_all(candidate: SlipCandidate, columns: Sequence[RecordedColumn]) -> b
 
 
 def _of_single_runs(columns: Sequence[RecordedColumn], alone: tuple[str, ...]) -> tuple[RecordSlip, ...]:
-    """What nobody sees in runs that no two others vouch for."""
+    """Return the slips that cannot show in runs without confirmation by two others."""
     kinds = (SlipKind.UNIT, SlipKind.SIGN, SlipKind.FROZEN) if alone else ()
     return tuple(RecordSlip(kind, of, alone) for of in dict.fromkeys(one.quantity for one in columns) for kind in kinds)
 
@@ -244,7 +251,7 @@ def _blind(gain: Array | None) -> tuple[RecordSlip, ...]:
 
 
 def _of_all_runs(columns: Sequence[RecordedColumn]) -> tuple[RecordSlip, ...]:
-    """What runs that are alike cannot show: the same slip in all of them."""
+    """Return the slips that equal runs cannot show: the same one in all of them."""
     quantities = dict.fromkeys(("load", *(column.quantity for column in columns)))
     units = tuple(RecordSlip(SlipKind.UNIT, quantity, ("all runs",)) for quantity in quantities)
     signs = tuple(RecordSlip(SlipKind.SIGN, quantity, ("all runs",)) for quantity in quantities)

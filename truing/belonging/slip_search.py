@@ -1,7 +1,7 @@
-"""Which slips explain responses that do not follow what is expected of them, against every physical cause.
+"""Search for slips that explain unexpected responses, in competition with all physical causes.
 
-Responses are compared on a scale that is logarithmic for main ones and linear for those that hardly differ from zero:
-a factor between units, a sign and an exchange are large on it, a stiffness off by a third is not.
+Responses are compared on a scale that is logarithmic for main ones and linear for those near zero. A factor between
+units, a sign and an exchange are large on it; a stiffness that differs by a third is not.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from truing.belonging.responses import Responses
 
 _SHARED = 0.1  # prior width, relative, of what all responses have in common; and those of an axis, of a column
 _BESIDE = 0.7  # of the prior widths of one response: what is left of it beside what responses have in common
-_TELLING = 0.3  # share of the possible response, expected or recorded, from which one tells hypotheses apart
+_TELLING = 0.3  # share of the possible response, expected or recorded, above which one separates hypotheses
 _FLOOR, _CEILING = 0.01, 0.5  # relative scatter of responses from run to run, at least and at most
-CLEARLY, _RIGHT = 2.0, 1.2  # widths by which affected responses miss at least as recorded, and at most put right
-_MUCH = 12.0  # log evidence that a slip has to gain beyond what its number of rivals gives by chance
+CLEARLY, _RIGHT = 2.0, 1.2  # least deviation of affected responses as recorded, and largest after correction, in widths
+_MUCH = 12.0  # log evidence that a slip must gain beyond the chance gain by its number of rivals
 _AS_LIKELY = 3.0  # log evidence within which another slip is as likely
-_COMPARED = 12  # candidates whose evidence is computed, the nearest
+_COMPARED = 12  # number of the nearest candidates whose evidence is computed
 _ROUNDS = 6
 _MOST_SLIPS = 2
-_CLEAR = 0.1  # sigma of a response over the typical size of its column, beyond which it says nothing
+_CLEAR = 0.1  # largest sigma of a usable response over the typical size of its column
 
 
 @dataclass(frozen=True)
@@ -47,18 +47,17 @@ class ExpectedResponse:
     linear: float = 0.1
 
     def expected(self, column: Index, direction: Array) -> Array:
-        """What columns (C,) should answer to loads (C, 6)."""
+        """Return the expected response (C,) of columns (C,) to loads (C, 6)."""
         return np.asarray(np.sum(self.matrix[column] * direction, axis=1))
 
     def possible(self, column: Index, direction: Array) -> Array:
-        """The largest answer (C,) that columns (C,) could give to loads (C, 6) at all."""
+        """Return the largest possible response (C,) of columns (C,) to loads (C, 6)."""
         return np.asarray(self.of_column[column] * np.linalg.norm(direction * self.of_load, axis=1))
 
 
 @dataclass(frozen=True)
 class ColumnReading:
-    """How recorded numbers are read: loads (C, 6), the column (C,) that each response stands for, and the factor (C,)
-    that makes it right."""
+    """An interpretation of the records: loads (C, 6), true column (C,) of each response, and correction factor (C,)."""
 
     direction: Array
     column: Index
@@ -67,8 +66,7 @@ class ColumnReading:
 
 @dataclass(frozen=True)
 class SlipCandidate:
-    """A slip, the responses (C,) that it may concern, how they are read without it, and the logarithm of how many
-    others are like it."""
+    """A slip, the responses (C,) that it may concern, their interpretation, and the log number of similar slips."""
 
     slip: RecordSlip
     concerns: Mask
@@ -78,8 +76,11 @@ class SlipCandidate:
 
 @dataclass(frozen=True)
 class Explained:
-    """Slips that hold together, those as likely, relative misfit of what they concern before and after, how many were
-    tried, and how all responses miss (C,) in widths with the slips undone."""
+    """Slips that apply together, equally likely ones, relative misfit before and after, number of tests, and
+    deviations.
+
+    ``misses`` (C,) are the deviations of all responses, in widths, with the slips undone.
+    """
 
     slips: tuple[RecordSlip, ...]
     rivals: tuple[RecordSlip, ...]
@@ -89,7 +90,7 @@ class Explained:
     misses: Array
 
     def tested(self, relation: str, state: RelationState, reason: str, hidden: Sequence[RecordSlip]) -> RelationTest:
-        """The result for a relation: a failure where there are slips, else this state."""
+        """Return the result for a relation: a failure if there are slips, otherwise the given state."""
         before, after = 100.0 * self.before, 100.0 * self.after
         if not self.slips:
             return RelationTest(relation, state, reason, "", before, unit="%", tried=self.tried, hidden=tuple(hidden))
@@ -100,7 +101,7 @@ class Explained:
 
 @dataclass(frozen=True)
 class _ScaledResponses:
-    """Responses and expectations in shares of what is possible, on the scale (C,) of comparison."""
+    """Responses and expectations as shares of the possible ones, on the scale (C,) of comparison."""
 
     share: Array
     expected: Array
@@ -113,7 +114,7 @@ class _ScaledResponses:
 
     @property
     def slope(self) -> Array:
-        """Of the scale at what is expected."""
+        """Slope of the scale at the expectation."""
         return 1.0 / np.hypot(self.expected, self.by.linear)
 
     @property
@@ -123,12 +124,12 @@ class _ScaledResponses:
 
     @property
     def misses(self) -> Array:
-        """Misfit in prior widths."""
+        """Deviation in prior widths."""
         return np.asarray(self.misfit / self.width)
 
     @property
     def is_large(self) -> Mask:
-        """Whether a response is, or should be, large enough to tell hypotheses apart."""
+        """True for responses that are, or should be, large enough to separate hypotheses."""
         return np.maximum(np.abs(self.share), np.abs(self.expected)) > _TELLING
 
     def chosen(self, rows: Mask) -> _ScaledResponses:
@@ -136,7 +137,7 @@ class _ScaledResponses:
 
 
 def clear(found: Responses, count: int) -> Responses:
-    """Return the responses of columns (count) that stand clear of their scatter."""
+    """Return the responses of columns (count) that are clear of their scatter."""
     typical = np.array(
         [
             np.quantile(np.abs(found.size[mine]), 0.75) if (mine := found.column == k).any() else 0.0
@@ -147,12 +148,12 @@ def clear(found: Responses, count: int) -> Responses:
 
 
 def as_recorded(found: Responses) -> ColumnReading:
-    """Return the reading of responses as they were recorded."""
+    """Return the interpretation of responses as recorded."""
     return ColumnReading(found.direction, found.column, np.ones(len(found)))
 
 
 def misses_read(found: Responses, expected: ExpectedResponse, read: ColumnReading) -> Array:
-    """Return by how many prior widths (C,) responses miss as they are read."""
+    """Return the deviation (C,) of responses under an interpretation, in prior widths."""
     return _compare(found, expected, read).misses
 
 
@@ -162,9 +163,9 @@ def explain(
     candidates: Sequence[SlipCandidate],
     broad: Sequence[SlipCandidate] = (),
 ) -> Explained:
-    """Return the slips that explain responses clearly better than as recorded, and than any physical cause could.
+    """Return the slips that explain responses clearly better than the record, and than any physical cause could.
 
-    broad: those of which two at once are tried too, where no single one leaves everything right.
+    broad: candidates that are also tried in pairs if no single one explains everything.
     """
     read = as_recorded(found)
     first = _compare(found, expected, read)
@@ -185,7 +186,7 @@ def explain(
 def _one_by_one(
     found: Responses, expected: ExpectedResponse, candidates: Sequence[SlipCandidate]
 ) -> tuple[list[SlipCandidate], tuple[RecordSlip, ...], ColumnReading]:
-    """The clearest slip again and again, the rivals of the first, and how responses are then read."""
+    """Return the clearest slips in turn, the rivals of the first, and the interpretation with them."""
     read, chosen, rivals = as_recorded(found), list[SlipCandidate](), tuple[RecordSlip, ...]()
     for _ in range(_ROUNDS):
         best = _best(found, expected, read, candidates)
@@ -200,7 +201,9 @@ def _one_by_one(
 def _best_of_two(
     found: Responses, expected: ExpectedResponse, broad: Sequence[SlipCandidate]
 ) -> tuple[list[SlipCandidate], float, ColumnReading] | None:
-    """The two slips at once that leave least, with their log evidence; None where none leave everything right."""
+    """Return the pair of slips with the smallest deviation and its log evidence; None if no pair explains
+    everything.
+    """
     read = as_recorded(found)
     first = _compare(found, expected, read)
     best: tuple[float, list[SlipCandidate], ColumnReading] | None = None
@@ -231,7 +234,7 @@ def merged(slips: Sequence[RecordSlip]) -> tuple[RecordSlip, ...]:
 
 
 def hidden(found: Responses, expected: ExpectedResponse, candidates: Sequence[SlipCandidate]) -> tuple[RecordSlip, ...]:
-    """Return the slips that would not show: responses as expected, read with the slip undone, hardly miss."""
+    """Return the slips that would not show: with the slip undone, expected responses hardly deviate."""
     read = as_recorded(found)
     here = _compare(found, expected, read)
     ideal = replace(found, size=here.expected * here.possible)
@@ -262,7 +265,7 @@ def _differ(one: ColumnReading, other: ColumnReading) -> Mask:
 def _best(
     found: Responses, expected: ExpectedResponse, read: ColumnReading, candidates: Sequence[SlipCandidate]
 ) -> tuple[SlipCandidate, ColumnReading, tuple[RecordSlip, ...]] | None:
-    """The candidate that explains most, how responses are then read, and those as likely; None where none is clear."""
+    """Return the best candidate, the interpretation with it, and equally likely ones; None if none is clear."""
     here = _compare(found, expected, read)
     near = sorted(_halving(found, expected, read, here, candidates), key=lambda one: one[0])[:_COMPARED]
     if not near:
@@ -281,7 +284,7 @@ def _best(
 
 
 def _is_part(one: RecordSlip, whole: RecordSlip) -> bool:
-    """Whether a slip is another one in some places only."""
+    """Return True if a slip is another one restricted to some places."""
     return replace(one, subjects=()) == replace(whole, subjects=()) and (
         not whole.subjects or set(whole.subjects) <= set(one.subjects)
     )
@@ -294,8 +297,10 @@ def _halving(
     here: _ScaledResponses,
     candidates: Sequence[SlipCandidate],
 ) -> Iterator[tuple[float, SlipCandidate, ColumnReading]]:
-    """Candidates that at least halve the misfit of what they concern and bring it to where physics may be, with what
-    all responses then miss."""
+    """Yield candidates that at least halve the misfit of what they concern, down to the size of physical effects.
+
+    Each with the deviation of all responses and the interpretation with it.
+    """
     before = np.abs(here.misses)
     for candidate in candidates:
         if np.max(before[candidate.concerns], initial=0.0) < CLEARLY:
@@ -311,7 +316,7 @@ def _halving(
 
 
 def _informative(here: _ScaledResponses, there: _ScaledResponses, changed: Mask) -> Mask:
-    """Of the responses that a slip changes, those that either way should be or are large; all where none is."""
+    """Return the responses changed by a slip that are, or should be, large either way; all where there is none."""
     large = changed & (here.is_large | there.is_large)
     return large if large.any() else changed
 
@@ -323,7 +328,9 @@ def _root(values: Array) -> float:
 def _gain(
     found: Responses, expected: ExpectedResponse, one: tuple[ColumnReading, _ScaledResponses], other: ColumnReading
 ) -> float:
-    """Log evidence that another way to read responses has over one, by those that either way should or do tell."""
+    """Return the gain in log evidence by another interpretation, from responses that are informative under
+    either one.
+    """
     here, there = one[1], _compare(found, expected, other)
     informative = here.is_large | there.is_large
     if not informative.any():
@@ -332,7 +339,7 @@ def _gain(
 
 
 def _evidence(read: ColumnReading, compared: _ScaledResponses, expected: ExpectedResponse, rows: Mask) -> float:
-    """Of the recorded sizes of some responses, with physical causes of their honest sizes free."""
+    """Return the log evidence of the recorded sizes of some responses, with physical causes of plausible size free."""
     read = ColumnReading(read.direction[rows], read.column[rows], read.factor[rows])
     compared = compared.chosen(rows)
     slope = compared.slope
@@ -351,7 +358,7 @@ def _evidence(read: ColumnReading, compared: _ScaledResponses, expected: Expecte
 
 
 def _relative(compared: _ScaledResponses, where: Mask) -> float:
-    """Root of the mean square misfit over that of what is expected, of some responses."""
+    """Return the rms misfit over the rms expectation of some responses."""
     if not where.any():
         return 0.0
     wanted = max(_root(compared.expected[where]), 0.1 * _root(compared.share[where]), 1e-300)

@@ -1,4 +1,4 @@
-"""Slips in some rows or cells of a table of readings: rows in another order, rows and cells that disagree, rounding."""
+"""Slips in some rows or cells of a table of readings: reordered rows, inconsistent rows and cells, rounding."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from scipy.optimize import linear_sum_assignment
 
 from truing.arrays import Array, Index, Mask
 
-_FEWEST, _FEWEST_APART = 4, 3  # rows that agree, and rows that do not
-_LEAST_SHARE = 0.2  # of all rows agree: fewer may do so by chance
-_NEAR = 0.3  # of the movement: rows that miss by about the same
-_MOST_CENTRES = 200  # rows around which others are looked for
-_FAR = 10.0  # typical misfits of rows that agree, from which on a row does not
-_CLEARLY = 0.2  # of the movement
-_HALF = 0.5  # of the misfit: what decides whether a row is better with the slip undone
-_LEFT = (3.0, 0.1)  # what undone rows miss by at most: over that of rows that agree, and of their own misfit before
-_EXPLAINED = 0.9  # of the rows that do not agree
+_FEWEST, _FEWEST_APART = 4, 3  # fewest rows that agree, and that do not
+_LEAST_SHARE = 0.2  # least share of all rows that agree; fewer may do so by chance
+_NEAR = 0.3  # largest difference of misfits of rows that agree, as a share of the movement
+_MOST_CENTRES = 200  # most rows around which a cluster is sought
+_FAR = 10.0  # typical misfits of rows that agree, beyond which a row does not
+_CLEARLY = 0.2  # share of the movement
+_HALF = 0.5  # share of the misfit below which a row is better with the slip undone
+_LEFT = (3.0, 0.1)  # largest misfit of corrected rows, relative to rows that agree, and to their own misfit before
+_EXPLAINED = 0.9  # least share of the disagreeing rows that a slip explains
 _MOST_STRETCHES = 3
 _SHIFTS = (1, -1, 2, -2, 3, -3)
-_MOST_ROWS = 600  # whose every exchange is looked at; of longer tables the rows that fit worst
-_CLEAR = 50.0  # log likelihood by which an exchange of rows has to win
-_NEARLY = 1.5  # times the misfit of a free order, up to which a simple shift is the better word
+_MOST_ROWS = 600  # most rows in the test of all exchanges; of longer tables, the rows that fit worst
+_CLEAR = 50.0  # log likelihood by which an exchange of rows must win
+_NEARLY = 1.5  # misfit of a simple shift over that of a free order, up to which the shift is preferred
 _FIFTH = 0.2
-_WORSE = 8.0  # times the typical misfit, from which on a row of a long table may be another one's
-_STRAY = 12.0  # scatters of a leg's misfit, from which a reading is none of its pose
-_SIZEABLE = 0.1  # of the leg's range: smaller ones are left to the diagnosis, which leaves out gross errors
-_FEW = 0.1  # of all readings
+_WORSE = 8.0  # typical misfits beyond which a row of a long table may belong to another pose
+_STRAY = 12.0  # scatters of a leg's misfit beyond which a reading does not belong to its pose
+_SIZEABLE = 0.1  # least stray error, over the leg's range; the diagnosis screens smaller gross errors
+_FEW = 0.1  # share of all readings
 _MEDIAN = 1.4826
-_DIFFERENT = 4  # different numbers that a column needs to be compared
-_FEWEST_STEPS, _OFF_GRID = 2, 1e-3  # differences that tell a step, and what they are off by, of a step
+_DIFFERENT = 4  # fewest different numbers of a column in a comparison
+_FEWEST_STEPS, _OFF_GRID = 2, 1e-3  # fewest differences that define a step, and their tolerance in steps
 _ABOVE_NOISE = 3.0  # error by rounding over declared noise
-_ROUNDED = (0.5, 2.0)  # misfit over the error that the step of a column makes
+_ROUNDED = (0.5, 2.0)  # misfit over the error that the step of a column causes
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Rows that agree but for one offset (L,), m; distance (B,) of every row, its ``limit``, and the typical one."""
+    """Rows that agree within one offset (L,), m; distance (B,) of every row, its ``limit``, and the typical one."""
 
     offset: Array
     distance: Array
@@ -48,14 +48,14 @@ class Agreement:
 
     @property
     def apart(self) -> Index:
-        """Return the rows that do not agree."""
+        """Rows that do not agree."""
         return np.flatnonzero(self.distance > self.limit)
 
 
 def agreement(readings: Array, asked: Array, noise: float) -> Agreement | None:
-    """Return how the largest set of rows that agree does so, readings and asked (B, L) in m; None where all rows do.
+    """Return the largest set of agreeing rows of readings and asked (B, L) in m; None where all rows agree.
 
-    Rows agree where they miss what their poses ask for by about the same offset.
+    Rows agree if their differences from the required readings are nearly equal.
     """
     misfit = readings - asked
     moved = float(np.sqrt(np.mean((asked - asked.mean(axis=0)) ** 2)))
@@ -99,7 +99,7 @@ def _rms(values: Array) -> float:
 
 
 def places(slipped: Mask, kept: Mask, poses: Sequence[str], groups: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
-    """Return where rows (B,) that slipped stand: a group, a few stretches, a regular pattern, or each by its name.
+    """Return the places of rows (B,) in words: a group, a few stretches, a regular pattern, or each by its name.
 
     groups: name of a column and its value in each row.
     """
@@ -115,7 +115,7 @@ def places(slipped: Mask, kept: Mask, poses: Sequence[str], groups: Sequence[tup
 
 
 def _complete_groups(name: str, values: NDArray[np.str_], slipped: Mask, kept: Mask) -> list[str]:
-    """The values of a column whose rows are those that slipped, and no others."""
+    """Return the values of a column whose rows are exactly those that slipped."""
     own = list(dict.fromkeys(values[slipped].tolist()))
     inside = np.isin(values, own)
     return [] if (inside & kept).any() or not (~inside & kept).any() else [f"{name} {one}" for one in own]
@@ -125,7 +125,7 @@ _NTH = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 
 
 def _stretches(slipped: Mask, kept: Mask) -> list[tuple[int, int]]:
-    """First and last of the rows that slipped and follow each other, with none between that did not."""
+    """Return first and last row of each stretch of slipped rows without right ones between them."""
     found: list[tuple[int, int]] = []
     for row in np.flatnonzero(slipped).tolist():
         if found and not kept[found[-1][1] : row].any():
@@ -147,8 +147,8 @@ def _stretch(first: int, last: int, poses: Sequence[str]) -> str:
 class RowOrder:
     """Rows (B,) of the recorded readings that belong to each pose; -1 where none does.
 
-    ``gain``: log likelihood over the order as recorded, less the penalty for its choice. ``shift``: where all rows are
-    shifted, by how many they stand too far down.
+    ``gain``: log likelihood over the recorded order, less the penalty for its choice. ``shift``: number of rows by
+    which all rows are too far down, if they are shifted.
     """
 
     rows: Index
@@ -157,15 +157,15 @@ class RowOrder:
 
     @property
     def moved(self) -> Index:
-        """Return the poses whose readings stand elsewhere."""
+        """Poses whose readings are in another row."""
         return np.flatnonzero((self.rows != np.arange(len(self.rows))) & (self.rows >= 0))
 
 
 def best_order(readings: Array, asked: Array, noise: float) -> RowOrder:
-    """Return the order of rows under which readings (B, L) are most likely those asked for (B, L), both in m.
+    """Return the order of rows under which readings (B, L) match the required ones (B, L) best, both in m.
 
-    The mean of each leg does not depend on the order of rows and is taken out. ``noise`` is the least that a row may
-    be off by, one standard deviation.
+    The mean of each leg does not depend on the order and is removed. ``noise`` is the least standard deviation of a
+    row.
     """
     shifted = [_shifted(readings, asked, noise, shift) for shift in _SHIFTS if 3 * abs(shift) < len(readings)]
     simple = max(shifted, key=lambda order: order.gain, default=None)
@@ -178,7 +178,7 @@ def best_order(readings: Array, asked: Array, noise: float) -> RowOrder:
 
 
 def _left(order: RowOrder, readings: Array, asked: Array) -> float:
-    """Median misfit, m, that an order leaves, about the median of each leg."""
+    """Return the median misfit, m, of an order, about the median of each leg."""
     kept = order.rows >= 0
     misfit = readings[order.rows[kept]] - asked[kept]
     return float(np.median(np.abs(misfit - np.median(misfit, axis=0))))
@@ -189,13 +189,13 @@ def _about(values: Array, rows: Index) -> Array:
 
 
 def _log_likelihood(misfit: Array, noise: float) -> float:
-    """Of misfits (N, L) with one free level per leg, not below the noise."""
+    """Return the log likelihood of misfits (N, L) with one free noise level per leg, at least ``noise``."""
     level = np.maximum(np.sqrt(np.mean(misfit**2, axis=0)), noise)
     return float(-np.sum(len(misfit) * np.log(level)) - 0.5 * np.sum((misfit / level) ** 2))
 
 
 def _shifted(readings: Array, asked: Array, noise: float, shift: int) -> RowOrder:
-    """Readings that stand ``shift`` rows too far down, in the rows that overlap."""
+    """Return readings that are ``shift`` rows too far down, in the rows that overlap."""
     count = len(readings)
     poses = np.arange(max(0, -shift), count - max(0, shift))
     rows = np.full(count, -1, np.int64)
@@ -206,11 +206,11 @@ def _shifted(readings: Array, asked: Array, noise: float, shift: int) -> RowOrde
 
 
 def _exchanged(readings: Array, asked: Array, noise: float) -> RowOrder:
-    """The assignment of rows to poses with the smallest squares, with only those exchanges that clearly pay."""
+    """Return the assignment of rows to poses with the smallest squares, with only those exchanges that clearly pay."""
     every = np.arange(len(readings))
     offset, level = np.mean(readings - asked, axis=0), np.maximum(np.std(asked, axis=0), noise)
     suspects = every if len(every) <= _MOST_ROWS else _worst(readings - asked - np.median(readings - asked, axis=0))
-    for _ in range(2):  # the second time with the level and the zero that the first assignment leaves
+    for _ in range(2):  # the second time with the noise level and the zero after the first assignment
         between = (readings[suspects] - offset)[None] - asked[suspects][:, None]
         cost = np.sum(np.log1p((between / level) ** 2), axis=2)  # bounded growth: one wild leg decides nothing
         poses, rows = linear_sum_assignment(cost)
@@ -242,12 +242,12 @@ def _worst(misfit: Array) -> Index:
 
 
 def _consistent(after: Array, before: Array) -> bool:
-    """Whether exchanged rows (N, L) leave a fifth of their misfit at most, as no exchange of random rows does."""
+    """Return True if exchanged rows (N, L) keep at most a fifth of their misfit, unlike any exchange of random rows."""
     return bool(np.mean(after**2) < _FIFTH**2 * np.mean(before**2))
 
 
 def _cycles(order: Index) -> list[list[int]]:
-    """The cycles of a permutation that move anything."""
+    """Return the cycles of a permutation that move anything."""
     left, found = set(np.flatnonzero(order != np.arange(len(order))).tolist()), []
     while left:
         cycle, at = [], min(left)
@@ -260,7 +260,7 @@ def _cycles(order: Index) -> list[list[int]]:
 
 
 def stray_readings(readings: Array, asked: Array, noise: float) -> Index:
-    """Return rows and columns (N, 2) of the few readings (B, L) far from those that their poses ask for (B, L), m."""
+    """Return rows and columns (N, 2) of the few readings (B, L) far from the required ones (B, L), m."""
     misfit = readings - asked
     misfit = misfit - np.median(misfit, axis=0)
     scatter = np.maximum(_MEDIAN * np.median(np.abs(misfit), axis=0), noise)
@@ -270,7 +270,7 @@ def stray_readings(readings: Array, asked: Array, noise: float) -> Index:
 
 
 def copied_columns(readings: Array) -> list[tuple[int, int]]:
-    """Return pairs of columns of readings (B, L) that are the same in every row."""
+    """Return pairs of columns of readings (B, L) that are equal in every row."""
     return [
         (i, j)
         for i in range(readings.shape[1])
@@ -280,7 +280,7 @@ def copied_columns(readings: Array) -> list[tuple[int, int]]:
 
 
 def written_step(values: Array) -> float:
-    """Return the step, in the unit of the values, that all differences of the numbers are multiples of; 0 for none."""
+    """Return the step, in the unit of the values, of which all differences are multiples; 0 for none."""
     steps = np.diff(np.unique(values.round(12)))
     steps = steps[steps > 1e-12]
     if len(steps) < _FEWEST_STEPS:
@@ -290,9 +290,9 @@ def written_step(values: Array) -> float:
 
 
 def rounding(values: Array, misfit: float, noise: float) -> float | None:
-    """Return the step, m, of numbers whose rounding errs by more than the declared noise and makes the rms misfit.
+    """Return the step, m, of numbers whose rounding error exceeds the declared noise and explains the rms misfit.
 
-    None also where the misfit is far smaller: a drive may be sent to round numbers, and reach them.
+    None also where the misfit is far smaller: a drive may be commanded to round numbers, and reach them.
     """
     step = written_step(values)
     error = step / np.sqrt(12.0)
@@ -300,7 +300,7 @@ def rounding(values: Array, misfit: float, noise: float) -> float | None:
 
 
 def rounded_to(readings: Array, misfit: float, noise: float) -> float | None:
-    """Return the step, m, in which readings were written down, where it makes the rms misfit; else None."""
+    """Return the step, m, in which readings were recorded, if it explains the rms misfit; else None."""
     step = written_step(readings)
     error = step / np.sqrt(12.0)
     low, high = _ROUNDED
