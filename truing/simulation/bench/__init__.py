@@ -1,1 +1,1 @@
-"""A loaded sensor on its bench: what is known of it, how loads become readings, and its extended model."""
+"""Simulation of a loaded sensor on its bench: loads, readings, causes and the extended model."""

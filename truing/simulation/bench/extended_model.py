@@ -1,7 +1,8 @@
-"""The extended model of a sensor on its bench: its compliance as identified, with the effects that were found.
+"""Class `ExtendedSensor`: the identified compliance of a sensor with its effects; prediction of readings, and
+model.toml.
 
-What was uncertain of geometry and elasticity matters to readings through the compliance alone, which carries it all. In
-its text (see `model_text`) the covariance is that of the compliance, row by row, and of the effects' values.
+Geometry and elasticity affect readings only through the compliance. In model.toml (see `model_text`) the covariance is
+that of the compliance, row by row, and of the effects' values.
 """
 
 from __future__ import annotations
@@ -39,11 +40,11 @@ _AXES = 6
 
 @dataclass(frozen=True)
 class ExtendedSensor(IdentifiedInSI[ReadingCause]):
-    """A sensor as identified: its compliance (6, 6), SI, which leads the covariance row by row.
+    """An identified sensor: compliance (6, 6), SI, whose entries come first in the covariance, row by row.
 
-    ``nominal`` is the compliance as it was simulated, ``largest`` (6,) the largest load of each axis. ``rows`` (6, 6):
-    how the bench's channels follow the motion; ``share`` of the elastic parameters' variance: what all legs had in
-    common.
+    ``nominal`` is the simulated compliance, ``largest`` (6,) the largest load of each axis. ``rows`` (6, 6): derivative
+    of the bench's channels by the motion; ``share``: part of the elastic parameters' variance that is common to all
+    legs.
     """
 
     compliance: NDArray
@@ -57,7 +58,7 @@ class ExtendedSensor(IdentifiedInSI[ReadingCause]):
 
 @dataclass(frozen=True)
 class PredictedReadings:
-    """Readings (B, 6), m and rad, less a run's zero, and one standard deviation of what the model leaves open."""
+    """Readings (B, 6), m and rad, without a run's zero, and their standard deviation by the model's uncertainty."""
 
     value: NDArray
     sigma: NDArray
@@ -87,7 +88,7 @@ def extended_sensor(model: BenchModel, shared: NDArray, covariance: NDArray, con
             by_unknown[: _AXES * _AXES, model.layout[one.cause.key]] = own.reshape(-1, 1)
             identified = ratio @ identified
     rows = known.optics.rows_at(shared[model.layout["optics"]])
-    # angles and arms change readings as a change of the compliance would
+    # Angles and arms change readings in the same way as a change of the compliance.
     by_angle = np.linalg.solve(rows, known.optics.by_angle) @ identified
     angles = np.arange(len(by_angle)) + model.layout["optics"].start
     by_unknown[: _AXES * _AXES, angles] = by_angle.reshape(-1, _AXES * _AXES).T
@@ -107,22 +108,22 @@ def extended_sensor(model: BenchModel, shared: NDArray, covariance: NDArray, con
 
 
 def concerns_signals(cause: ReadingCause) -> bool:
-    """Return whether a cause concerns signals alone, and no reading of a displacement."""
+    """Whether a cause concerns only signals, and no readings of displacements."""
     return cause.subject.startswith("signal")
 
 
 def is_of_compliance(cause: ReadingCause) -> bool:
-    """Return whether a cause changes the compliance alone, which then carries it."""
+    """Whether a cause changes only the compliance, which then contains it."""
     return isinstance(cause, LegStiffness)
 
 
 def _multiplied(ratio: NDArray, rows: NDArray) -> NDArray:
-    """Return what becomes of rows (36, G), each column a change of a compliance, where that is multiplied."""
+    """Return rows (36, G), each column a change of a compliance, after multiplication of the compliance by a ratio."""
     return np.asarray(np.einsum("ik,kjg->ijg", ratio, rows.reshape(_AXES, _AXES, -1)).reshape(rows.shape))
 
 
 def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) -> PredictedReadings:
-    """Return the readings of all six channels at some load steps, with effects that stay with sensor and bench."""
+    """Return the readings of all six channels at some load steps, with the persistent effects."""
     causes = tuple(cause for cause in extended.causes if cause.is_persistent)
     model, shared = _at(extended, causes, conditions)
     value = model.points(shared, np.zeros((len(conditions.load), 0)))[..., 0]
@@ -134,17 +135,17 @@ def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) ->
 
 
 def changes_loads(cause: Cause[Any]) -> bool:
-    """Return whether a cause says that another load acted at a step than was written down."""
+    """Whether a cause implies that the load at a step differs from the recorded one."""
     return cause.step is Step.DRIVE or isinstance(cause, RowsExchanged)
 
 
 def drives(extended: ExtendedSensor) -> tuple[ReadingCause, ...]:
-    """Return the persistent effects that make of a load another wrench than was written down."""
+    """Return the persistent effects that change the wrench of a recorded load."""
     return tuple(cause for cause in extended.causes if cause.step is Step.DRIVE and cause.is_persistent)
 
 
 def acting_wrenches(extended: ExtendedSensor, conditions: ReadingConditions) -> NDArray:
-    """Return the wrenches (B, 6) that act where loads were written down, N and N m."""
+    """Return the true wrenches (B, 6) at the recorded loads, N and N m."""
     model, shared = _at(extended, drives(extended), conditions)
     return model.wrenches(shared, np.zeros((len(conditions.load), 0)))
 
@@ -162,7 +163,8 @@ def _at(
 def _by_compliance(
     extended: ExtendedSensor, conditions: ReadingConditions, causes: Sequence[ReadingCause], shared: NDArray
 ) -> NDArray:
-    """Return how readings (B, 6, 36) follow the compliance, which they are linear in: exact differences."""
+    """Return the derivatives (B, 6, 36) of readings by the compliance; the readings are linear in it, so differences
+    are exact."""
     local = np.zeros((len(conditions.load), 0))
     size = np.sqrt(np.abs(np.outer(np.diag(extended.compliance), np.diag(extended.compliance))))
     whole = _model(extended, extended.compliance, conditions).with_causes(causes).points(shared, local)[..., 0]
@@ -176,14 +178,14 @@ def _by_compliance(
 
 
 def _by_effects(model: BenchModel, shared: NDArray) -> NDArray:
-    """Return how readings (B, 6, P) follow the effects' parameters, SI."""
+    """Return the derivatives (B, 6, P) of readings by the effects' parameters, SI."""
     by_shared = model.predict(shared, np.zeros((len(model.conditions.load), 0))).by_shared[:, :, 0]
     parts = [by_shared[..., model.layout[cause.key]] / model.effect_sigma(cause) for cause in model.causes]
     return np.concatenate(parts, -1) if parts else np.zeros((*by_shared.shape[:2], 0))
 
 
 def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingConditions) -> BenchModel:
-    """Return the model of an exact sensor with such a compliance (6, 6), which need not be symmetric."""
+    """Return the model of an exact sensor with this compliance (6, 6), which need not be symmetric."""
     none = np.zeros(0, int)
     known = KnownReadings(
         UncertainSensor(None, None, compliance, np.zeros(5), 0.0),
@@ -202,7 +204,7 @@ def _model(extended: ExtendedSensor, compliance: NDArray, conditions: ReadingCon
 
 MECHANISM = "6-upur"
 _OWN = ("mechanism", "wavelength_nm", "reference_temperature_c", "largest_load", "common_share")
-_HALF = 0.5  # what was in common where a model does not say so
+_HALF = 0.5  # common share if a model does not give it
 
 
 def write_sensor(extended: ExtendedSensor) -> str:
@@ -230,12 +232,12 @@ def _rows(matrix: NDArray) -> list[str]:
 
 
 def is_sensor(document: dict[str, Any]) -> bool:
-    """Return whether a parsed model.toml is that of a sensor."""
+    """Whether a parsed model.toml is that of a sensor."""
     return describes(document, MECHANISM)
 
 
 def read_sensor(text: str) -> ExtendedSensor:
-    """Return the model that a text of `write_sensor` describes; raises ValueError where it does not describe one."""
+    """Read the model from a text of `write_sensor`; raises ValueError if the text is no such model."""
     return read_document(text, _from_document)
 
 

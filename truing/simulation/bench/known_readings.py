@@ -1,7 +1,7 @@
-"""What is known beforehand of a sensor on its bench, of its load steps, and of how channels see its motion; SI.
+"""Prior knowledge of a sensor on its bench: load steps, channel geometry (`Optics`), zeros and gains; SI.
 
-Declared geometry (beams askew or at an arm, a frame that grows) is no error: causes find what is left. What is declared
-to be uncertain is among the unknowns.
+Declared geometry (inclined or offset beams, an expanding frame) is part of the model, and causes act in addition.
+Numbers with a declared uncertainty are unknowns.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _AXES = 6
 
 @dataclass(frozen=True)
 class Optics:
-    """Rows (6, 6) by which the channels follow displacement and rotation vector, SI, and how well they are known.
+    """Rows (6, 6) from displacement and rotation vector to channels, SI, and their uncertainty.
 
-    ``by_angle`` (U, 6, 6) is how rows change per prior sigma of each angle or arm, ``growth`` (V, 6) one sigma of what
-    each frame's expansion leaves in readings per kelvin of the material since the start of the run.
+    ``by_angle`` (U, 6, 6) is the derivative of the rows per prior sigma of each angle or arm; ``growth`` (V, 6) one
+    sigma of the effect of each frame's expansion on readings, per kelvin of the material since the start of the run.
     """
 
     rows: NDArray
@@ -42,7 +42,7 @@ class Optics:
 
     @property
     def size(self) -> int:
-        """Return the number of unknowns: of angles and arms, then of growth."""
+        """Number of unknowns: of angles and arms, then of growth."""
         return len(self.by_angle) + len(self.growth)
 
     def rows_at(self, unknowns: NDArray) -> NDArray:
@@ -50,7 +50,7 @@ class Optics:
         return np.asarray(self.rows + np.einsum("u,uij->ij", unknowns[: len(self.by_angle)], self.by_angle))
 
     def grown(self, steps: LoadSteps, unknowns: NDArray) -> NDArray:
-        """Return what the frame's growth leaves in readings (B, 6) of load steps."""
+        """Return the effect (B, 6) of the frame's expansion on the readings of load steps."""
         return np.asarray(_warmer(steps)[:, None] * (unknowns[len(self.by_angle) :] @ self.growth))
 
     def slopes(self, steps: LoadSteps, motion: NDArray) -> NDArray:
@@ -60,27 +60,27 @@ class Optics:
 
 
 def _warmer(steps: LoadSteps) -> NDArray:
-    """Return by how much the material (B,) is warmer than at the start of the run; not at all where nobody read it."""
+    """Return the temperature (B,) of the material minus that at the start of the run; zero if it was not recorded."""
     return steps.since_first(MATERIAL) if MATERIAL in steps.covariates else np.zeros(len(steps.run))
 
 
 Array = NDArray[np.float64]
 
-_NOTHING = 1e-12  # of a component in another one, SI
+_NOTHING = 1e-12  # component of one axis in another below which it is rounding, SI
 
 
 @dataclass(frozen=True)
 class BeamGeometry:
-    """How beams see the platform as declared; the simulation, if there is one, tells what was not measured."""
+    """Declared geometry of the beams; a simulation, if there is one, replaces components that were not measured."""
 
     optics: Optics
     simulated: SimulatedCompliance | None
 
     def solved(self, load: Array, read: Array, covariance: Array) -> EstimatedMotion:
-        """The motions of cases under loads (K, 6) by what their channels read (K, 6), NaN where nothing was.
+        """Return the motions under loads (K, 6) from channel readings (K, 6), NaN if not read.
 
-        A component that no channel read is simulated to tell what of it is in the others: it stays unknown itself, and
-        so does, without a simulation, what holds some of it.
+        A component that no channel read is simulated to correct the others, and remains unknown itself. Without a
+        simulation, components that depend on it are unknown too.
         """
         seen = np.isfinite(read)
         expected, spread = self._expected(load)
@@ -103,22 +103,23 @@ class BeamGeometry:
         )
 
     def _expected(self, load: Array) -> tuple[Array, Array]:
-        """Simulated motions (K, 6) and their variances; NaN without a simulation."""
+        """Return simulated motions (K, 6) and their variances; NaN without a simulation."""
         if self.simulated is None:
             return np.full(load.shape, np.nan), np.full(load.shape, np.nan)
         by_load = self.simulated.covariance.reshape(6, 6, 6, 6)
         return load @ self.simulated.entries.T, np.einsum("ka,iaib,kb->ki", load, by_load, load)
 
 
-# How far a gain that nobody declared may lie from the first guess at it.
+# Prior sigma of an undeclared gain over its first estimate.
 _WIDE = 10.0
-# What nothing is known of: so many times a plausible size.
+# Prior sigma of an unknown zero, as a multiple of the noise.
 _FREE = 1e4
 
 
 @dataclass(frozen=True)
 class ChannelZeros:
-    """Zeros of run and channel: labels of the runs (Z,), numbers of the channels, prior sigma, whether it is known."""
+    """Zeros of Z pairs of run and channel: run labels, channel numbers, prior sigma, and whether this prior is
+    knowledge."""
 
     run: NDArray
     channel: NDArray
@@ -126,7 +127,7 @@ class ChannelZeros:
     known: NDArray
 
     def at(self, run: NDArray, channels: int) -> NDArray:
-        """Return which zero (B, K) each reading counts from; -1 for none."""
+        """Return the index (B, K) of the zero of each reading; -1 for none."""
         places = {(label, channel): n for n, (label, channel) in enumerate(zip(self.run, self.channel, strict=True))}
         labels = run.tolist()
         return np.array([[places.get((label, k), -1) for k in range(channels)] for label in labels]).reshape(
@@ -135,9 +136,10 @@ class ChannelZeros:
 
 
 def zeros_of(run: NDArray, seen: NDArray, sigma: NDArray, *, signals: int = 0) -> ChannelZeros:
-    """Return the zeros of readings seen (B, K) in runs (B,): one of the noise sigma (K,) per run and channel.
+    """Return the zeros of readings seen (B, K) in runs (B,), one per run and channel, with prior sigma of the noise
+    (K,).
 
-    Those of signals, which come last, are free.
+    Zeros of signals, which come last, are free.
     """
     found = [(label, k) for label in dict.fromkeys(run.tolist()) for k in np.flatnonzero(seen[run == label].any(0))]
     labels = np.array([label for label, _ in found], run.dtype)
@@ -148,9 +150,9 @@ def zeros_of(run: NDArray, seen: NDArray, sigma: NDArray, *, signals: int = 0) -
 
 @dataclass(frozen=True)
 class SignalGains:
-    """How signals follow leg forces or wrenches: V per N of each leg's force (S,), or rows (S, 6) V per N and N m.
+    """Gains of signals: V per N of each leg's force, (S,), or by wrench, (S, 6) in V per N and N m.
 
-    ``start`` and one prior sigma, of one shape; ``known``: whether the prior is knowledge.
+    ``start`` and one prior sigma have the same shape; ``known``: whether the prior is knowledge.
     """
 
     start: NDArray
@@ -159,21 +161,21 @@ class SignalGains:
 
     @staticmethod
     def none() -> SignalGains:
-        """Return what stands for no signals."""
+        """Return empty gains, for a sensor without signals."""
         return SignalGains(np.zeros(0), np.zeros(0))
 
     @property
     def are_of_legs(self) -> bool:
-        """Return whether each signal is that of one leg."""
+        """Whether each signal is that of one leg."""
         return self.start.ndim == 1
 
 
 @dataclass(frozen=True)
 class KnownReadings:
-    """What is known beforehand of a sensor, its bench and the instruments; SI.
+    """Prior knowledge of a sensor, its bench and the instruments; SI.
 
     ``channels`` are the platform's six, then the signals; ``sigma`` (K,) their noise; ``largest`` (6,) the largest load
-    of each axis; ``load_sigma`` (6,) the noise of loads, 0 where they are exact; ``optics``: how channels see motion.
+    of each axis; ``load_sigma`` (6,) the noise of loads, 0 if exact; ``optics`` the channels' response to motion.
     """
 
     sensor: UncertainSensor
@@ -189,15 +191,15 @@ class KnownReadings:
 
     @property
     def signals(self) -> int:
-        """Return the number of signals S."""
+        """Number of signals S."""
         return len(self.gains.start)
 
 
 @dataclass(frozen=True)
 class ReadingConditions:
-    """What is known of B load steps: labels of run and step, time, loads (B, 6) as declared, columns (B,) by name.
+    """Data of B load steps: labels of run and step, time, declared loads (B, 6), columns (B,) by name.
 
-    Steps of a run are in the order in which they were taken. ``span_s`` is the first and last time of the campaign.
+    Steps of a run are in order of time. ``span_s`` is the first and last time of the campaign.
     """
 
     run: NDArray
@@ -209,12 +211,12 @@ class ReadingConditions:
 
     @property
     def readings(self) -> NDArray:
-        """Return what stands for the readings of actuators: the loads (B, 6)."""
+        """Inputs in the place of actuator readings: the loads (B, 6)."""
         return self.load
 
     @property
     def poses(self) -> tuple[str, ...]:
-        """Return names of the steps."""
+        """Names of the steps."""
         return tuple(f"run {run} step {step}" for run, step in zip(self.run.tolist(), self.step.tolist(), strict=True))
 
 
@@ -226,10 +228,10 @@ def run_names(steps: RecordedSteps) -> NDArray:
 def zeros_of_steps(
     steps: RecordedSteps, seen: NDArray[np.bool_], fitted: NDArray[np.bool_], typical: NDArray, tared: float | None
 ) -> ChannelZeros:
-    """Return the zeros of runs, as uncertain as their starts show; those of signals are free, unless runs were tared.
+    """Return the zeros of runs, with the uncertainty that their starts show; zeros of signals are free, unless tared.
 
-    seen (B, K) at steps that may be fitted to (B,); typical (K,) noise of a channel, SI; tared: one standard deviation
-    of a signal's zero, V.
+    seen (B, K) at steps that may be fitted (B,); typical (K,) noise of a channel, SI; tared: standard deviation of a
+    signal's zero, V.
     """
     found = zeros_of(run_names(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
     noise = typical[: len(CHANNELS)]
@@ -252,9 +254,9 @@ def gains_of_steps(
     declared: NDArray | None,
     tolerance: float | None,
 ) -> SignalGains:
-    """Return what is known of the signals' gains: by leg where there is a channel for each, else by load.
+    """Return the prior of the signals' gains: by leg if there is one channel per leg, otherwise by load.
 
-    seen (B, S) signals at steps that may be fitted to; declared () or (S,) gains, V/N, with their relative tolerance.
+    seen (B, S) signals at steps that may be fitted; declared () or (S,) gains, V/N, with their relative tolerance.
     """
     count = seen.shape[1]
     if not seen.any():
@@ -277,7 +279,7 @@ def _wide(values: NDArray, axis: int | None = None) -> NDArray:
 
 
 def _slopes(columns: NDArray, values: NDArray, run: NDArray[np.int64], seen: NDArray[np.bool_]) -> NDArray:
-    """Slopes (W,) of values (B,) along columns (B, W), each run with a zero of its own."""
+    """Return the slopes (W,) of values (B,) along columns (B, W), with one zero per run."""
     at = np.unique(run[seen], return_inverse=True)[1]
     zeros = np.eye(int(at.max()) + 1)[at] if seen.any() else np.zeros((0, 0))
     whole = np.hstack([columns[seen], zeros])

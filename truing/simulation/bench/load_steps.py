@@ -1,4 +1,5 @@
-"""What a bench's load steps pass on: loads, wrenches, deflections and readings, run by run in time."""
+"""Load steps of a bench (`LoadSteps`) with their history run by run, and the state of the simulated chain
+(`ReadingState`)."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from truing.simulation.air import edlen_index, vapour_pressure_pa
 
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
-LINEAR = 3  # of the channels; the others are angles
+LINEAR = 3  # number of channels of displacements; the others are angles
 LOADS = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 IN_RUN = "time_in_run_s"
 MATERIAL, AIR, PRESSURE, HUMIDITY = (
@@ -21,15 +22,15 @@ MATERIAL, AIR, PRESSURE, HUMIDITY = (
     "air_pressure_hpa",
     "relative_humidity_pct",
 )
-# Ordinary air, where a column of it is missing: what does not change has hardly any effect.
+# Ordinary air, for missing columns: a constant offset has hardly any effect.
 _ORDINARY = {AIR: 20.0, PRESSURE: 1013.25, HUMIDITY: 50.0}
-# A pause of so many usual ones is a break.
+# Least length of a break, in usual pauses.
 _BREAK = 5.0
 
 
 @dataclass(frozen=True)
 class LegElasticity:
-    """What the legs' parts, by their names (P,), give a wrench at the platform's origin: parts (6, P, 6, 6), SI.
+    """Stiffness of the legs' parts with names (P,), at the platform's origin: parts (6, P, 6, 6), SI.
 
     compliance (6, 6) is that of all legs together.
     """
@@ -43,9 +44,8 @@ class LegElasticity:
 class LoadSteps:
     """B load steps of some runs, each run's in time order; K channels, the platform's six first. SI.
 
-    load (B, 6) as declared; largest (6,) of each axis; ``motion`` (B, 6) is what a plain simulation expects of the
-    platform, ``signals`` (B, K - 6) of the signals, V, from their zeros; ``sigma`` (K,) the noise; covariates (B,) are
-    the columns that are known of each step.
+    load (B, 6) as declared; largest (6,) of each axis; ``motion`` (B, 6) and ``signals`` (B, K - 6), V, without zeros,
+    as the plain simulation predicts them; ``sigma`` (K,) the noise; covariates (B,) the columns known at each step.
     """
 
     run: NDArray  # (B,) labels
@@ -59,22 +59,22 @@ class LoadSteps:
     motion: NDArray
     signals: NDArray
     wavelength_m: float
-    legs: LegElasticity | None = None  # where the elements of the legs are known
+    legs: LegElasticity | None = None  # if the elements of the legs are known
 
     @cached_property
     def code(self) -> NDArray:
-        """Return the number (B,) of each step's run, in the order in which they appear."""
+        """Number (B,) of each step's run, in order of appearance."""
         _, first, inverse = np.unique(self.run, return_index=True, return_inverse=True)
         return np.asarray(np.argsort(np.argsort(first))[inverse])
 
     @cached_property
     def _in_run(self) -> list[NDArray]:
-        """Return, for every place in a run, which steps (n,) have it."""
+        """Steps (n,) at each position in their runs."""
         return [np.flatnonzero(self.rank == place) for place in range(int(self.rank.max(initial=-1)) + 1)]
 
     @cached_property
     def rank(self) -> NDArray:
-        """Return each step's place (B,) in its run, from 0."""
+        """Position (B,) of each step in its run, from 0."""
         order = np.lexsort((np.arange(len(self.run)), self.code))
         starts = np.flatnonzero(np.diff(self.code[order], prepend=-1))
         rank = np.empty(len(order), int)
@@ -83,7 +83,7 @@ class LoadSteps:
 
     @cached_property
     def before(self) -> NDArray:
-        """Return the step (B,) before each in its run; itself for the first."""
+        """Index (B,) of the previous step in the run; its own for the first."""
         order = np.lexsort((self.rank, self.code))
         before = np.empty(len(order), int)
         before[order] = np.where(self.rank[order] == 0, order, np.roll(order, 1))
@@ -91,7 +91,7 @@ class LoadSteps:
 
     @cached_property
     def first(self) -> NDArray:
-        """Return the first step (B,) of each step's run."""
+        """Index (B,) of the first step of each step's run."""
         starts = np.flatnonzero(self.rank == 0)
         of_run = np.empty(len(starts), int)
         of_run[self.code[starts]] = starts
@@ -99,18 +99,20 @@ class LoadSteps:
 
     @property
     def in_run_s(self) -> NDArray:
-        """Return the time (B,) since the start of the run, s."""
+        """Time (B,) since the start of the run, s."""
         return np.asarray(self.time_s - self.time_s[self.first])
 
     @property
     def held_s(self) -> NDArray:
-        """Return for how long (B,) each load was held: since the step before; 0 for a run's first."""
+        """Time (B,) since the previous step, for which the load was held, s; 0 for a run's first."""
         return np.asarray(self.time_s - self.time_s[self.before])
 
     @cached_property
     def since_break_s(self) -> NDArray:
-        """Return the time (B,) since the last break in the run, a pause longer than several usual ones, s; infinite
-        before any."""
+        """Time (B,) since the last break in the run, s; infinite before any.
+
+        A break is a pause of several usual ones.
+        """
         held = self.held_s
         usual = float(np.median(held[held > 0.0])) if np.any(held > 0.0) else np.inf
         last = np.where(held > _BREAK * usual, self.time_s, -np.inf)
@@ -120,17 +122,17 @@ class LoadSteps:
 
     @property
     def longest_s(self) -> float:
-        """Return how long the longest run took, s."""
+        """Duration of the longest run, s."""
         return float(self.in_run_s.max(initial=0.0))
 
     @property
     def share(self) -> NDArray:
-        """Return the loads (B, 6) over the largest of their axes, with their signs."""
+        """Loads (B, 6) over the largest of their axes, with their signs."""
         return np.asarray(self.load / self.largest)
 
     @cached_property
     def unloading(self) -> NDArray:
-        """Return where (B, 6) a load is smaller in size than at the step before; held, it stays as it was."""
+        """Mask (B, 6) of loads smaller in size than at the previous step; a held load keeps the previous value."""
         size = np.abs(self.load)
         found = size < size[self.before]
         held = size == size[self.before]
@@ -140,7 +142,7 @@ class LoadSteps:
 
     @cached_property
     def direction(self) -> NDArray:
-        """Return which way (B, 6) each load last changed in its run, -1 or 1; 0 before it ever did."""
+        """Sign (B, 6) of the last change of each load in its run, -1 or 1; 0 before any change."""
         found = np.sign(self.load - self.load[self.before])
         for place in self._in_run[1:]:
             found[place] = np.where(found[place] == 0.0, found[self.before[place]], found[place])
@@ -148,7 +150,7 @@ class LoadSteps:
 
     @cached_property
     def largest_so_far(self) -> NDArray:
-        """Return the largest size (B, 6) of each load so far in its run, N and N m."""
+        """Largest size (B, 6) of each load so far in its run, N and N m."""
         found = np.abs(self.load)
         for place in self._in_run[1:]:
             found[place] = np.maximum(found[place], found[self.before[place]])
@@ -156,22 +158,22 @@ class LoadSteps:
 
     @property
     def loaded(self) -> NDArray:
-        """Return which axes (6,) are ever loaded."""
+        """Mask (6,) of the axes that are ever loaded."""
         return np.any(self.load != 0.0, 0)
 
     def since_first(self, column: str) -> NDArray:
-        """Return by how much a column (B,) has changed since the run's first step."""
+        """Return the change (B,) of a column since the run's first step."""
         values = np.asarray(self.covariates[column], float)
         return np.asarray(values - values[self.first])
 
     def varies(self, column: str) -> bool:
-        """Return whether a column is known at all steps and changes within a run."""
+        """Whether a column is known at all steps and changes within a run."""
         values = self.covariates.get(column)
         return values is not None and bool(np.isfinite(values).all()) and bool(np.any(self.since_first(column) != 0.0))
 
     @cached_property
     def index_since_first(self) -> NDArray:
-        """Return by how much the air's refractive index (B,) has changed since the run's first step."""
+        """Change (B,) of the air's refractive index since the run's first step."""
         ordinary = np.ones(len(self.run))
         air = {name: np.asarray(self.covariates.get(name, usual * ordinary)) for name, usual in _ORDINARY.items()}
         vapour = vapour_pressure_pa(air[AIR], 0.01 * air[HUMIDITY])
@@ -180,14 +182,15 @@ class LoadSteps:
 
     @property
     def air_varies(self) -> bool:
-        """Return whether the air's refractive index is known to change within a run."""
+        """Whether the air's refractive index is known to change within a run."""
         return any(self.varies(column) for column in (AIR, PRESSURE))
 
     def lagging(self, threshold: float, *, exercised: bool) -> tuple[NDArray, NDArray]:
-        """Return how far loads (B, 6) are ahead of what follows them with play, over the threshold of it (a share of
-        the largest load), and the derivative of that by the threshold's logarithm.
+        """Return the lag (B, 6) of a play operator behind the loads, over its threshold, and its derivative by log
+        threshold.
 
-        Each run starts from rest without load; ``exercised``: from where the same run would have left it.
+        The threshold is a share of the largest load. Each run starts from rest without load; ``exercised``: from the
+        state that the same run would leave.
         """
         key = threshold, exercised
         if key not in self._lags:
@@ -196,7 +199,7 @@ class LoadSteps:
 
     @cached_property
     def _lags(self) -> dict[tuple[float, bool], tuple[NDArray, NDArray]]:
-        """Return what `lagging` found before: every search asks for the same few thresholds."""
+        """Cache of `lagging`: every search uses the same few thresholds."""
         return {}
 
     def _lagging(self, threshold: float, exercised: bool) -> tuple[NDArray, NDArray]:
@@ -213,16 +216,16 @@ class LoadSteps:
 
     @cached_property
     def _last(self) -> NDArray:
-        """Return the last step (B,) of each step's run."""
+        """Index (B,) of the last step of each step's run."""
         last = np.empty(int(self.code.max(initial=-1)) + 1, int)
         order = np.lexsort((self.rank, self.code))
         last[self.code[order]] = order
         return last[self.code]
 
     def filtered(self, values: NDArray, kept: NDArray) -> NDArray:
-        """Return values (B, ...) as they are followed within each run: y = kept y_before + (1 - kept) value, from 0.
+        """Return values (B, ...) after a first-order lag within each run: y = kept y_before + (1 - kept) value, from 0.
 
-        kept (B,) is what each step leaves of the state before.
+        kept (B,) is the factor of the previous state at each step.
         """
         follows = np.zeros(values.shape, np.result_type(values, kept))
         wide = kept.reshape(-1, *([1] * (values.ndim - 1)))
@@ -235,10 +238,10 @@ class LoadSteps:
 
 @dataclass(frozen=True)
 class ReadingState:
-    """What the chain passes on at B load steps, SI.
+    """State of the chain at B load steps, SI.
 
     wrench (B, 6) as truly applied; deflection (B, 6, 6): response by load axis; readings (B, K): the platform's
-    displacement and rotation vector, then signals, as recorded so far. What the chain has not reached is empty.
+    displacement and rotation vector, then signals, as recorded so far. Fields of later steps of the chain are empty.
     """
 
     steps: LoadSteps

@@ -1,8 +1,8 @@
-"""Readings and signals of a loaded sensor as a function of what is not known exactly, with exact derivatives.
+"""Class `BenchModel`: readings and signals of a loaded sensor as a function of the unknowns, with exact derivatives.
 
-Loads pass the chain wrench -> deflection -> readings. Every effect changes one field, in proportion to it or by what is
-known of the steps: changes pass what comes downstream by the same linear maps. Load steps stand for poses and channels
-for targets, of one dimension each.
+Loads pass through the chain wrench -> deflection -> readings. Every effect changes one field, proportionally or by
+known data of the steps, so that changes propagate through subsequent effects by the same linear maps. Load steps take
+the place of poses, and channels of dimension one that of targets.
 """
 
 from __future__ import annotations
@@ -28,15 +28,16 @@ from truing.simulation.trace import Trace
 
 @dataclass(frozen=True)
 class BenchForwardPass(Trace[ReadingCause, ReadingState]):
-    """How loads pass the chain: compliance (6, 6), rows (S, 6) of signals by wrench, and the view (6, 6) that channels
-    have of the platform's motion."""
+    """Forward pass of loads: compliance (6, 6), rows (S, 6) of signals by wrench, and view (6, 6) of channels by
+    motion."""
 
     compliance: NDArray
     rows: NDArray
     view: NDArray
 
     def from_wrench(self, slopes: NDArray, cause: ReadingCause | None = None) -> NDArray:
-        """Return how readings (B, K, P) follow changes of the wrench (B, 6, P), upstream of all or after a cause."""
+        """Return the changes of readings (B, K, P) by changes of the wrench (B, 6, P), before all effects or after a
+        cause."""
         for effect, state in self.subsequent_effects(cause, Step.DRIVE):
             slopes = effect.cause.passed_on(slopes, state, effect.values)
         signals = self.rows @ slopes
@@ -47,7 +48,7 @@ class BenchForwardPass(Trace[ReadingCause, ReadingState]):
     def from_deflection(
         self, slopes: NDArray, signals: NDArray | None = None, cause: ReadingCause | None = None
     ) -> NDArray:
-        """Return how readings (B, K, P) follow changes of the deflection (B, 6, 6, P), and of the signals (B, S, P)."""
+        """Return the changes of readings (B, K, P) by changes of deflection (B, 6, 6, P) and signals (B, S, P)."""
         for effect, state in self.subsequent_effects(cause, Step.STRUCTURE):
             slopes = effect.cause.passed_on(slopes, state, effect.values)
         motion = slopes.sum(2)
@@ -56,17 +57,17 @@ class BenchForwardPass(Trace[ReadingCause, ReadingState]):
         return self.from_motion(motion, signals)
 
     def from_motion(self, slopes: NDArray, signals: NDArray) -> NDArray:
-        """Return how readings (B, K, P) follow changes of the motion (B, 6, P), and of the signals (B, S, P)."""
+        """Return the changes of readings (B, K, P) by changes of motion (B, 6, P) and signals (B, S, P)."""
         return self.from_readings(np.concatenate([self.view @ slopes, signals], 1))
 
     def from_readings(self, slopes: NDArray, cause: ReadingCause | None = None) -> NDArray:
-        """Return what becomes of changes of the readings (B, K, P)."""
+        """Return changes of the readings (B, K, P) after the effects of the instrument."""
         for effect, state in self.subsequent_effects(cause, Step.INSTRUMENT):
             slopes = effect.cause.passed_on(slopes, state, effect.values)
         return slopes
 
     def of_cause(self, cause: ReadingCause, values: NDArray) -> NDArray:
-        """Return how readings (B, K, P) follow a cause's parameters; its own field is all that it changes."""
+        """Return the derivatives of readings (B, K, P) by a cause's parameters, through the field that it changes."""
         slopes = cause.slopes(self.at(cause), values)
         if cause.step is Step.DRIVE:
             return self.from_wrench(slopes, cause)
@@ -83,9 +84,9 @@ def passed(
     seen: tuple[NDArray, NDArray],
     effects: Sequence[Effect[ReadingCause]],
 ) -> BenchForwardPass:
-    """Return how wrenches (B, 6) pass the chain with a compliance (6, 6), rows of signals by wrench (S, 6), effects.
+    """Pass wrenches (B, 6) through the chain with a compliance (6, 6), rows of signals by wrench (S, 6) and effects.
 
-    seen: how channels follow the motion (6, 6), and what they read beside it (B, 6).
+    seen: rows (6, 6) of channels by motion, and their additional readings (B, 6).
     """
     count = len(wrench)
     start = ReadingState(steps, wrench, np.zeros((count, len(compliance), 0)), np.zeros((count, 0)))
@@ -104,20 +105,20 @@ def _applied(effect: Effect[ReadingCause], state: ReadingState) -> ReadingState:
 
 
 _AXES = 6
-# Beforehand either model of what a leg carries may hold, and anything between them: at the middle, give or take one.
+# Prior of the mixture of the two models of leg forces: the middle, with a sigma of one.
 _BETWEEN = 0.5
 
 
 @dataclass(frozen=True)
 class BenchModel(ChannelModel[ReadingCause]):
-    """A sensor on its bench with K channels; a function of the unknowns for a set of effects."""
+    """A sensor on its bench with K channels, as a function of the unknowns for a set of effects."""
 
     known: KnownReadings
     conditions: ReadingConditions
 
     @property
     def part_count(self) -> int:
-        """Return the number of legs, whose stiffnesses some causes follow."""
+        """Number of legs, whose stiffnesses some causes change."""
         return _AXES
 
     @property
@@ -130,19 +131,19 @@ class BenchModel(ChannelModel[ReadingCause]):
 
     @cached_property
     def _noisy(self) -> NDArray:
-        """Return the axes whose loads have errors."""
+        """Axes whose loads have errors."""
         return np.flatnonzero(self.known.load_sigma > 0.0)
 
     @property
     def local_size(self) -> int:
-        """Return the number of local unknowns: the load errors of a step."""
+        """Number of local unknowns: the load errors of a step."""
         return len(self._noisy)
 
     @property
     def channel_groups(self) -> NDArray:
-        """Return the number of each channel's noise (K,): one for displacements, rotations and signals each.
+        """Noise group (K,) of each channel: displacements, rotations and signals.
 
-        A single channel has too few readings to tell its noise from an effect on most of them.
+        A single channel has too few readings to distinguish its noise from an effect on most of them.
         """
         return np.minimum(np.arange(len(self.known.channels)) // LINEAR, len(CHANNELS) // LINEAR)
 
@@ -150,34 +151,34 @@ class BenchModel(ChannelModel[ReadingCause]):
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """The names (K,) of the channels."""
+        """Names (K,) of the channels."""
         return self.known.channels
 
     @property
     def channel_kinds(self) -> tuple[str, ...]:
-        """Which of them (K,) are signals."""
+        """Sort (K,) of each channel: ``channel`` or ``signal``."""
         return tuple("signal" if n >= len(CHANNELS) else "channel" for n in range(len(self.known.channels)))
 
     @cached_property
     def zero_groups(self) -> NDArray:
-        """Return the number (B, K) of the run and channel whose zero a reading counts from; -1 for tared signals."""
+        """Number (B, K) of the run and channel whose zero a reading has; -1 for tared signals."""
         count, own = len(self.known.channels), self.known.zeros
         tared = np.isin(np.arange(count), own.channel[own.known & (own.channel >= len(CHANNELS))])
         return np.where(tared, -1, self.steps.code[:, None] * count + np.arange(count))
 
     @property
     def error_groups(self) -> NDArray:
-        """Return the numbers of the runs (B,), whose steps err together."""
+        """Number of the run (B,) of each step: steps of a run have common errors."""
         return self.steps.code
 
     @property
     def blocks(self) -> NDArray:
-        """Return which steps (B,) are left out of a fit together."""
+        """Block (B,) of each step: steps of one block are left out of a fit together."""
         return run_blocks(self.steps)
 
     @cached_property
     def steps(self) -> LoadSteps:
-        """Return the load steps, with what the plain simulation expects at them."""
+        """Load steps, with the predictions of the plain simulation."""
         known, own = self.known, self.conditions
         order = ranks(own.time_s).astype(float)
         sensor, shared = known.sensor, np.zeros(self.shared_size)
@@ -193,26 +194,26 @@ class BenchModel(ChannelModel[ReadingCause]):
 
     @property
     def split(self) -> Split | None:
-        """Return how elastic parameters split into what is common to all legs and each leg's own."""
+        """Elastic parameters, split into a part common to all legs and one per leg."""
         own = self.known.sensor
         common = np.array([leg is None for leg, _ in own.unknowns[own.geometry_size :]])
         return Split(np.r_[self.layout["stiffness"]], common, own.share) if own.is_split else None
 
     def with_share(self, share: float) -> Self:
-        """Return the model with another share of the elastic parameters' variance in common."""
+        """Return the model with another common share of the elastic parameters' variance."""
         return replace(self, known=replace(self.known, sensor=replace(self.known.sensor, share=share)))
 
     @property
     def scene(self) -> BenchScene:
-        """Return what the campaign offers to causes when they propose candidates."""
+        """Scene from which causes propose candidates."""
         return BenchScene(self.steps)
 
     def with_causes(self, causes: Sequence[ReadingCause]) -> Self:
-        """Return the model with these effects among its unknowns, and those that a prior campaign found."""
+        """Return the model with the effects of these causes, and those of the prior campaign, among its unknowns."""
         return self._of_same_steps(super().with_causes(causes))
 
     def _of_same_steps(self, model: Self) -> Self:
-        """Return another model of the same load steps, which keeps what was computed of them."""
+        """Return another model of the same load steps, with their cached results."""
         model.__dict__["steps"] = self.steps
         return model
 
@@ -221,7 +222,7 @@ class BenchModel(ChannelModel[ReadingCause]):
         return replace(self, conditions=conditions)
 
     def rescaled(self, readings: float, survey: float) -> Self:
-        """Return the model with the noise of loads so many times as large; there is no survey."""
+        """Return the model with the noise of loads multiplied by a factor; there is no survey."""
         rescaled = replace(self, known=replace(self.known, load_sigma=self.known.load_sigma * readings))
         return self._of_same_steps(rescaled)
 
@@ -230,11 +231,11 @@ class BenchModel(ChannelModel[ReadingCause]):
         return self._with_zeros(self._forward_pass(shared, local).state.readings, shared)[..., None]
 
     def wrenches(self, shared: NDArray, local: NDArray) -> NDArray:
-        """Return the wrenches (B, 6) that truly act, N and N m, at shared (G,) and local (B, H) unknowns."""
+        """Return the true wrenches (B, 6), N and N m, at shared (G,) and local (B, H) unknowns."""
         return self._forward_pass(shared, local).state.wrench
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
-        """Return readings and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
+        """Return readings and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones on request."""
         forward_pass = self._forward_pass(shared, local)
         points = self._with_zeros(forward_pass.state.readings, shared)[..., None]
         slopes = self._by_shared(shared, forward_pass)[:, :, None] if by_shared else None
@@ -258,7 +259,7 @@ class BenchModel(ChannelModel[ReadingCause]):
 
     @cached_property
     def _load_errors(self) -> NDArray:
-        """Return how wrenches (B, 6, H) follow the load errors of a step: of the axes that it loads."""
+        """Derivatives (B, 6, H) of wrenches by the load errors of a step, on the axes that it loads."""
         load = self.conditions.load
         errors = np.zeros((*load.shape, self.local_size))
         for place, axis in enumerate(self._noisy):
@@ -281,21 +282,21 @@ class BenchModel(ChannelModel[ReadingCause]):
         return own.start + own.sigma * shared[self.layout["gain"]].reshape(own.start.shape)
 
     def _mixed(self, forces: NDArray, shared: NDArray) -> NDArray:
-        """Return the leg forces (..., 6, 6) between the two models of them (..., M, 6, 6)."""
+        """Return the leg forces (..., 6, 6) between their two models (..., M, 6, 6)."""
         if not self._has_two_models:
             return forces[..., 0, :, :]
         share = _BETWEEN + shared[self.layout["legforce"]][0]
         return np.asarray((1.0 - share) * forces[..., 0, :, :] + share * forces[..., 1, :, :])
 
     def _rows(self, shared: NDArray, response: Response) -> NDArray:
-        """Return how signals follow the wrench (S, 6)."""
+        """Return the derivatives (S, 6) of signals by the wrench."""
         gains = self._gains(shared)
         if not self.known.gains.are_of_legs:
             return gains
         return gains[:, None] * self._mixed(response.forces, shared) if len(gains) else np.zeros((0, _AXES))
 
     def _forward_pass(self, shared: NDArray, local: NDArray) -> BenchForwardPass:
-        """Return how the loads pass the chain with the effects in force."""
+        """Pass the loads through the chain with the effects in force."""
         response = self._response(shared)
         rows = self._rows(shared, response)
         wrench = self.conditions.load + np.einsum("bkh,bh->bk", self._load_errors, local)
@@ -331,7 +332,7 @@ class BenchModel(ChannelModel[ReadingCause]):
     def _by_response(
         self, response: Response, shared: NDArray, wrench: NDArray, forward_pass: BenchForwardPass
     ) -> NDArray:
-        """Return the readings' derivatives (B, K, n) by what changes the sensor's response."""
+        """Return the readings' derivatives (B, K, n) by changes of the sensor's response."""
         signals = np.zeros((len(wrench), self.known.signals, len(response.compliance)))
         if self.known.signals and self.known.gains.are_of_legs:
             rows = self._gains(shared)[:, None] * self._mixed(response.forces, shared)
@@ -343,7 +344,8 @@ class BenchModel(ChannelModel[ReadingCause]):
         return forward_pass.from_deflection(deflection, signals)
 
     def _by_signals(self, shared: NDArray) -> dict[str, NDArray]:
-        """Return how the signals' rows follow gains and what lies between the models of leg forces: (S, 6, n) each."""
+        """Return the derivatives (S, 6, n) of the signals' rows by gains, and by the mixture of the models of leg
+        forces."""
         own = self.known.gains
         if not self.known.signals:
             return {}
@@ -359,17 +361,19 @@ class BenchModel(ChannelModel[ReadingCause]):
         return found
 
 
-_BLOCKS = 5  # of what is left out in turn
+_BLOCKS = 5  # number of blocks that are left out in turn
 
 
 def run_blocks(steps: LoadSteps) -> NDArray:
-    """Return a number for each step (B,): whole runs, one of each that loads the same axes; parts of a run where no
-    other loads its axes."""
+    """Return the block (B,) of each step, for leaving out data in blocks.
+
+    Runs that load the same axes go to different blocks; a run whose axes no other run loads is cut into parts.
+    """
     axes = (steps.load != 0.0) @ (1 << np.arange(len(LOADS)))
     pattern = np.zeros(int(steps.code.max(initial=-1)) + 1, int)
     np.bitwise_or.at(pattern, steps.code, axes)
     alike = pattern[:, None] == pattern
-    # Runs that load the same axes may each read another channel: not one channel's runs are left out all at once.
+    # Runs of the same axes may read different channels: no block has all runs of a channel.
     of_axes = np.unique(pattern, return_inverse=True)[1]
     of_run = (np.tril(alike, -1).sum(1) + of_axes) % _BLOCKS
     length = np.bincount(steps.code)

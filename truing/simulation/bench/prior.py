@@ -1,8 +1,8 @@
-"""What a prior campaign of the same sensor has found, as knowledge that a model of the next one starts from.
+"""Results of a prior campaign of the same sensor as prior knowledge for the next one.
 
-Its model.toml tells the compliance, not the lengths and stiffnesses behind it; so what is handed on is the information
-about those combinations of them that move the compliance, with the persistent effects. Of both, what was known before
-(the tolerances, a plausible size) is taken out, for the next campaign brings it along.
+model.toml holds the compliance, not the lengths and stiffnesses behind it. Therefore the prior is information on those
+combinations of them that change the compliance, and on the persistent effects. Prior knowledge of both (tolerances,
+plausible sizes) is removed, because the next campaign has it too.
 """
 
 from __future__ import annotations
@@ -27,19 +27,18 @@ from truing.simulation.prior_campaign import (
 )
 
 _ENTRIES = 36
-# Combinations that move the compliance by less than this share of what the strongest does are told by rounding alone.
+# Combinations that change the compliance by less than this share of the strongest are rounding.
 _LEAST = 1e-6
 _ROUNDS = 6
 
 
 @dataclass(frozen=True)
 class SensorPrior(CampaignPrior[ReadingCause]):
-    """What a prior campaign found of a sensor: what it told of the compliance is held against the compliance itself,
-    which follows stiffnesses in a curve.
+    """Results of a prior campaign of a sensor, compared with the compliance itself, which is nonlinear in stiffnesses.
 
-    Its numbers are counted in the sigmas (m,) ``counted`` of lengths and stiffnesses as that campaign had them. along
-    (r, m): the combinations that move the compliance; back (r, 36): how they follow it, counted from ``compliance``
-    (36,), where they are ``start`` (r,).
+    Its numbers are in sigmas (m,) ``counted`` of that campaign's lengths and stiffnesses. along (r, m): combinations
+    that change the compliance; back (r, 36): their derivative by it, relative to ``compliance`` (36,), where they are
+    ``start`` (r,).
     """
 
     counted: NDArray
@@ -49,7 +48,7 @@ class SensorPrior(CampaignPrior[ReadingCause]):
     start: NDArray
 
     def values(self, model: PartitionedModel, shared: NDArray) -> NDArray:
-        """Return the numbers (n,): unknowns, of which the told combinations are those that the compliance tells."""
+        """Return the numbers (n,): unknowns, whose identified combinations are computed from the compliance."""
         sensor, geometry, stiffness = _parted(model, shared)
         own = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
         reported = self.start + self.back @ (sensor.at(geometry, stiffness).compliance.ravel() - self.compliance)
@@ -57,7 +56,7 @@ class SensorPrior(CampaignPrior[ReadingCause]):
         return np.concatenate([own + self.along.T @ (reported - self.along @ own), others])
 
     def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
-        """Return how the numbers follow their own unknowns (n, n)."""
+        """Return the derivative (n, n) of the numbers by their unknowns."""
         sensor, _, stiffness = _parted(model, shared)
         own = np.diag(self._ratio(sensor))
         reported = self.back @ _by_unknowns(sensor, stiffness)
@@ -65,15 +64,16 @@ class SensorPrior(CampaignPrior[ReadingCause]):
         return block_diagonal(own, super().slopes(model, shared)[len(own) :, len(own) :])
 
     def _ratio(self, sensor: UncertainSensor) -> NDArray:
-        """Return what one sigma of each length and stiffness (m,) is by now: legs may have more in common, or less."""
+        """Return the present sigma of each length and stiffness (m,) over the former: the common share of legs may
+        differ."""
         return np.asarray(sensor.scales / self.counted)
 
 
 def sensor_prior(found: ExtendedSensor, model: BenchModel) -> SensorPrior:
-    """Return what a prior model tells of the unknowns of a model of the next campaign.
+    """Return the prior that an identified sensor gives for the model of the next campaign.
 
-    Tolerances are taken to be those of the next one. Effects that it cannot predict, for want
-    of a column, are left out.
+    Its tolerances are assumed to be those of the next campaign. Effects that this cannot predict, because a column is
+    missing, are omitted.
     """
     causes = persistent_causes(found.causes, model.part_count, model.steps.covariates, model.known.channels)
     sensor = replace(model.known.sensor, share=found.share)
@@ -103,14 +103,14 @@ def sensor_prior(found: ExtendedSensor, model: BenchModel) -> SensorPrior:
 
 
 def _scale(compliance: NDArray) -> NDArray:
-    """Return in what the entries (36,) of a compliance are counted: alike for m and rad, N and N m."""
+    """Return the scale of the entries (36,) of a compliance, which makes m and rad, N and N m comparable."""
     size = np.sqrt(np.abs(np.diag(compliance)))
     size = np.where(size > 0.0, size, 1.0)
     return np.outer(size, size).ravel()
 
 
 def _behind(sensor: UncertainSensor, compliance: NDArray) -> tuple[NDArray, NDArray]:
-    """Return the smallest unknowns (n,) that a compliance follows from, and how its counted entries follow them."""
+    """Return the smallest unknowns (n,) that give a compliance, and the derivatives of its scaled entries by them."""
     scale, unknowns = _scale(compliance), np.zeros(sensor.geometry_size + sensor.stiffness_size)
     rows = np.zeros((_ENTRIES, len(unknowns)))
     for _ in range(_ROUNDS):
@@ -122,7 +122,7 @@ def _behind(sensor: UncertainSensor, compliance: NDArray) -> tuple[NDArray, NDAr
 
 
 def _by_unknowns(sensor: UncertainSensor, stiffness: NDArray) -> NDArray:
-    """Return how the compliance (36, n) follows lengths and stiffnesses."""
+    """Return the derivatives (36, n) of the compliance by lengths and stiffnesses."""
     slopes = np.concatenate([sensor.by_geometry.compliance, sensor.by_stiffness(stiffness).compliance])
     return np.asarray(slopes.reshape(-1, _ENTRIES).T)
 

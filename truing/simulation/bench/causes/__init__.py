@@ -1,1 +1,1 @@
-"""Causes of a bench: what makes readings and signals of a loaded sensor depart from the plain simulation."""
+"""Causes that act on readings and signals of a loaded sensor on its bench."""

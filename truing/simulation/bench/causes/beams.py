@@ -1,4 +1,4 @@
-"""A beam of the interferometer is not where it should be: at an angle to its axis, or away from the origin."""
+"""Causes: misaligned interferometer beams, at an angle to the channel's axis or offset from the origin."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ from truing.simulation.cause import Parameter, ReportedParameter
 
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 0.03, 0.01
 _XYZ = "xyz"
-# Motion across a beam shows its angle where that moves the readings by so many sigmas in all.
+# Least effect of a plausible tilt on all readings, in sigmas, for the tilt to be observable.
 _SHOWS = 1.0
-_LARGEST = 3.0  # an angle that is so many times as large loses the square of that: of the loss it is plausible itself
+_LARGEST = 3.0  # scale of the loss, relative to the loss by a plausible tilt
 _STILL = 1e-30
 
 
 @dataclass(frozen=True)
 class CosineError(ChannelCause):
-    """The beam makes an angle with the channel's axis: cos of the motion along it, sin of that across.
+    """The beam is inclined to the channel's axis: it reads the cosine of the motion along it and the sin of the motion
+    across.
 
-    Its tilts towards the two other axes of the same kind; where nothing moves across, only what is lost along is told
-    (``along``): one less the cosine, whose derivative does not vanish where the angle does.
+    Parameters are the tilts towards the two other axes of the same kind. If nothing moves across the axis, only the
+    loss along it (``along``) is a parameter: one minus the cosine, whose derivative does not vanish at zero angle.
     """
 
     channel: str = "dz"
@@ -41,8 +42,9 @@ class CosineError(ChannelCause):
     id = "cosine-error"
 
     def candidates(self, scene: BenchScene) -> Sequence[CosineError]:
-        """Return every channel of the platform: by its tilts where something moves across it, by what is lost where
-        nothing does other than in proportion to the motion along it.
+        """Return every channel of the platform by its tilts, if something moves across it.
+
+        Return the loss along it, if all motion across is proportional to the motion along it.
         """
         found = []
         for channel in (c for c in read_channels(scene) if c in CHANNELS):
@@ -52,13 +54,13 @@ class CosineError(ChannelCause):
         return found
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the tilts, rad; or what is lost along the axis."""
+        """Return the tilts, rad, or the loss along the axis."""
         if self.along:
             return (Parameter("loss", "1", 0.5 * _PLAUSIBLE_RAD**2 * _LARGEST),)
         return tuple(Parameter(f"tilt_{CHANNELS[other]}", "rad", _PLAUSIBLE_RAD) for other in self._others)
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the loss: no cosine is larger than one."""
+        """Return the loss: a cosine is at most one."""
         return (0,) if self.along else ()
 
     @property
@@ -82,15 +84,15 @@ class CosineError(ChannelCause):
         return found
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return by how much the channel reads more."""
+        """Return the change of the channel's readings."""
         return np.asarray(self._linear(state.readings, values))
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the readings, seen at the angle."""
+        """Return changes of the readings as the inclined beam reads them."""
         return np.asarray(slopes + self._linear(slopes, values))
 
     def _linear(self, readings: NDArray, values: NDArray) -> NDArray:
-        """Return by how much readings (B, K, ...) change, which is in proportion to them."""
+        """Return the change of readings (B, K, ...), which is proportional to them."""
         found = np.zeros(readings.shape, np.result_type(readings, values))
         if self.along:
             found[:, self._own] = -values[0] * readings[:, self._own]
@@ -102,7 +104,8 @@ class CosineError(ChannelCause):
         return found
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the angle between beam and axis, and its tilts towards the other channels' axes where these show."""
+        """Return the angle between beam and axis, and its tilts towards the other channels' axes if these are
+        observable."""
         if self.along:
             lost, sigma = max(float(values[0]), 0.0), float(np.sqrt(covariance[0, 0]))
             angle = float(np.arccos(max(1.0 - lost, -1.0)))
@@ -117,7 +120,7 @@ class CosineError(ChannelCause):
         return (whole, *super().reported(values, covariance, legs))
 
     def _shows(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
-        """Return whether motion across a channel shows in it, and whether it does beside the motion along it."""
+        """Whether motion across a channel is observable in it, and whether it is so beside motion along the channel."""
         steps, own = scene.steps, CHANNELS.index(channel)
         seen = scene.recorded[:, own]
         if seen.sum() < FEWEST:
@@ -130,7 +133,7 @@ class CosineError(ChannelCause):
 
 @dataclass(frozen=True)
 class AbbeOffset(ChannelCause):
-    """A linear channel's beam meets the platform at an arm from its origin: rotation leaks in, by rotation x arm."""
+    """The beam of a linear channel meets the platform at an arm from its origin, and also reads rotation x arm."""
 
     channel: str = "dz"
 
@@ -138,11 +141,11 @@ class AbbeOffset(ChannelCause):
     reach = 30.0
 
     def candidates(self, scene: BenchScene) -> Sequence[AbbeOffset]:
-        """Return every linear channel, and all of them with one arm."""
+        """Return every linear channel, and all of them with one common arm."""
         return [AbbeOffset(channel) for channel in linear_or_all(scene)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the arm across the channel's axis; of all channels all of it."""
+        """Return the arm across the channel's axis; for all channels, the full arm."""
         return tuple(Parameter(f"arm_{_XYZ[axis]}", "mm", _PLAUSIBLE_M, MM) for axis in self._arms)
 
     @property
@@ -150,11 +153,11 @@ class AbbeOffset(ChannelCause):
         return [axis for axis in range(LINEAR) if not self.channel or axis != CHANNELS.index(self.channel)]
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return d readings / d arm: rotation crossed with each direction."""
+        """Return d readings / d arm: the rotation crossed with each direction."""
         return self._by_arm(state.readings)[..., self._arms]
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the readings, with what of their rotation leaks in."""
+        """Return changes of the readings, plus the effect of their rotation."""
         return np.asarray(slopes + self._by_arm(slopes)[..., self._arms] @ values)
 
     def _by_arm(self, readings: NDArray) -> NDArray:

@@ -1,4 +1,5 @@
-"""A channel's reading moves by itself: with time, with temperatures, with the air in the beam's path."""
+"""Causes: drift of single channels with time, temperature, or the refractive index of air; base classes of such
+causes."""
 
 from __future__ import annotations
 
@@ -25,75 +26,74 @@ from truing.simulation.bench.load_steps import AIR, MATERIAL, PRESSURE, LoadStep
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import TIME, Missing
 
-# Plausible in an hour, in a channel's own unit; per kelvin of displacements (a frame of 0.3 m of steel), rotations and
-# signals.
-_PER_HOUR, _SIGNAL_PER_HOUR = 1.0, 0.05  # of signals mV
+# Plausible drift per hour in the channel's unit, and per kelvin of displacements (0.3 m of steel), rotations and signals.
+_PER_HOUR, _SIGNAL_PER_HOUR = 1.0, 0.05  # signals in mV
 _PER_KELVIN = {"um": 3.0, "arcsec": 1.0, "mV": 0.05}
 _PLAUSIBLE_PATH_M = 0.5
 _BOTH = (MATERIAL, AIR)
 _NAMES = {MATERIAL: "per_k_material", AIR: "per_k_air"}
-# A drift of one run alone is less likely than of a channel in all of them; of both temperatures, than of one.
+# Prior weights: drift in a single run relative to all runs; two temperatures relative to one.
 _RUN_SHARE, _TWO_SHARE = 0.5, 0.5
 _ALL_SHARE = 0.5
 
 
 class ChannelCause(ReadingCause):
-    """A cause that concerns the readings of a ``channel``, or of all linear ones where that is empty."""
+    """A cause that acts on the readings of a ``channel``, or of all linear channels if empty."""
 
     channel: str
     step = Step.INSTRUMENT
 
     @property
     def subject(self) -> str:
-        """Return the channel; empty for all linear ones."""
+        """Channel; empty for all linear ones."""
         return whose(self.channel)
 
     @property
     def family(self) -> str:
-        """Return the kind and its channel."""
+        """Kind and channel."""
         return f"{self.id} {self.channel}".strip()
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Return whether another is of the same kind and concerns a channel that this one does."""
+        """Whether the other cause is of the same kind and shares a channel with this one."""
         if not isinstance(other, ChannelCause) or self.id != other.id:
             return False
         mine, theirs = self.channel, other.channel
         return mine == theirs or (not mine and is_linear(theirs)) or (not theirs and is_linear(mine))
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight of a channel, and of all linear ones alike."""
+        """Return the relative prior weight of a channel, or of all linear ones together."""
         return 1.0 if self.channel else _ALL_SHARE * len(read_channels(scene))
 
     def at_own(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return values (B, P) as changes of the readings (B, K, P) of its channels."""
+        """Return values (B, P) as changes (B, K, P) of the readings of its channels."""
         own = at_channels(state.steps, self.channel)
         return np.asarray(values[:, None] * own[:, None])
 
 
 class RunChannelCause(ChannelCause):
-    """A cause that acts on a channel in a run; ``lone``: whether no other channel of the platform was read in it."""
+    """A cause that acts on a channel in a run; ``lone``: no other channel of the platform was read in this run."""
 
     run: int | str
     lone: bool
 
     @property
     def in_run(self) -> str:
-        """Return the run, with its channel where there are several."""
+        """Run, with its channel if there are several."""
         return f"run {self.run}" if self.lone else f"run {self.run} {whose(self.channel)}"
 
     @property
     def family(self) -> str:
-        """Return the kind, its channel and its run."""
+        """Kind, channel and run."""
         return f"{self.id} {self.channel} {self.run}".strip()
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Return whether another is the same: a run may drift beside its channel, and lose fringes twice."""
+        """Whether the other is the same: a run may also drift with its channel, or lose fringes twice."""
         return self.key == other.key
 
 
 @dataclass(frozen=True)
 class ZeroDrift(RunChannelCause):
-    """The zero of a channel walks evenly from the start of each run, or of ``run`` alone.
+    """The zero of a channel drifts linearly from the start of each run, or of ``run`` only.
 
     ``scale_per_s``: a plausible rate.
     """
@@ -111,16 +111,16 @@ class ZeroDrift(RunChannelCause):
 
     @property
     def subject(self) -> str:
-        """Return the channel, or the run, with its channel where there are several."""
+        """Channel, or run, with its channel if there are several."""
         return self.in_run if self.of_run else whose(self.channel)
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate."""
         return f"{self.family} {'run' if self.of_run else 'all'}"
 
     def candidates(self, scene: BenchScene) -> Sequence[ZeroDrift]:
-        """Return every channel and signal, and every channel of every run, with three readings at least."""
+        """Return every channel and signal, and every channel of every run, with at least three readings."""
         steps, seen = scene.steps, scene.recorded
         if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
             return ()
@@ -137,7 +137,7 @@ class ZeroDrift(RunChannelCause):
         return found
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight: all runs of a channel together are as likely as its single ones together."""
+        """Return the weight: all runs of a channel together are as probable as the single runs together."""
         if not self.of_run:
             return 1.0
         runs = len(np.unique(scene.steps.code))
@@ -161,7 +161,7 @@ class ZeroDrift(RunChannelCause):
 
 @dataclass(frozen=True)
 class ThermalDrift(ChannelCause):
-    """A channel's reading follows temperatures, from the first step of each run on: of the material, of the air."""
+    """A channel's reading depends on temperatures of material and air, relative to the first step of each run."""
 
     channel: str = "dz"
     columns: tuple[str, ...] = (MATERIAL,)
@@ -180,7 +180,7 @@ class ThermalDrift(ChannelCause):
         return [ThermalDrift(c, form) for c in ([""] if several else []) + channels for form in forms]
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight of a channel and of one temperature."""
+        """Return the relative prior weight of a channel with one temperature, or two."""
         return super().prior(scene) * (_TWO_SHARE if len(self.columns) > 1 else 1.0)
 
     def needs(self, legs: int) -> tuple[str, ...]:
@@ -194,13 +194,13 @@ class ThermalDrift(ChannelCause):
         return tuple(Parameter(_NAMES[column], f"{unit}/K", scale, si) for column in self.columns)
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return d readings / d drift: by how much the temperatures have changed since the run's first step."""
+        """Return d readings / d drift: the temperatures minus those of the run's first step."""
         return self.at_own(state, np.stack([state.steps.since_first(column) for column in self.columns], -1))
 
 
 @dataclass(frozen=True)
 class DeadPath(ChannelCause):
-    """The changing refractive index of the air acts on a path that nothing compensates, from the start of each run."""
+    """The refractive index of air changes the length of an uncompensated path, relative to the start of each run."""
 
     channel: str = ""
 
@@ -208,7 +208,7 @@ class DeadPath(ChannelCause):
     reach = 30.0  # a forgotten path may be metres long
 
     def candidates(self, scene: BenchScene) -> Sequence[DeadPath]:
-        """Return every linear channel, and all of them alike, where the index of the air is known to vary."""
+        """Return every linear channel, and all of them alike, if the index of air is known to vary."""
         if not scene.steps.air_varies:
             return ()
         return [DeadPath(channel) for channel in linear_or_all(scene)]
@@ -222,17 +222,17 @@ class DeadPath(ChannelCause):
         return (Parameter("dead_path", "mm", _PLAUSIBLE_PATH_M, MM),)
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return d readings / d path: by how much the index has changed since the run's first step."""
+        """Return d readings / d path: the index minus that of the run's first step."""
         return self.at_own(state, state.steps.index_since_first[:, None])
 
 
 def linear_or_all(scene: BenchScene) -> list[str]:
-    """Return every linear channel that was read; before them the empty name of all, where there are several."""
+    """Return every linear channel that was read; before them, if there are several, the empty name for all."""
     linear = [channel for channel in read_channels(scene) if is_linear(channel)]
     return ([""] if len(linear) > 1 else []) + linear
 
 
 def _rate(channel: str, steps: LoadSteps) -> float:
-    """Return a plausible rate of a channel's zero, SI per second: that of an hour is seen in a shorter run as well."""
+    """Return a plausible rate of a channel's zero, SI per second; in runs shorter than an hour, it is larger."""
     plausible = (_SIGNAL_PER_HOUR if is_signal(channel) else _PER_HOUR) * unit_of(channel)[1]
     return float(plausible / min(HOUR, steps.longest_s))

@@ -1,4 +1,4 @@
-"""Whole numbers and shares of other channels: fringes that were counted wrongly, signals that leak into each other."""
+"""Causes: fringe slips of interferometers, and crosstalk between signals."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from truing.simulation.cause import Parameter, ReportedParameter, Step
 
 _PLAUSIBLE_COUNT = 3.0
 _PLAUSIBLE_SHARE = 0.02
-# So many sigmas from the nearest whole number a jump is no slip of fringes.
+# A jump is no fringe slip if it is this many sigmas from the nearest integer.
 _NO_WHOLE_NUMBER = 3.3
-# Onsets that are tried in all; in long campaigns, every so many-th.
+# Largest number of onsets; in long campaigns, every n-th is tried.
 _MOST_ONSETS = 800
 
 
 @dataclass(frozen=True)
 class FringeSlip(RunChannelCause):
-    """From a step on, to the end of its run, a channel reads whole half wavelengths too much.
+    """From a step to the end of its run, a channel reads an integer number of half wavelengths too much.
 
-    ``from_rank`` is the place of ``from_step`` in the run, from 0.
+    ``from_rank`` is the index of ``from_step`` in the run, from 0.
     """
 
     channel: str = "dz"
@@ -49,16 +49,16 @@ class FringeSlip(RunChannelCause):
 
     @property
     def subject(self) -> str:
-        """Return the run, with its channel where there are several."""
+        """Run, with its channel if there are several."""
         return self.in_run
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate."""
         return f"{self.family} {self.from_rank}"
 
     def candidates(self, scene: BenchScene) -> Sequence[FringeSlip]:
-        """Return every run, linear channel and step that has three readings on either side."""
+        """Return every run, linear channel and step with three readings on either side."""
         steps, seen = scene.steps, scene.recorded
         half, found = steps.wavelength_m / 2.0, []
         for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
@@ -87,8 +87,8 @@ class FringeSlip(RunChannelCause):
         return self.at_own(state, self.half_wavelength_m * late[:, None].astype(float))
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the whole number that is nearest, or where the data tell that it is none by how much, um; and the step
-        from which on."""
+        """Return the nearest integer, or the shift in um if the data exclude an integer; and the first affected
+        step."""
         since = ReportedParameter("from_step", self.from_step, None, "")
         count, sigma = int(np.rint(values[0])) or (1 if values[0] >= 0 else -1), float(np.sqrt(covariance[0, 0]))
         if 0.0 < sigma < abs(values[0] - count) / _NO_WHOLE_NUMBER:
@@ -99,7 +99,7 @@ class FringeSlip(RunChannelCause):
 
 @dataclass(frozen=True)
 class Crosstalk(ReadingCause):
-    """A signal carries a fraction of another one."""
+    """A signal contains a fraction of another signal."""
 
     signal: str = "v1"
     source: str = "v2"
@@ -110,7 +110,7 @@ class Crosstalk(ReadingCause):
 
     @property
     def subject(self) -> str:
-        """Return the signal that carries another."""
+        """Signal that contains the other."""
         return f"signal {self.signal}"
 
     def candidates(self, scene: BenchScene) -> Sequence[Crosstalk]:
@@ -127,11 +127,11 @@ class Crosstalk(ReadingCause):
         return self._leaks(state, state.readings[..., None])
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the readings, with what of them leaks over."""
+        """Return changes of the readings, plus their crosstalk."""
         return np.asarray(slopes + values[0] * self._leaks(state, slopes))
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the fraction, and whose it is."""
+        """Return the fraction, and the source signal."""
         return (*super().reported(values, covariance, legs), ReportedParameter("source", self.source, None, ""))
 
     def _leaks(self, state: ReadingState, readings: NDArray) -> NDArray:

@@ -1,4 +1,4 @@
-"""One leg is softer or stiffer than its like, as a whole or in one of its parts."""
+"""Cause: one leg of a sensor is softer or stiffer than simulated, as a whole or in one part."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _WHOLE_SHARE = 0.5
 class LegStiffness(ReadingCause):
     """The stiffness of a ``leg`` (from 1), or of one ``part`` of it, is 1 + scale times the simulated one.
 
-    The compliance carries it, of which it moves all entries at once; what legs carry of a load, and so the signals, is
-    taken to stay. Fitted is the logarithm of 1 + scale.
+    It changes all entries of the compliance; the distribution of the load over the legs, and thus the signals, are
+    assumed unchanged. The fitted parameter is the logarithm of 1 + scale.
     """
 
     leg: int = 1
@@ -32,16 +32,16 @@ class LegStiffness(ReadingCause):
 
     @property
     def subject(self) -> str:
-        """Return the leg."""
+        """Leg concerned."""
         return f"leg{self.leg}"
 
     @property
     def family(self) -> str:
-        """Return the kind and its leg."""
+        """Kind and leg."""
         return f"{self.id} {self.leg}"
 
     def candidates(self, scene: BenchScene) -> Sequence[LegStiffness]:
-        """Return every leg, and every part of it, where the legs' elements are known and displacements were read."""
+        """Return every leg, and every part of it, if the legs' elements are known and displacements were read."""
         legs = scene.steps.legs
         if legs is None or not scene.recorded[:, : len(CHANNELS)].any():
             return ()
@@ -49,7 +49,7 @@ class LegStiffness(ReadingCause):
         return [LegStiffness(leg, part) for leg in range(1, len(legs.parts) + 1) for part in ("", *parts)]
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight of a leg as a whole, and of one part of it."""
+        """Return the relative prior weight of a leg as a whole, or of one part of it."""
         legs = scene.steps.legs
         count = len(legs.names) if legs is not None else 1
         return 1.0 if count < 2 else _WHOLE_SHARE if not self.part else (1.0 - _WHOLE_SHARE) / count
@@ -63,34 +63,35 @@ class LegStiffness(ReadingCause):
         return self._turned(state.deflection, state.steps.legs, values, 1)[..., None]
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return by how much the deflection is larger."""
+        """Return the change of the deflection."""
         return self._turned(state.deflection, state.steps.legs, values, 0) - state.deflection
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the deflection, of a sensor with such a leg."""
+        """Return changes of the deflection for a sensor with such a leg."""
         return self._turned(slopes, state.steps.legs, values, 0)
 
     def ratios(self, legs: LegElasticity, values: NDArray) -> tuple[NDArray, NDArray]:
-        """Return by what (6, 6) a compliance is multiplied from the left, and the derivative by the logarithm."""
+        """Return the left factor (6, 6) of the compliance, and its derivative by the logarithm."""
         parts = legs.parts[self.leg - 1]
         softer = np.exp(-values[0])
         which = np.array([not self.part or name == self.part for name in legs.names])
         whole = np.linalg.inv(parts.sum(0))
         own = parts[which].sum(0)
         changed = np.linalg.inv(parts[~which].sum(0) + softer * own)
-        # of the stiffness, then of the compliance
+        # derivative of the leg's compliance, then factor of the sensor's compliance
         slope = changed @ (softer * own) @ changed
         ratio = np.linalg.inv(np.eye(len(whole)) + legs.compliance @ (changed - whole))
         return ratio, -ratio @ legs.compliance @ slope @ ratio
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return by what share the leg is stiffer, and which part of it."""
+        """Return the relative change of the stiffness, and the part of the leg."""
         stiffer = float(np.exp(values[0]))
         scale = ReportedParameter("scale", stiffer - 1.0, stiffer * float(np.sqrt(covariance[0, 0])), "1")
         return (scale, ReportedParameter("part", self.part, None, "")) if self.part else (scale,)
 
     def _turned(self, deflection: NDArray, legs: LegElasticity | None, values: NDArray, place: int) -> NDArray:
-        """Return deflections (B, 6, 6, ...) multiplied by the change, or by its derivative; not without legs."""
+        """Return deflections (B, 6, 6, ...) times the factor, or times its derivative; without legs unchanged, or
+        zero."""
         if legs is None:
             return deflection * (1.0 - place)
         return np.asarray(np.einsum("ik,bk...->bi...", self.ratios(legs, values)[place], deflection))

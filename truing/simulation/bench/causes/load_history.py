@@ -1,4 +1,4 @@
-"""The deflection goes on under a load that stays: creep."""
+"""Cause: creep, a deflection that grows with time under constant load."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from truing.simulation.inputs import TIME, Missing
 
 _PLAUSIBLE = 0.02
 _SHORTEST_S = 10.0
-# Neighbours among the time constants that are tried, and one sigma of the logarithm of one about that.
+# Ratio of neighbouring time constants of the candidates, and prior sigma of the log of the time constant.
 _RATIO, _PLAUSIBLE_LOG = 2.0, 0.5
 _MOST_CONSTANTS = 10
-# What has settled long before the reading cannot be told from a softer sensor.
+# Shortest time constant over the usual time between readings: faster creep looks like a softer sensor.
 _HELD = 0.5
 _ALL_SHARE = 0.5
 _TINY = 1e-30
@@ -30,9 +30,9 @@ _WITHIN_95 = 1.959964
 
 @dataclass(frozen=True)
 class Creep(LoadCause):
-    """To the deflection a fraction of it is added as it is followed with a time constant, within each run.
+    """A fraction of the deflection, delayed by a first-order lag with a time constant, is added to it within each run.
 
-    Loads along ``axis``, or all. Where ``free``, the logarithm of tau over ``tau_s`` is one parameter more.
+    It concerns loads along ``axis``, or all. If ``free``, the logarithm of tau over ``tau_s`` is a further parameter.
     """
 
     axis: str = ""
@@ -58,15 +58,15 @@ class Creep(LoadCause):
         return [Creep(axis, float(tau)) for tau in np.geomspace(shortest, longest, count) for axis in chosen]
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight of an axis, and of all together."""
+        """Return the relative prior weight of an axis, or of all together."""
         return 1.0 if self.axis else _ALL_SHARE * len(loaded_axes(scene))
 
     def refined(self) -> Self:
-        """Return the form whose time constant is fitted too."""
+        """Return the form with a fitted time constant."""
         return replace(self, free=True)
 
     def with_fixed_shape(self, shape: NDArray) -> Self | None:
-        """Return the form with the time constant that its logarithm over tau_s says."""
+        """Return the form with a fixed time constant, from the logarithm of tau over tau_s."""
         return replace(self, tau_s=self.tau_s * float(np.exp(shape[0])), free=False)
 
     def needs(self, legs: int) -> tuple[str, ...]:
@@ -74,11 +74,11 @@ class Creep(LoadCause):
         return (TIME,)
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the fraction: what creeps goes on the way it was pushed."""
+        """Return the fraction: creep continues in the direction of the load."""
         return (0,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the fraction, then the logarithm of the time constant where it is free."""
+        """Return the fraction, then the logarithm of the time constant if it is free."""
         fraction = (Parameter("fraction", "1", _PLAUSIBLE),)
         return (*fraction, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else fraction
 
@@ -92,11 +92,11 @@ class Creep(LoadCause):
         return np.stack([followed, by_tau], -1)
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return what the deflection has crept."""
+        """Return the creep of the deflection."""
         return np.asarray(values[0] * self._with_creep(state.deflection, state.steps, values))
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the deflection, with what they have crept."""
+        """Return changes of the deflection, plus their creep."""
         return np.asarray(slopes + values[0] * self._with_creep(slopes, state.steps, values))
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
@@ -105,12 +105,12 @@ class Creep(LoadCause):
         if not self.free:
             return (fraction, ReportedParameter("tau", self.tau_s, self.tau_s * _PLAUSIBLE_LOG, "s"))
         tau = self.tau_s * float(np.exp(values[1]))
-        # What the wider side of the interval comes to: a logarithm's is wider upwards.
+        # The sigma covers the wider side of the 95 % interval, which is the upper one for a logarithm.
         wider = np.expm1(_WITHIN_95 * float(np.sqrt(covariance[1, 1]))) / _WITHIN_95
         return (fraction, ReportedParameter("tau", tau, tau * float(wider), "s"))
 
     def _with_creep(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
-        """Return deflections (B, 6, 6, ...) as they are followed, zero under loads that are not concerned."""
+        """Return lagged deflections (B, 6, 6, ...), zero under loads that are not concerned."""
         tau: Any = self.tau_s * np.exp(values[1] if self.free else 0.0)
         kept = np.exp(-steps.held_s / tau)
         if not self.axis:

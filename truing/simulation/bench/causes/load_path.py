@@ -1,4 +1,4 @@
-"""Loads that are not applied as they should be: off the origin, with a force beside a torque, by two uneven units."""
+"""Causes: wrongly applied loads, off the origin or with parasitic moments and forces; base class of causes of loads."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from truing.simulation.cause import Parameter, Step
 
 _PLAUSIBLE_M, _PLAUSIBLE_PER_M = 5e-3, 0.05
 _XYZ = "xyz"
-# Forms of an imbalance: what depends on the load F in proportion, on its size, and on F |F| over the largest.
+# Forms of an imbalance: proportional to the load F, to its size, and to F |F| over the largest load.
 RATIO, ASYMMETRY, GROWTH = "", "_asymmetry", "_growth"
-# With a mean ratio, or without.
+# Forms with a mean ratio, and without.
 _MEAN = ((RATIO,), ())
-# A force off the origin: of one axis each; all forces' common one is less likely.
+# Prior weight of a common offset of all forces, relative to that of one axis.
 _COMMON_SHARE = 0.5
 
 
 class LoadCause(ReadingCause):
-    """A cause that concerns loads along ``axis``, or along all axes where that is empty."""
+    """A cause that concerns loads along ``axis``, or along all axes if empty."""
 
     axis: str
 
     @property
     def subject(self) -> str:
-        """Return the load axis; empty for all."""
+        """Load axis; empty for all."""
         return f"load {self.axis}" if self.axis else ""
 
     @property
     def family(self) -> str:
-        """Return the kind and its axis: a model takes up one of its forms."""
+        """Kind and axis: a model holds at most one of its forms."""
         return f"{self.id} {self.axis}".strip()
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Return whether another is of the same kind and concerns an axis that this one does."""
+        """Whether the other cause is of the same kind and shares an axis with this one."""
         if not isinstance(other, LoadCause) or self.id != other.id:
             return False
         return not self.axis or not other.axis or self.axis == other.axis
@@ -52,7 +52,8 @@ class LoadCause(ReadingCause):
 
 @dataclass(frozen=True)
 class LoadEccentricity(LoadCause):
-    """A force's line of action is offset from the origin, or that of all forces; a torque brings a force along."""
+    """The line of action of a force, or of all forces, is offset from the origin; a torque is accompanied by a
+    force."""
 
     axis: str = "fz"
 
@@ -61,17 +62,17 @@ class LoadEccentricity(LoadCause):
     reach = 30.0
 
     def candidates(self, scene: BenchScene) -> Sequence[LoadEccentricity]:
-        """Return every axis that was loaded, and all forces together where there are two of them."""
+        """Return every axis that was loaded, and all forces together if there are at least two."""
         axes = loaded_axes(scene)
         common = [LoadEccentricity("")] if sum(is_force(axis) for axis in axes) > 1 else []
         return [*common, *(LoadEccentricity(axis) for axis in axes)]
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight of an axis, and of all forces together."""
+        """Return the relative prior weight of an axis, or of all forces together."""
         return 1.0 if self.axis else _COMMON_SHARE * len(loaded_axes(scene))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the offset across a force's axis, or what a torque brings along."""
+        """Return the offset across a force's axis, or the force per torque."""
         if self.axis and not is_force(self.axis):
             return tuple(Parameter(f"force_{c}", "1/m", _PLAUSIBLE_PER_M) for c in _XYZ)
         return tuple(Parameter(f"offset_{_XYZ[c]}", "mm", _PLAUSIBLE_M, MM) for c in self._across)
@@ -94,10 +95,10 @@ class LoadEccentricity(LoadCause):
 
 @dataclass(frozen=True)
 class LoadImbalance(LoadCause):
-    """Two units drive an axis: a parasitic moment (beside a force) or force (beside a torque) per load.
+    """Two drive units of an axis differ: a force causes a parasitic moment, a torque a parasitic force.
 
-    ``components`` of x, y, z; ``forms``: in proportion to the load F, to half its size (so that it differs between
-    positive and negative loads by the asymmetry), or growing with it.
+    ``components`` of x, y, z; ``forms``: proportional to the load F, to half its size (a difference between positive
+    and negative loads by the asymmetry), or to F |F| over the largest load.
     """
 
     axis: str = "fz"
@@ -109,7 +110,8 @@ class LoadImbalance(LoadCause):
     reach = 30.0
 
     def candidates(self, scene: BenchScene) -> Sequence[LoadImbalance]:
-        """Return, for every axis that was loaded both ways, components with what differs; for any what grows."""
+        """Return subsets of components, with asymmetry for axes loaded in both directions, and with growth for
+        several levels."""
         load = scene.steps.load
         found: list[LoadImbalance] = []
         for axis in loaded_axes(scene):
@@ -137,7 +139,7 @@ class LoadImbalance(LoadCause):
         return wrench.reshape(len(load), 6, -1)
 
     def _courses(self, steps: LoadSteps) -> NDArray:
-        """Return what each form is in proportion to (B, forms), N or N m."""
+        """Return the load course (B, forms), N or N m, of each form."""
         load, largest = steps.load[:, self._place], steps.largest[self._place]
         by_form = {RATIO: load, ASYMMETRY: 0.5 * np.abs(load), GROWTH: load * np.abs(load) / largest}
         return np.stack([by_form[form] for form in self.forms], -1)

@@ -1,4 +1,4 @@
-"""Noise that is larger in one run: vibration, a loose plug, weights that are hung elsewhere each time."""
+"""Cause: larger noise in one run, by vibration, a loose plug, or weights in varying positions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from truing.simulation.cause import Parameter, Step
 
 @dataclass(frozen=True)
 class NoisyRun(ReadingCause):
-    """Readings of a ``run`` scatter more: those of one ``channel``, all displacements or all signals."""
+    """Readings of a ``run`` scatter more: one ``channel``, all displacements or all signals."""
 
     run: int | str = ""
     channel: str = DISPLACEMENTS
@@ -28,15 +28,16 @@ class NoisyRun(ReadingCause):
 
     @property
     def subject(self) -> str:
-        """Return the run, with what of it is concerned."""
+        """Run, with the channels concerned."""
         return f"run {self.run} {self.channel if self.channel in (DISPLACEMENTS, SIGNALS) else whose(self.channel)}"
 
     def candidates(self, scene: BenchScene) -> Sequence[NoisyRun]:
-        """Return none: noise has no mean effect that a search could find."""
+        """Return none: noise has no mean effect."""
         return ()
 
     def scatters(self, scene: BenchScene) -> Sequence[ScatterCandidate[NoisyRun]]:
-        """Return every run of several steps, kind by kind of channel and channel by channel; none of a lone run."""
+        """Return every run of several steps, for each kind of channel and each channel; none if there is only one
+        run."""
         steps, names = scene.steps, np.array(scene.steps.channels)
         signals = np.array([is_signal(name) for name in names])
         found: list[ScatterCandidate[NoisyRun]] = []
@@ -52,9 +53,9 @@ class NoisyRun(ReadingCause):
         return found
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return by how much the noise is larger than in the other runs."""
+        """Return the ratio of the noise to that of the other runs."""
         return (Parameter("noise_ratio", "1", 1.0),)
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return no mean effect."""
+        """Return zero: there is no mean effect."""
         return np.zeros((*state.readings.shape, 1))

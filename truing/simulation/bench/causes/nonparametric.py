@@ -1,7 +1,7 @@
-"""What no cause of the catalogue explains of a bench: a channel depends on inputs.
+"""Nonparametric effects on a bench: a channel depends smoothly on inputs.
 
-What a cause already does in the very same form (a channel in proportion to the load of its own axis, or to the time in
-a run) is no candidate here: data could not tell the two apart.
+A dependence of exactly the form of a catalogued cause (a channel proportional to the load of its own axis, or to the
+time in a run) is no candidate, because data could not distinguish the two.
 """
 
 from __future__ import annotations
@@ -39,44 +39,42 @@ from truing.simulation.cause import Step
 from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
 
-# Before a load's name: one where that is smaller in size than at the step before; the largest size so far in the run;
-# which way it changed last.
+# Prefixes of a load's name: 1 if its size decreases, else 0; its largest size so far in the run; sign of its last change.
 UNLOADING, SO_FAR, WAY = "unloading ", "largest so far ", "direction of "
-# Functions of a load, of one and of two steps before; sine and cosine of a period.
+# Forms: a load one and two steps before; sine and cosine of a period.
 MEMORY, PERIOD = "memory", "period"
 _REMEMBERED = 2
-# A jump where a load is beyond a size, on either side by an amount of its own: between two levels, so many at most.
+# Form: a jump beyond a size of the load, with an amount for each sign; largest number of sizes.
 BEYOND, _SIDES = "beyond", 2
 _MOST_SIZES = 5
-# A load with a factor, and with one that depends on a column: nobody knows at which value of that the factor is one.
+# Form: a load and its product with a column; two factors, because the column has no known zero.
 GAIN, _FACTORS = "gain", 2
-# What comes with a break in a run and fades.
+# Form: a decay after a break in a run; ratio of neighbouring time constants and their largest number.
 REST = "rest"
 _FADES, _MOST_FADES = 2.0, 8
 _SMOOTH = 3
 _WAVES = 6
-# Plausible, in sigmas of the channel.
+# Plausible amplitude, in sigmas of the channel.
 _PLAUSIBLE_SIGMAS = 4.0
-# What the catalogue has in proportion to a column already.
+# Columns with a linear cause in the catalogue.
 _NAMED_LINEAR = (IN_RUN, MATERIAL, AIR)
-# Periods of time that are tried: from so many steps up to a part of the campaign, so many at most, this share of the
-# campaign's own frequency apart.
+# Periods of time: least steps per period, least periods per campaign, largest number, and frequency step in 1 / campaign.
 _STEPS_PER_PERIOD, _PERIODS_AT_LEAST, _MOST_PERIODS, _APART = 2.5, 3.0, 300, 0.5
-# Of a load: so many levels wherever a period begins, and so many periods in the range of loads. What is slower is a
-# polynomial; through fewer levels some wave passes whatever they do.
+# Periods of a load: least levels per period, as waves fit any fewer levels, and least periods in the range of loads, as
+# polynomials cover slower waves.
 _LEVELS_PER_PERIOD, _LOAD_PERIODS_AT_LEAST = 4, 2.0
-# Loads nearer to each other than this share of their range are one level, applied again.
+# Loads that differ by less than this share of their range are repetitions of one level.
 _ONE_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
 class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
-    """A channel depends on inputs: columns of the steps, loads, and what was before.
+    """A channel depends on inputs: columns of the steps, loads, and the history of loads.
 
-    Further forms are a load at so many steps before, sine and cosine of a period of time or a load, which is the half
-    range, a jump where a load is beyond the half range, on its positive and its negative side, a load and its product
-    with a column, or what comes with a break in a run and fades with the half range as time constant. ``scale`` is
-    plausible, SI; ``weight`` how likely beforehand among forms.
+    Further forms: ``memory``, a load one and two steps before; ``period``, sine and cosine with the half range as
+    period of time or of a load; ``beyond``, a jump if a load exceeds the half range, on either side; ``gain``, a load
+    and its product with a column; ``rest``, a decay after a break, with the half range as time constant. ``scale`` is a
+    plausible amplitude, SI; ``weight`` the relative prior weight among forms.
     """
 
     channel: str = "dz"
@@ -98,7 +96,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
 
     @property
     def subject(self) -> str:
-        """Return the channel."""
+        """Channel concerned."""
         return whose(self.channel)
 
     def inputs(self, legs: int) -> tuple[str, ...]:
@@ -107,7 +105,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in plain))
 
     def candidates(self, scene: BenchScene) -> Sequence[NonparametricReadingEffect]:
-        """Return everything that each channel may depend on, as far as its readings allow."""
+        """Return all dependences of each channel for which there are enough readings."""
         steps, seen = scene.steps, scene.recorded
         found: list[NonparametricReadingEffect] = []
         for channel in read_channels(scene):
@@ -123,23 +121,23 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         return found
 
     def channel_candidates(self, scene: BenchScene) -> Sequence[ChannelCandidates[NonparametricReadingEffect]]:
-        """Return what each channel may depend on to and fro: every period of time, and of a load, that the campaign
-        tells apart."""
+        """Return periodic dependences of each channel on time and on loads, for all periods that the campaign can
+        distinguish."""
         steps, seen = scene.steps, scene.recorded
         return [own for column in (TIME, *_applied(steps)) for own in _to_and_fro(steps, seen, column)]
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight: what is in proportion to one input is likelier than other forms."""
+        """Return the relative prior weight: proportionality to one input is more probable than the other forms."""
         return super().prior(scene) * self.weight
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return the functions' values at the channel's readings."""
+        """Return the values of the functions at the channel's readings."""
         basis = self.functions(state.steps)
         own = np.array([name == self.channel for name in state.steps.channels])
         return np.asarray(basis[:, None] * own[:, None])
 
     def functions(self, steps: LoadSteps) -> NDArray:
-        """Return the functions' values (B, m)."""
+        """Return the values (B, m) of the functions."""
         if self.form == MEMORY:
             return _previous_loads(steps, self.columns[0])
         if self.form == REST:
@@ -168,12 +166,12 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
 
 
 def _applied(steps: LoadSteps) -> list[str]:
-    """Return the loads that were ever applied."""
+    """Return the names of the loads that were applied."""
     return [name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded]
 
 
 def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCandidates]:
-    """Return how channels, seen (B, K), may depend on the periods of a column, by their noise."""
+    """Return periodic dependences of channels, seen (B, K), on a column, grouped by noise."""
     periods = _periods_of(steps, column)
     start = float(steps.time_s[0]) if column == TIME else 0.0
     moved = seen & (_values_of(steps, column) != start)[:, None]
@@ -196,7 +194,8 @@ def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCan
 
 
 def _jumping(bare: NonparametricReadingEffect, steps: LoadSteps, seen: NDArray) -> list[NonparametricReadingEffect]:
-    """Return jumps of a channel, seen at steps (B,), beyond sizes of each load, where there are readings enough."""
+    """Return jumps of a channel, seen at steps (B,), beyond several sizes of each load, if there are enough
+    readings."""
     found: list[NonparametricReadingEffect] = []
     for load in _applied(steps):
         values, sizes = _values_of(steps, load)[seen], _sizes_between(steps, load, seen)
@@ -210,7 +209,7 @@ def _jumping(bare: NonparametricReadingEffect, steps: LoadSteps, seen: NDArray) 
 
 
 def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
-    """Yield columns, form and degree of what a channel, seen at steps (B,), may depend on."""
+    """Yield columns, form and degree of dependences of a channel, seen at steps (B,)."""
     loads = _applied(steps)
     own = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
     others = [name for name in varying(steps.covariates, seen) if name not in LOADS]
@@ -250,8 +249,10 @@ def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tupl
 
 
 def _sizes_between(steps: LoadSteps, load: str, seen: NDArray) -> NDArray:
-    """Return sizes of a load, N or N m, between those that were applied while a channel was seen (B,); none below the
-    smallest, where it is the load itself that is there or not."""
+    """Return sizes of a load, N or N m, between the levels applied while a channel was seen (B,).
+
+    No size is below the smallest level: a jump there would only mean that the load is applied.
+    """
     sizes = np.sort(np.abs(_values_of(steps, load)[seen]))
     one_level = _ONE_LEVEL * sizes.max(initial=0.0)
     sizes = sizes[sizes > one_level]
@@ -262,8 +263,10 @@ def _sizes_between(steps: LoadSteps, load: str, seen: NDArray) -> NDArray:
 
 
 def fading_times(steps: LoadSteps, seen: NDArray) -> NDArray:
-    """Return times, s, with which something may fade after a break while a channel was seen (B,): from a usual pause to
-    the longest run; none where there was no break."""
+    """Return time constants, s, of decays after a break while a channel was seen (B,); none without a break.
+
+    They range from a usual pause to the longest run.
+    """
     held = steps.held_s[steps.held_s > 0.0]
     if np.isfinite(steps.since_break_s[seen]).sum() < FEWEST:
         return np.zeros(0)
@@ -273,7 +276,7 @@ def fading_times(steps: LoadSteps, seen: NDArray) -> NDArray:
 
 
 def _range_of(steps: LoadSteps, column: str) -> tuple[float, float]:
-    """Return the centre and half the range of a column; of a load, zero and its largest."""
+    """Return the centre and half the range of a column; for a load, zero and its largest value."""
     if column.removeprefix(SO_FAR) in LOADS:
         return 0.0, float(steps.largest[LOADS.index(column.removeprefix(SO_FAR))])
     if column.startswith((UNLOADING, WAY)):
@@ -283,7 +286,7 @@ def _range_of(steps: LoadSteps, column: str) -> tuple[float, float]:
 
 
 def _values_of(steps: LoadSteps, column: str) -> NDArray:
-    """Return a column's values (B,)."""
+    """Return the values (B,) of a column."""
     if column.startswith(UNLOADING):
         return steps.unloading[:, LOADS.index(column.removeprefix(UNLOADING))].astype(float)
     if column.startswith(SO_FAR):
@@ -296,14 +299,14 @@ def _values_of(steps: LoadSteps, column: str) -> NDArray:
 
 
 def _previous_loads(steps: LoadSteps, load: str) -> NDArray:
-    """Return a load (B, 2) over its largest, one and two steps before in the run; zero before its start."""
+    """Return a load (B, 2) over its largest, one and two steps before in the run; zero before the run's start."""
     share = steps.share[:, LOADS.index(load)]
     once = np.where(steps.rank >= 1, share[steps.before], 0.0)
     return np.stack([once, np.where(steps.rank >= _REMEMBERED, share[steps.before[steps.before]], 0.0)], -1)
 
 
 def _periods_of(steps: LoadSteps, column: str) -> NDArray:
-    """Return the periods (S,) of time, s, or of a load, N or N m, that a campaign tells apart."""
+    """Return the periods (S,) of time, s, or of a load, N or N m, that a campaign can distinguish."""
     values = _values_of(steps, column)
     span = float(np.ptp(values)) if np.isfinite(values).all() else 0.0
     if not span > 0.0:
@@ -319,7 +322,7 @@ def _periods_of(steps: LoadSteps, column: str) -> NDArray:
 
 
 def periods_of_levels(levels: NDArray) -> NDArray:
-    """Return the periods (S,) that loads at these levels (L,), ascending, tell apart."""
+    """Return the periods (S,) that loads at these levels (L,), ascending, can distinguish."""
     span, count = float(levels[-1] - levels[0]), len(levels)
     counted = np.arange(_LOAD_PERIODS_AT_LEAST, count / _LEVELS_PER_PERIOD, _APART)
     periods = span / counted[:_MOST_PERIODS]

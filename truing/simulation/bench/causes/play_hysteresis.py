@@ -1,4 +1,4 @@
-"""The deflection follows the load through play with friction: a loop that does not close without load, and no clock."""
+"""Cause: rate-independent hysteresis by play with friction; the loop does not close at zero load."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.inputs import Missing
 
 _PLAUSIBLE = 0.02
-# So many thresholds are tried, up to this share of the largest load, and one sigma of the logarithm of one about that.
-# Below half a step of the load all of them look alike.
+# Number of thresholds; the largest and smallest, as shares of the largest load; the least over a step of the load, below
+# which all look alike; prior sigma of the log of the threshold.
 _THRESHOLDS, _LARGEST, _LEAST, _OF_A_STEP, _PLAUSIBLE_LOG = 3, 0.4, 0.02, 0.5, 0.5
 _ALL_SHARE = 0.3
 _TURNS = 2
@@ -26,11 +26,11 @@ _TURNS = 2
 
 @dataclass(frozen=True)
 class PlayHysteresis(LoadCause):
-    """The deflection under loads along ``axis``, or all, lags behind by up to half the width of its largest.
+    """The deflection under loads along ``axis``, or all, lags by up to half the width of its largest value.
 
-    The lag turns round over twice the ``threshold``, a share of the largest load, wherever the load turns back.
-    ``exercised``: whether each run starts where the same run would have left it, and not from rest. Where ``free``, the
-    logarithm of the threshold over that is one parameter more.
+    The lag reverses over twice the ``threshold``, a share of the largest load, whenever the load turns back.
+    ``exercised``: each run starts in the state that the same run would leave, instead of at rest. If ``free``, the
+    logarithm of the threshold over ``threshold`` is a further parameter.
 
     Source: play operator (Prandtl and Ishlinskii), Visintin, Differential models of hysteresis (1994), chapter III.
     """
@@ -45,8 +45,10 @@ class PlayHysteresis(LoadCause):
     step = Step.STRUCTURE
 
     def candidates(self, scene: BenchScene) -> Sequence[PlayHysteresis]:
-        """Return thresholds from half a step of the loads on, from rest and exercised, for each axis whose load turns
-        back, and for all axes."""
+        """Return thresholds from half a step of the loads on, from rest and exercised, for axes whose load turns back.
+
+        There is a candidate for each such axis and one for all axes.
+        """
         steps = scene.steps
         axes = [axis for axis in loaded_axes(scene) if _reversals(steps, AXES.index(axis)) >= _TURNS]
         if not axes:
@@ -60,23 +62,23 @@ class PlayHysteresis(LoadCause):
         ]
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight of an axis, and of all together."""
+        """Return the relative prior weight of an axis, or of all together."""
         return 1.0 if self.axis else _ALL_SHARE * len(loaded_axes(scene))
 
     def refined(self) -> Self:
-        """Return the form whose threshold is fitted too."""
+        """Return the form with a fitted threshold."""
         return replace(self, free=True)
 
     def with_fixed_shape(self, shape: NDArray) -> Self | None:
-        """Return the form with the threshold that its logarithm says."""
+        """Return the form with a fixed threshold, from its logarithm."""
         return replace(self, threshold=self.threshold * float(np.exp(shape[0])), free=False)
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the width: a passive body stays behind."""
+        """Return the width: a passive body always lags."""
         return (0,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the width, then the logarithm of the threshold where it is free."""
+        """Return the width, then the logarithm of the threshold if it is free."""
         width = (Parameter("width", "1", _PLAUSIBLE),)
         return (*width, Parameter("log_threshold", "1", _PLAUSIBLE_LOG)) if self.free else width
 
@@ -90,12 +92,12 @@ class PlayHysteresis(LoadCause):
         return np.stack(found, -1)
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return how far the deflection stays behind."""
+        """Return the lag of the deflection."""
         lag, _ = self._lags(state.steps, values)
         return np.asarray(values[0] * _at_largest(state.steps, state.deflection) * lag[:, None])
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the deflection, with those of what lags behind."""
+        """Return changes of the deflection, plus those of its lag."""
         lag, _ = self._lags(state.steps, values)
         return np.asarray(slopes + values[0] * _at_largest(state.steps, slopes) * lag[:, None, :, None])
 
@@ -108,9 +110,10 @@ class PlayHysteresis(LoadCause):
         return (width, ReportedParameter("threshold", threshold, threshold * float(np.sqrt(covariance[1, 1])), "1"))
 
     def _lags(self, steps: LoadSteps, values: NDArray) -> tuple[NDArray, NDArray]:
-        """Return by how much deflections (B, 6) change per width, over their largest, and by the threshold's logarithm.
+        """Return the change of deflections (B, 6) per width, over their largest, and its derivative by the threshold's
+        logarithm.
 
-        Readings count from the start of their run, whatever had stayed behind by then.
+        Readings are relative to the start of their run, and so is the lag.
         """
         shape = values[1] if self.free else 0.0
         lag, by_log = steps.lagging(self.threshold * float(np.exp(np.real(shape))), exercised=self.exercised)
@@ -121,8 +124,8 @@ class PlayHysteresis(LoadCause):
 
 
 def _at_largest(steps: LoadSteps, deflection: NDArray) -> NDArray:
-    """Return deflections (B, 6, 6, ...) under each axis' largest load, in proportion to those at its largest step:
-    (1, 6, 6, ...)."""
+    """Return deflections (1, 6, 6, ...) under each axis' largest load, scaled from those (B, 6, 6, ...) at its
+    largest step."""
     step, axis = np.argmax(np.abs(steps.share), 0), np.arange(len(AXES))
     share = steps.share[step, axis]
     whole = np.moveaxis(deflection[step, :, axis], 0, 1) / np.where(share != 0.0, share, np.inf).reshape(
@@ -132,12 +135,12 @@ def _at_largest(steps: LoadSteps, deflection: NDArray) -> NDArray:
 
 
 def _reversals(steps: LoadSteps, axis: int) -> int:
-    """Return how often a load turns back within a run."""
+    """Return the number of reversals of a load within runs."""
     way = steps.direction[:, axis]
     return int(np.sum(way * way[steps.before] < 0.0))
 
 
 def _usual_step(steps: LoadSteps) -> float:
-    """Return the usual step of a load that changes, as a share of its largest."""
+    """Return the median step of the loads that change, as a share of their largest."""
     changes = np.abs(steps.share - steps.share[steps.before])
     return float(np.median(changes[changes > 0.0])) if np.any(changes > 0.0) else 0.0

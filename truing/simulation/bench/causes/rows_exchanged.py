@@ -1,4 +1,4 @@
-"""Loads of a calibration table that were written into each other's row: the cause, and how all signals tell of it."""
+"""Cause: loads of a calibration table in each other's rows; detection of such rows from all signals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Row = tuple[int | str, int | str]
 
 @dataclass(frozen=True)
 class RowsExchanged(ReadingCause):
-    """The loads of two ``rows``, (run, step) each, stand in each other's row, in ``components`` of the six."""
+    """The loads of two ``rows``, (run, step) each, are exchanged, in ``components`` of the six."""
 
     rows: tuple[Row, ...] = ()
     components: tuple[str, ...] = ()
@@ -33,24 +33,24 @@ class RowsExchanged(ReadingCause):
 
     @property
     def subject(self) -> str:
-        """Return the run, or both."""
+        """The run, or both runs."""
         runs = dict.fromkeys(str(run) for run, _ in self.rows)
         return f"run {' '.join(runs)}" if runs else ""
 
     def candidates(self, scene: BenchScene) -> Sequence[RowsExchanged]:
-        """Return none: exchanged rows are found in the table, before anything is fitted."""
+        """Return none: exchanged rows are found in the table before any fit."""
         return ()
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return none: rows are exchanged or not."""
+        """Return none: the cause is discrete."""
         return ()
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return no derivative."""
+        """Return an empty derivative."""
         return np.zeros((*state.wrench.shape, 0))
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return how far the loads applied lie from those written down."""
+        """Return the applied loads minus the recorded ones."""
         shift = np.zeros_like(state.wrench)
         places = [_place(state.steps, row) for row in self.rows]
         if len(places) == 2 and None not in places:
@@ -70,20 +70,20 @@ class RowsExchanged(ReadingCause):
 
 @dataclass(frozen=True)
 class SignalsExchanged(RowsExchanged):
-    """The same of signals alone: two rows of their table bear each other's loads, those of the readings are right."""
+    """Only the signals of two rows are exchanged: the loads agree with the readings of displacements."""
 
     step = Step.INSTRUMENT
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return no derivative."""
+        """Return an empty derivative."""
         return np.zeros((*state.readings.shape, 0))
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return by how much the signals of the two rows differ."""
+        """Return the change of the signals by the exchange."""
         return self._exchanged(state, state.readings) - state.readings
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the readings, those of the signals in each other's row."""
+        """Return changes of the readings, with those of the signals exchanged."""
         return self._exchanged(state, slopes)
 
     def _exchanged(self, state: ReadingState, values: NDArray) -> NDArray:
@@ -97,18 +97,18 @@ class SignalsExchanged(RowsExchanged):
 
 
 def _place(steps: LoadSteps, row: Row) -> int | None:
-    """Return where a row stands among the load steps; none where it is not there."""
+    """Return the index of a row among the load steps; None if it is absent."""
     found = np.flatnonzero((steps.run == row[0]) & (steps.step == row[1]))
     return int(found[0]) if len(found) else None
 
 
-# Different loads for each column that they are predicted from: fewer follow any signals.
+# Least number of distinct loads per regressor: with fewer, any signals would fit.
 _LOADS_PER_COLUMN = 2
 _NORMAL_MEDIAN = 0.6745
 
 
 def exchanged_rows(steps: RecordedSteps, rows: NDArray[np.bool_]) -> tuple[RowsExchanged, ...]:
-    """The exchanges among some rows (B,), as causes; none where the loads are too few to tell."""
+    """Return the exchanges among some rows (B,), as causes; none if there are too few loads to detect them."""
     rows = rows & np.isfinite(steps.signal).all(1) if steps.signal.size else np.zeros(len(rows), bool)
     load, signal = steps.load[rows], steps.signal[rows]
     columns = np.column_stack([signal, np.ones(len(signal))])
@@ -124,7 +124,7 @@ def exchanged_rows(steps: RecordedSteps, rows: NDArray[np.bool_]) -> tuple[RowsE
 
 
 def put_right(steps: RecordedSteps, exchanges: Sequence[RowsExchanged]) -> RecordedSteps:
-    """The steps with the loads of exchanged rows back in their place."""
+    """Return the steps with the loads of exchanged rows restored."""
     load = steps.load.copy()
     for one in exchanges:
         rows = [
@@ -139,7 +139,7 @@ def put_right(steps: RecordedSteps, exchanges: Sequence[RowsExchanged]) -> Recor
 def confirmed_by_readings(
     exchanged: tuple[RowsExchanged, ...], steps: RecordedSteps, sensor: UncertainSensor
 ) -> tuple[RowsExchanged, ...]:
-    """Return the exchanges, those of signals alone where readings at the two steps agree with the loads as noted."""
+    """Return the exchanges; as `SignalsExchanged` if the readings of displacements agree with the recorded loads."""
     plain = np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)
     compliance = sensor.at(*plain).compliance
     return tuple(
@@ -148,7 +148,7 @@ def confirmed_by_readings(
 
 
 def _moved_so(one: RowsExchanged, steps: RecordedSteps, compliance: NDArray) -> bool:
-    """Return whether the platform moved under the exchanged loads; so it is taken to have where no channel tells."""
+    """Whether readings agree better with the exchanged loads; also if there are no readings."""
     names: list[Row] = [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
     rows = [names.index(row) for row in one.rows]
     motion, other = (loads[rows] @ compliance.T for loads in (steps.load, put_right(steps, (one,)).load))
@@ -160,7 +160,7 @@ def _moved_so(one: RowsExchanged, steps: RecordedSteps, compliance: NDArray) -> 
 def scatter_of_signals(steps: RecordedSteps, rows: NDArray[np.bool_], exchanged: tuple[RowsExchanged, ...]) -> NDArray:
     """Return the scatter (S,), V, of signals about a linear response to the loads with a zero in each run.
 
-    Rows whose loads were exchanged do not count; NaN where there are too few rows for it.
+    Rows with exchanged loads are omitted; NaN if there are too few rows.
     """
     wrong = {row for one in exchanged for row in one.rows}
     own = np.array([(steps.runs[run], int(step)) not in wrong for run, step in zip(steps.run, steps.step, strict=True)])

@@ -1,4 +1,4 @@
-"""A signal does not follow the load in proportion: by its own square and cube, or by squares and products of loads."""
+"""Cause: nonlinear signals, by their own square and cube, or by squares and products of loads."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from truing.simulation.cause import Parameter, Step
 
 QUADRATIC, CUBIC = "quadratic", "cubic"
 _POWERS = {QUADRATIC: 2, CUBIC: 3}
-_PLAUSIBLE = 0.02  # of the largest signal
-# A form has so many parameters at most, and so many readings for each of them.
+_PLAUSIBLE = 0.02  # share of the largest signal
+# Largest number of parameters of a form, and least number of readings per parameter.
 _MOST_PARAMETERS, _ROWS_PER_PARAMETER = 60, 3
 _ALL_SHARE = 0.5
-# What a sum over the steps' loads leaves of a product that never occurs.
+# Products of loads below this are rounding.
 _NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
 class SignalNonlinear(ReadingCause):
-    """A ``signal`` reads more by ``powers`` of itself, which is some ``full_scale`` (V), or by products of ``loads``.
+    """A ``signal`` with additional terms: ``powers`` of itself, or products of ``loads``.
 
-    ``loads`` are products of two or three loads over their largest (``fx-fx`` is a square); ``signal`` is empty for all
-    of ``signals``, each with parameters of its own.
+    ``full_scale`` (V) is the largest value of each signal. ``loads`` are products of two or three loads over their
+    largest (``fx-fx`` is a square). ``signal`` is empty for all of ``signals``, each with its own parameters.
     """
 
     signal: str = "v1"
@@ -44,28 +44,27 @@ class SignalNonlinear(ReadingCause):
 
     @property
     def subject(self) -> str:
-        """Return the signal, or that it is all of them."""
+        """Signal, or ``signals`` for all."""
         return whose(self.signal) or "signals"
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate."""
         return f"{self.family} {' '.join(self.powers + self.loads)}"
 
     @property
     def family(self) -> str:
-        """Return the kind and its signal."""
+        """Kind and signal."""
         return f"{self.id} {self.signal}".strip()
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Return whether another is of the same kind and concerns a signal that this one does."""
+        """Whether the other cause is of the same kind and shares a signal with this one."""
         if not isinstance(other, SignalNonlinear):
             return False
         return not self.signal or not other.signal or self.signal == other.signal
 
     def candidates(self, scene: BenchScene) -> Sequence[SignalNonlinear]:
-        """Return every signal, and all, with its square, its cube or both, and with squares, products and cubes of
-        loads."""
+        """Return every signal, and all, with square, cube or both, and with squares, products and cubes of loads."""
         steps = scene.steps
         own = [name for name in steps.channels if is_signal(name)]
         size = dict(zip(own, np.abs(steps.signals).max(0, initial=0.0).tolist(), strict=True))
@@ -88,11 +87,11 @@ class SignalNonlinear(ReadingCause):
 
     @property
     def size(self) -> int:
-        """Return the number of parameters."""
+        """Number of parameters."""
         return len(self.signals) * (len(self.powers) + len(self.loads))
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight of a signal, and of all together."""
+        """Return the relative prior weight of a signal, or of all together."""
         return 1.0 if self.signal else _ALL_SHARE * sum(map(is_signal, read_channels(scene)))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -109,7 +108,7 @@ class SignalNonlinear(ReadingCause):
 
     @property
     def _units(self) -> list[tuple[str, str]]:
-        """Return the powers with their units."""
+        """Powers with their units."""
         return [(power, "1/mV" if power == QUADRATIC else "1/mV^2") for power in self.powers]
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
@@ -129,7 +128,7 @@ class SignalNonlinear(ReadingCause):
         return found
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the readings, as steep as the signals' curves are there."""
+        """Return changes of the readings, times the slopes of the signals' curves."""
         found = np.array(slopes, np.result_type(slopes, state.readings, values))
         each, names = len(self.powers) + len(self.loads), state.steps.channels
         for place, name in enumerate(self.signals):
@@ -143,17 +142,17 @@ class SignalNonlinear(ReadingCause):
 
 
 def _reading_count(scene: BenchScene, cause: SignalNonlinear) -> int:
-    """Return how many readings there are of a cause's signals."""
+    """Return the number of readings of a cause's signals."""
     return int(scene.recorded[:, [name in cause.signals for name in scene.steps.channels]].sum())
 
 
 def _has_levels(steps: LoadSteps) -> bool:
-    """Return whether some axis was loaded by several amounts: without, nothing tells a square from a slope."""
+    """Whether some axis was loaded by several amounts, which a square needs to differ from a slope."""
     return any(len(np.unique(np.round(own, 9))) > _POWERS[QUADRATIC] for own in steps.share.T)
 
 
 def _products(steps: LoadSteps) -> tuple[str, ...]:
-    """Return the products of two loads, squares among them, that ever differ from zero."""
+    """Return the nonzero products of two loads, including squares."""
     terms = ["-".join(chosen) for chosen in combinations_with_replacement(_loaded(steps), _POWERS[QUADRATIC])]
     return tuple(term for term in terms if np.any(np.abs(_product(steps, term)) > _NOTHING))
 
@@ -167,5 +166,5 @@ def _loaded(steps: LoadSteps) -> list[str]:
 
 
 def _product(steps: LoadSteps, term: str) -> NDArray:
-    """Return a product (B,) of shares of loads."""
+    """Return a product (B,) of loads, as shares of their largest."""
     return np.asarray(np.prod(steps.share[:, [AXES.index(axis) for axis in term.split("-")]], axis=1))

@@ -1,4 +1,4 @@
-"""The sensor is not as stiff as simulated, or not in proportion: along an axis, by its sign, its size, or with play."""
+"""Causes: wrong or nonlinear stiffness of the sensor along load axes, asymmetry, hysteresis and joint clearance."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
 
-# The whole response under a load changes, or that along its own axis alone; all axes together are less likely.
+# Prior weights of a change along the load's own axis only, and of all axes together.
 _OWN_SHARE, _ALL_SHARE = 0.4, 0.3
 _PLAUSIBLE_CLEARANCE = {True: 2e-6, False: 2.0 * np.pi / 180.0 / 3600.0}
-# A course that hardly differs from proportion over the loads that were tried says nothing.
+# Least number of distinct load sizes to distinguish a course from a proportional one.
 _LEVELS = 2
 
 
 @dataclass(frozen=True)
 class Deflection(LoadCause):
-    """The elastic deflection under loads along an axis is multiplied by one plus something; of all axes without one.
+    """Base class: the elastic deflection under loads along an axis, or all axes if empty, is multiplied by a factor.
 
-    Where ``own`` only the component along the load's own axis is, and all six of them else.
+    If ``own``, only the component along the load's own axis is multiplied, otherwise all six.
     """
 
     axis: str = ""
@@ -43,7 +43,7 @@ class Deflection(LoadCause):
     parameter: ClassVar[str]
 
     def candidates(self, scene: BenchScene) -> Sequence[Deflection]:
-        """Return all axes together, each that shows it, and its own component alone where others were seen."""
+        """Return all axes together, each axis that can show it, and its own component only if others were read."""
         axes = [axis for axis in loaded_axes(scene) if self.shows(scene.steps, AXES.index(axis))]
         found: list[Deflection] = [replace(self, axis="")] if len(axes) > 1 else []
         for axis in axes:
@@ -53,26 +53,26 @@ class Deflection(LoadCause):
         return found
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
-        """Return whether loads of an axis could show it."""
+        """Whether loads of an axis could show it."""
         return True
 
     def prior(self, scene: BenchScene) -> float:
-        """Return the weight of an axis, its own component alone, or all axes together."""
+        """Return the relative prior weight of an axis, its own component only, or all axes together."""
         if not self.axis:
             return _ALL_SHARE * len(loaded_axes(scene))
         return _OWN_SHARE if self.own else 1.0 - _OWN_SHARE
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the one parameter."""
+        """Return the single parameter."""
         return (Parameter(self.parameter, "1", self.plausible),)
 
     def excess(self, steps: LoadSteps, values: NDArray) -> tuple[NDArray, NDArray]:
-        """Return by how much more than one the deflection is multiplied (B, 6), and by parameters (B, 6, P)."""
+        """Return the factor of the deflection minus one (B, 6), and its derivative by parameters (B, 6, P)."""
         course = self.course(steps)
         return course * values[0], course[..., None]
 
     def course(self, steps: LoadSteps) -> NDArray:
-        """Return what the excess is in proportion to (B, 6), where it is in proportion to its one parameter."""
+        """Return the excess (B, 6) per unit of its parameter, for a linear cause."""
         raise NotImplementedError
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
@@ -81,11 +81,11 @@ class Deflection(LoadCause):
         return np.asarray(state.deflection[..., None] * by_axis[:, None] * self._concerned[..., None])
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return by how much the deflection is larger."""
+        """Return the change of the deflection."""
         return np.asarray(state.deflection * self._factor(state.steps, values))
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
-        """Return changes of the deflection, multiplied as that is."""
+        """Return changes of the deflection times the same factor."""
         return np.asarray(slopes * (1.0 + self._factor(state.steps, values)[..., None]))
 
     def _factor(self, steps: LoadSteps, values: NDArray) -> NDArray:
@@ -93,7 +93,7 @@ class Deflection(LoadCause):
 
     @property
     def _concerned(self) -> NDArray:
-        """Return which responses under which loads (6, 6) it concerns."""
+        """Mask (6, 6) of the responses and loads concerned."""
         axes = np.array([not self.axis or axis == self.axis for axis in AXES])
         return np.where(np.eye(6, dtype=bool) if self.own else np.ones((6, 6), bool), axes, False).astype(float)
 
@@ -119,7 +119,7 @@ class StiffnessAsymmetry(Deflection):
     parameter = "asymmetry"
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
-        """Return whether an axis was loaded both ways."""
+        """Whether an axis was loaded in both directions."""
         return bool(steps.load[:, axis].min() < 0.0 < steps.load[:, axis].max())
 
     def course(self, steps: LoadSteps) -> NDArray:
@@ -135,7 +135,7 @@ class StiffnessNonlinear(Deflection):
     parameter = "cubic"
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
-        """Return whether an axis was loaded by several amounts."""
+        """Whether an axis was loaded by several amounts."""
         sizes = np.abs(steps.load[:, axis])
         return len(np.unique(sizes[sizes > 0.0])) >= _LEVELS
 
@@ -146,7 +146,7 @@ class StiffnessNonlinear(Deflection):
 
 @dataclass(frozen=True)
 class Hysteresis(Deflection):
-    """On unloading the deflection is larger, by width times the largest at half of the largest load; it closes at both
+    """On unloading the deflection is larger, by width times the largest, at half of the largest load; zero at both
     ends."""
 
     id = "hysteresis"
@@ -155,17 +155,17 @@ class Hysteresis(Deflection):
     plausible = 0.02
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
-        """Return whether an axis was unloaded step by step."""
+        """Whether an axis was unloaded step by step."""
         return int(np.sum(steps.unloading[:, axis] & (steps.load[:, axis] != 0.0))) >= _LEVELS
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the width: on unloading a passive body stays behind, and never runs ahead."""
+        """Return the width: on unloading a passive body lags and never leads."""
         return (0,)
 
     def course(self, steps: LoadSteps) -> NDArray:
-        """Return 4 (1 - x) where an axis is unloaded: times x, which the deflection is in proportion to, the loop.
+        """Return 4 (1 - x) during unloading; times the deflection, which is proportional to x, it gives the loop.
 
-        Beyond the largest load, in an overload test, the loop is closed.
+        Beyond the largest load, in an overload test, it is zero.
         """
         return np.where(steps.unloading, 4.0 * np.maximum(1.0 - np.abs(steps.share), 0.0), 0.0)
 
@@ -181,13 +181,13 @@ class JointClearance(LoadCause):
     reach = 30.0
 
     def candidates(self, scene: BenchScene) -> Sequence[JointClearance]:
-        """Return every axis that was loaded, with its own component seen, both ways or by several amounts."""
+        """Return every axis that was loaded by several amounts, if its own component was read."""
         steps = scene.steps
         return [JointClearance(axis) for axis in loaded_axes(scene) if _is_observable(scene, AXES.index(axis), own=True)
                 and len(np.unique(steps.load[:, AXES.index(axis)])) > _LEVELS]  # fmt: skip
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the clearance: there is no less than no gap."""
+        """Return the clearance: it cannot be negative."""
         return (0,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -204,6 +204,6 @@ class JointClearance(LoadCause):
 
 
 def _is_observable(scene: BenchScene, axis: int, *, own: bool) -> bool:
-    """Return whether under loads of an axis its own component was read, or any other of the platform's."""
+    """Whether, under loads of an axis, its own component was read, or any other of the platform's."""
     under_load = scene.recorded[scene.steps.load[:, axis] != 0.0][:, : len(CHANNELS)].any(0)
     return bool(under_load[axis] if own else np.delete(under_load, axis).any())

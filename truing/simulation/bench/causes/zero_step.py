@@ -1,4 +1,4 @@
-"""The zero of channels stands elsewhere from a step on: a knock, a plug, an amplifier that was switched off and on."""
+"""Cause: the zero of channels changes at a step, by a knock, a plug, or an amplifier switched off and on."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 
 _PLAUSIBLE_SIGMAS = 10.0
-# Onsets that are tried in all; in long campaigns, every so many-th.
+# Largest number of onsets; in long campaigns, every n-th is tried.
 _MOST_ONSETS = 400
 DISPLACEMENTS, SIGNALS = "displacements", "signals"
 
 
 @dataclass(frozen=True)
 class ZeroStep(ReadingCause):
-    """From ``from_step`` of a ``run`` on, to its end, ``channels`` read more, each by an amount of its own.
+    """From ``from_step`` of a ``run`` to its end, ``channels`` are shifted, each by its own amount.
 
-    ``from_rank`` is the place of the step in the run, from 0; ``scales`` are plausible amounts, SI. A single linear
-    channel that jumps is a `FringeSlip`, which says whether it does so by whole half wavelengths.
+    ``from_rank`` is the index of the step in the run, from 0; ``scales`` are plausible amounts, SI. A jump of a single
+    linear channel is a `FringeSlip`, which reports whether it is an integer number of half wavelengths.
     """
 
     channels: tuple[str, ...] = ("rz",)
@@ -49,22 +49,22 @@ class ZeroStep(ReadingCause):
 
     @property
     def subject(self) -> str:
-        """Return the run with its channel, or whether these are all displacements or signals."""
+        """Run with its channel, or with all displacements or signals."""
         several = SIGNALS if is_signal(self.channels[0]) else DISPLACEMENTS
         return f"run {self.run} {whose(self.channels[0]) if len(self.channels) == 1 else several}"
 
     @property
     def family(self) -> str:
-        """Return the kind, its channels and its run."""
+        """Kind, channels and run."""
         return f"{self.id} {' '.join(self.channels)} {self.run}"
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate."""
         return f"{self.family} {self.from_rank}"
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Return whether another is the same, or one of channels of which this one is already, from the same step."""
+        """Whether the other is the same, or shares a channel from the same step on."""
         return self.key == other.key or (
             isinstance(other, ZeroStep)
             and (self.run, self.from_rank) == (other.run, other.from_rank)
@@ -72,12 +72,14 @@ class ZeroStep(ReadingCause):
         )
 
     def candidates(self, scene: BenchScene) -> Sequence[ZeroStep]:
-        """Return none: there are too many to be told one by one."""
+        """Return none: `channel_candidates` has them."""
         return ()
 
     def channel_candidates(self, scene: BenchScene) -> Sequence[ChannelCandidates[ZeroStep]]:
-        """Return every rotation and signal, all displacements and all signals, from every step of a run on that has
-        three readings on either side."""
+        """Return every rotation and signal, all displacements and all signals, from each possible step on.
+
+        There must be three readings of the run before and after the step.
+        """
         steps = scene.steps
         onsets = [row for row in range(len(steps.run)) if steps.rank[row] >= FEWEST]
         onsets = onsets[:: 1 + len(onsets) // _MOST_ONSETS]
@@ -104,13 +106,12 @@ class ZeroStep(ReadingCause):
         return np.asarray(late[:, None, None] * own)
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the amounts, and the step from which on."""
+        """Return the amounts, and the first affected step."""
         return (*super().reported(values, covariance, legs), ReportedParameter("from_step", self.from_step, None, ""))
 
 
 def _groups(steps: LoadSteps) -> Iterator[NDArray]:
-    """Yield the places of channels (T, 1) of one noise that are tried each by itself, and of those (1, n) that are
-    tried together."""
+    """Yield indices of channels of equal noise: (T, 1) to try one by one, and (1, n) to try together."""
     single = [place for place, name in enumerate(steps.channels) if not is_linear(name)]
     for _, own in groupby(
         sorted(single, key=lambda place: float(steps.sigma[place])), lambda place: steps.sigma[place]
@@ -125,7 +126,7 @@ def _groups(steps: LoadSteps) -> Iterator[NDArray]:
 def _of_channels(
     steps: LoadSteps, onsets: Sequence[int], late: NDArray, usable: NDArray, places: NDArray
 ) -> ChannelCandidates[ZeroStep]:
-    """Return the steps of channels (T, n) at onsets (S,), late (S, B), where they were read often enough (S, K)."""
+    """Return the candidates for channels (T, n) at onsets (S,), with masks late (S, B) and usable (S, K)."""
     scales = _PLAUSIBLE_SIGMAS * steps.sigma[places]
     scale = float(scales.max())
 

@@ -1,1 +1,1 @@
-"""A six-axis force sensor on six elastic legs (6-UPUR): what loads and tolerances do to it. Knows no data."""
+"""A six-axis force sensor on six elastic legs (6-UPUR): kinematics, elasticity, tolerances, loading."""

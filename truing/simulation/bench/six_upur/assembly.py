@@ -1,13 +1,13 @@
-"""How a sensor stands that was not made exactly: assembly errors to first order (force-sensor paper, eq. 5-15).
+"""Assembly errors of a 6-UPUR sensor to first order: pose of its platform (force-sensor paper, eq. 5-15).
 
 One leg is a Denavit-Hartenberg chain with imaginary prismatic joints, seven links from the base to the platform. Link j
 shifts by a_(j-1)j along the common normal, turns by alpha_(j-1)j about it, shifts by S_j along the axis and turns by
-theta_j about that. The two radii are shifts of imaginary prismatic joints, which point in directions of their own: the
-paper's axes are not normal to them. Printed, the sums of eq. 8-9 start at S_1; here with a_01, without which the base's
-radius had no influence. Arrays may lead with a batch, and may be complex.
+theta_j about that. The two radii are shifts of imaginary prismatic joints in directions of their own, because the
+paper's axes are not normal to them. As printed, the sums of eq. 8-9 start at S_1; here they include a_01, without which
+the base's radius would have no influence. Arrays may have leading batch axes, and may be complex.
 
-Five lengths of each leg are uncertain. The paper averages six open chains; a platform is held by closed loops, whose
-passive joints give way in every direction but along the legs. Both are here, and they differ.
+Five lengths of each leg are uncertain. The paper averages six open chains; in reality the platform is held by closed
+loops, whose passive joints are free in every direction except along the legs. Both models are here; they differ.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class DhChain:
 
 @dataclass(frozen=True)
 class DhLinks:
-    """Links of chains, fixed frame: where they lead, and what their derivatives are made of."""
+    """Links of chains, fixed frame: their ends, and the directions of their derivatives."""
 
     normal: NDArray  # (..., 7, 3) a_(j-1)j, about which link j twists
     shift: NDArray  # (..., 7, 3) unit direction of the length a_(j-1)j: the normal, but for imaginary joints
@@ -102,7 +102,7 @@ def sensor_chains(joints: JointCentres) -> DhChain:
 
 
 def joined_links(chain: DhChain) -> DhLinks:
-    """Return the links of chains, one after the other (eq. 5-9)."""
+    """Return the links of chains, joined one after the other (eq. 5-9)."""
     T, O = chain.frame, chain.origin  # noqa: E741
     found: list[tuple[NDArray, NDArray, NDArray, NDArray]] = []
     for j in range(LINKS):
@@ -165,10 +165,10 @@ def _matrix(*rows: tuple[NDArray, NDArray, NDArray]) -> NDArray:
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-# The five error sources in the order of campaign.toml, and what the paper calls them.
+# The five error sources in the order of campaign.toml, and their names in the paper.
 SOURCES = ("platform_radius", "base_radius", "lower_clearance", "middle_clearance", "sensor_installation")
 CODES = ("REM", "REF", "ECP", "ECU", "IES")
-# Where they stand among the lengths a_01..a_67: a_67, a_01, a_12, a_45. The fifth is the offset S_3.
+# Indices of four sources among the lengths a_01..a_67: a_67, a_01, a_12, a_45. The fifth is the offset S_3.
 _LENGTHS, _OFFSET = [6, 0, 1, 4], 2
 
 
@@ -182,7 +182,7 @@ class DhErrors:
 
 
 def errors_of_sources(errors: NDArray) -> DhErrors:
-    """Return errors of the five sources (..., 6, 5), m, as those of the chains' parameters."""
+    """Convert errors of the five sources (..., 6, 5), m, to errors of the chains' parameters."""
     a, S = (np.zeros((*errors.shape[:-1], 7), errors.dtype) for _ in range(2))
     a[..., _LENGTHS], S[..., _OFFSET] = errors[..., :4], errors[..., 4]
     return DhErrors(a, S, np.zeros_like(a))
@@ -194,7 +194,7 @@ def coefficients_of(joints: JointCentres) -> InfluenceCoefficients:
 
 
 def chain_errors(coefficients: InfluenceCoefficients, errors: DhErrors) -> NDArray:
-    """Return where each leg alone would put the platform (..., 6, 6): m and rad, leg by leg (eq. 13)."""
+    """Return the platform error (..., 6, 6), m and rad, by each leg on its own (eq. 13)."""
     parts = ((coefficients.a, errors.a), (coefficients.S, errors.S), (coefficients.alpha, errors.alpha))
     return np.sum([np.einsum("...qj,...j->...q", slope, error) for slope, error in parts], axis=0)
 
@@ -205,10 +205,10 @@ def open_chain_error(chains: NDArray) -> NDArray:
 
 
 def closed_loop_error(joints: JointCentres, chains: NDArray) -> NDArray:
-    """Return the platform's error (..., 6), m and rad, where six legs with errors of their own (..., 6, 6) close.
+    """Return the platform's error (..., 6), m and rad, for closed loops of six legs with errors (..., 6, 6), to first
+    order.
 
-    To first order. A leg's five passive joints let it follow any motion that its screw does no work on:
-    `$_i . error = $_i . error_i`.
+    A leg's five passive joints allow any motion on which its screw does no work: `$_i . error = $_i . error_i`.
     """
     rows = np.swapaxes(influence_matrix(joints), -1, -2)
     along = np.sum(rows * chains, -1)
@@ -216,12 +216,12 @@ def closed_loop_error(joints: JointCentres, chains: NDArray) -> NDArray:
 
 
 def open_chain_map(joints: JointCentres) -> NDArray:
-    """Return the platform's error (..., 6, 6, 5) by leg and source, as the paper averages them."""
+    """Return the platform's error (..., 6, 6, 5) by leg and source, as the mean of open chains."""
     return np.moveaxis(_by_source(joints), -3, -2) / 6.0
 
 
 def closed_loop_map(joints: JointCentres) -> NDArray:
-    """Return the platform's error (..., 6, 6, 5), m and rad per m, by leg and source, as closed loops have it."""
+    """Return the platform's error (..., 6, 6, 5), m and rad per m, by leg and source, for closed loops."""
     G = influence_matrix(joints)
     along = np.einsum("...qi,...iqk->...ik", G, _by_source(joints))
     return np.swapaxes(np.linalg.inv(G), -1, -2)[..., None] * along[..., None, :, :]
@@ -233,14 +233,14 @@ def comprehensive(error: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _by_source(joints: JointCentres) -> NDArray:
-    """Return what one source of one leg does to where that leg leads (..., 6 legs, 6, 5)."""
+    """Return the error at the end of each leg by each of its sources, (..., 6 legs, 6, 5)."""
     found = coefficients_of(joints)
     return np.concatenate([found.a[..., _LENGTHS], found.S[..., _OFFSET, None]], -1)
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """How joint centres move with P parameters, m per unit: lower and arm (6, 3, P), origin (3, P)."""
+    """Derivatives of joint centres by P parameters, m per unit: lower and arm (6, 3, P), origin (3, P)."""
 
     lower: NDArray
     arm: NDArray
@@ -248,7 +248,7 @@ class JointMotion:
 
 
 def motion_of_sources(joints: JointCentres) -> JointMotion:
-    """Return how the joints of an assembled sensor move with the error sources (P = 30, leg by leg)."""
+    """Return the derivatives of the joints of an assembled sensor by the error sources (P = 30, leg by leg)."""
     legs, sources = 6, len(SOURCES)
     upper, base = SOURCES.index("platform_radius"), SOURCES.index("base_radius")
     moved = closed_loop_map(joints).reshape(6, legs * sources)
@@ -262,7 +262,7 @@ def motion_of_sources(joints: JointCentres) -> JointMotion:
 
 
 def influence_change(joints: JointCentres, motion: JointMotion) -> NDArray:
-    """Return the derivative (P, 6, 6) of G by what moves the joints."""
+    """Return the derivative (P, 6, 6) of G by a motion of the joints."""
     S, turn = joints.direction, _turn_across(joints, motion)
     moved = np.cross(turn, S[..., None], axis=-2)
     moment = np.cross(motion.arm, S[..., None], axis=-2) + np.cross(joints.arm[..., None], moved, axis=-2)
@@ -270,6 +270,6 @@ def influence_change(joints: JointCentres, motion: JointMotion) -> NDArray:
 
 
 def _turn_across(joints: JointCentres, motion: JointMotion) -> NDArray:
-    """Return the legs' turns (6, 3, P), rad per unit, across themselves."""
+    """Return the rotations (6, 3, P) of the legs across their axes, rad per unit."""
     apart = (motion.origin + motion.arm - motion.lower) / joints.length[:, None, None]
     return np.cross(joints.direction[..., None], apart, axis=-2)

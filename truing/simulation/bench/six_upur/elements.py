@@ -1,11 +1,11 @@
-"""A leg as a serial chain of elements, and what its parts give (force-sensor paper, eq. 18-23).
+"""Compliance of a leg as a serial chain of flexible elements (force-sensor paper, eq. 18-23).
 
-A part runs along z of the leg, from its inner end, held, to its outer end, loaded: a cantilever of any section that
-follows its length. Compliance (6, 6): displacement (m, rad) of the outer end by the wrench (N, N m) there, in the leg's
-axes (`geometry.leg_axes`). Beams are slender: shear is left out.
+A part runs along z of the leg from its inner end, clamped, to its outer end, loaded: a cantilever of a section that may
+vary along its length. Compliance (6, 6): displacement (m, rad) of the outer end by the wrench (N, N m) there, in the
+leg's axes (`geometry.leg_axes`). Beams are slender: shear is neglected.
 
-An element is a length along the leg and parts that give at its outer end. A part's compliance is inversely
-proportional to one elastic parameter (a modulus, a stiffness), which makes derivatives by these a matter of a sign.
+An element is a length along the leg with parts that are flexible at its outer end. A part's compliance is inversely
+proportional to one elastic parameter (a modulus, a stiffness); hence its derivative by the log of that is its negative.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from truing.estimation.rotation import skew
 from truing.schemas.faults import Unfit
 from truing.simulation.mechanisms.structures.beams import section
 
-# Nodes of the integrals over a notch; its integrands are nearly polynomials in the angle that is integrated over.
+# Nodes of the integrals over a notch; the integrands are nearly polynomials in the angle of integration.
 _NODES = 64
 _ALONG = np.array([0.0, 0.0, 1.0])
 
@@ -51,7 +51,7 @@ def cantilever(part: Flexibility) -> NDArray:
 
 
 def moved_along(compliance: NDArray, distance: NDArray) -> NDArray:
-    """Return compliances (..., 6, 6) seen a distance (...), m, further out along the leg."""
+    """Return compliances (..., 6, 6) at a point a distance (...), m, further out along the leg."""
     T = transport(distance)
     return np.swapaxes(T, -1, -2) @ compliance @ T
 
@@ -76,7 +76,7 @@ def leaf_compliance(
 ) -> NDArray:
     """Return the compliance (6, 6) of a leaf spring that bends about s1 (x) or s2 (-y), m and Pa.
 
-    Its torsion constant is that of `rectangle_torsion`. Raises ValueError where soft is no axis, or the leaf is thicker
+    Its torsion constant is that of `rectangle_torsion`. Raises ValueError if soft is no axis, or the leaf is thicker
     than wide.
     """
     if thickness > width:
@@ -90,9 +90,9 @@ def leaf_compliance(
 def notch_compliance(width: float, web: float, radius: float, youngs_pa: float, poisson: float, soft: str) -> NDArray:
     """Return the compliance (6, 6) of a circular flexure hinge of length 2 radius, m and Pa.
 
-    Two half circles leave a web between them: thickness web + 2 radius (1 - cos phi), constant width. Integrals in the
-    angle psi with tan(phi/2) = tan(psi/2) / sqrt(1 + 4 radius/web), in which a thin web is no peak. Raises ValueError
-    where soft is no axis.
+    Two half circles leave a web between them: thickness web + 2 radius (1 - cos phi), constant width. The integrals are
+    over the angle psi with tan(phi/2) = tan(psi/2) / sqrt(1 + 4 radius/web), which smooths the peak of a thin web.
+    Raises ValueError if soft is no axis.
     """
     psi, weight = _nodes(_breaks(width, web, radius))
     full, lean = web + 2.0 * radius, 2.0 * radius
@@ -112,7 +112,7 @@ def notch_compliance(width: float, web: float, radius: float, youngs_pa: float, 
 def rectangle_torsion(one: NDArray, other: NDArray) -> NDArray:
     """Return the torsion constants (...), m^4, of rectangles: a b^3 / 3 (1 - 0.63 b / a), a the longer side.
 
-    Right to 0.1 % for b < a / 2; 12 % too small for a square.
+    The error is 0.1 % for b < a / 2; the value is 12 % too small for a square.
     """
     a, b = np.maximum(one, other), np.minimum(one, other)
     return a * b**3 / 3.0 * (1.0 - 0.63 * b / a)
@@ -121,7 +121,7 @@ def rectangle_torsion(one: NDArray, other: NDArray) -> NDArray:
 def universal_joint(part: NDArray, length: float) -> NDArray:
     """Return the compliance (6, 6) at the common centre of two equal crossed leaves or notches of a length, m.
 
-    part: one of them, soft about s1, at its outer end; the other is the same turned a quarter about the leg.
+    part: compliance of one of them, soft about s1, at its outer end; the other is turned by 90 degrees about the leg.
     """
     centred = moved_along(part, np.array(-0.5 * length))
     quarter = np.kron(np.eye(2), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
@@ -146,7 +146,7 @@ def _soft_first(
 
 
 def _breaks(width: float, web: float, radius: float) -> list[float]:
-    """Return where to cut the integrals: at the ends, and where the torsion formula changes its longer side."""
+    """Return the limits of the integrals: the ends, and the points where the torsion formula exchanges its sides."""
     end = 2.0 * np.arctan(np.sqrt(1.0 + 4.0 * radius / web))
     full, lean = web + 2.0 * radius, 2.0 * radius
     cosine = ((full**2 - lean**2) / width - full) / lean  # of psi where the thickness is the width
@@ -167,15 +167,15 @@ def _gauss() -> tuple[NDArray, NDArray]:
     return np.polynomial.legendre.leggauss(_NODES)
 
 
-# What is typed has three digits or so: lengths of elements and legs, and matrices, agree to this.
+# Relative tolerance of typed numbers with three digits: lengths of elements and legs, and matrices.
 _TYPED = 1e-3
 
 
 @dataclass(frozen=True)
 class LegElement:
-    """An element of a leg: length, m, and compliances (6, 6) at its outer end by the elastic parameter they go with.
+    """An element of a leg: length, m, and compliances (6, 6) at its outer end with the elastic parameter of each.
 
-    A length of None takes up what the other elements leave of each leg. measures: whether it is the leg's force sensor.
+    An element with length None fills the rest of each leg. measures: whether it is the leg's force sensor.
     """
 
     kind: str
@@ -185,7 +185,7 @@ class LegElement:
 
 
 def rigid(length: float | None = None) -> LegElement:
-    """Return an element that does not give; without a length, the rest of the leg."""
+    """Return a rigid element; without a length, it fills the rest of the leg."""
     return LegElement("rigid", length, ())
 
 
@@ -208,7 +208,7 @@ def notch(width: float, web: float, radius: float, youngs_pa: float, poisson: fl
 
 
 def spring(axial: float | None = None, torsion: float | None = None, length: float = 0.0) -> LegElement:
-    """Return springs along and about the leg, N/m and N m/rad, rigid where absent; the axial one is the sensor."""
+    """Return springs along and about the leg, N/m and N m/rad, rigid if absent; the axial one is the sensor."""
     known = (("axial", 2, axial), ("torsion", 5, torsion))
     gives = tuple((name, _at(place) / value) for name, place, value in known if value is not None)
     return LegElement("spring", length, gives, measures=axial is not None)
@@ -222,8 +222,8 @@ def compliance(matrix: ArrayLike, length: float = 0.0) -> LegElement:
 def passive(matrix: ArrayLike, what: str) -> NDArray:
     """Return the symmetric part of a given compliance (6, 6).
 
-    Raises ValueError for another shape, for an asymmetry of more than 0.1 % of the roots of its diagonal, and where
-    something moves against its load.
+    Raises ValueError for another shape, for an asymmetry of more than 0.1 % of the roots of its diagonal, and for a
+    direction of negative compliance.
     """
     given = np.asarray(matrix, float)
     if given.shape != (6, 6):
@@ -242,10 +242,10 @@ def passive(matrix: ArrayLike, what: str) -> NDArray:
 
 @dataclass(frozen=True)
 class LegParts:
-    """The P flexible parts of six legs as the platform's ends feel them, leg axes.
+    """The P flexible parts of six legs as compliances at the platform's ends of the legs, leg axes.
 
-    names: element (counted from 1) and parameter of each; compliance (..., 6, P, 6, 6); by_installed and
-    by_middle: its derivatives by the sensor's installation error and by the middle joint's clearance, per m.
+    names: element (counted from 1) and parameter of each; compliance (..., 6, P, 6, 6); by_installed and by_middle: its
+    derivatives by the sensor's installation error and by the middle joint's clearance, per m.
     """
 
     names: tuple[str, ...]
@@ -257,7 +257,7 @@ class LegParts:
 def leg_parts(elements: Sequence[LegElement], length: NDArray) -> LegParts:
     """Return the flexible parts of legs of lengths (..., 6), m, between the joint centres.
 
-    Raises ValueError where elements and legs differ in length by more than 0.1 %, or nothing gives.
+    Raises ValueError if elements and legs differ in length by more than 0.1 %, or all elements are rigid.
     """
     beyond = _beyond(elements, length)
     seat = _seat(elements, beyond, length)
@@ -277,7 +277,7 @@ def leg_parts(elements: Sequence[LegElement], length: NDArray) -> LegParts:
 
 
 def _beyond(elements: Sequence[LegElement], length: NDArray) -> list[NDArray]:
-    """Return how far (..., 6), m, each element's outer end is from the leg's."""
+    """Return the distance (..., 6), m, of each element's outer end from the leg's."""
     lengths = [element.length for element in elements]
     given = sum(value for value in lengths if value is not None)
     rest = length - given
@@ -295,7 +295,7 @@ def _beyond(elements: Sequence[LegElement], length: NDArray) -> list[NDArray]:
 
 
 def _seat(elements: Sequence[LegElement], beyond: list[NDArray], length: NDArray) -> int:
-    """Return where the force sensor sits: the first element that measures, else the one that the middle is in."""
+    """Return the index of the force sensor: the first element that measures, otherwise the one at the leg's middle."""
     for j, element in enumerate(elements):
         if element.measures:
             return j
@@ -303,7 +303,8 @@ def _seat(elements: Sequence[LegElement], beyond: list[NDArray], length: NDArray
 
 
 def _slope(at_end: NDArray) -> NDArray:
-    """Return the derivative (..., 6, 6) of a compliance by its distance to where it is seen: T' with dT = [z]x."""
+    """Return the derivative (..., 6, 6) of a compliance by the distance to its point of reference: T' with dT =
+    [z]x."""
     turn = np.zeros((6, 6))
     turn[3, 1], turn[4, 0] = -1.0, 1.0
     moved = at_end @ turn

@@ -1,4 +1,4 @@
-"""Where the joint centres of a 6-UPUR stand, and the axes of its legs (force-sensor paper, eq. 11)."""
+"""Joint centres of a 6-UPUR sensor, and the axes of its legs (force-sensor paper, eq. 11)."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class JointCentres:
 
     @property
     def leg(self) -> NDArray:
-        """Return the legs b - B (..., 6, 3), m."""
+        """Legs b - B (..., 6, 3), m."""
         return self.origin[..., None, :] + self.arm - self.lower
 
     @property
     def length(self) -> NDArray:
-        """Return the lengths (..., 6) of the legs, m."""
+        """Lengths (..., 6) of the legs, m."""
         return _length(self.leg)
 
     @property
     def direction(self) -> NDArray:
-        """Return the unit vectors S (..., 6, 3) of the legs, from the base to the platform."""
+        """Unit vectors S (..., 6, 3) of the legs, from the base to the platform."""
         return self.leg / self.length[..., None]
 
     def displaced(self, shift: NDArray, R: NDArray) -> JointCentres:
@@ -74,13 +74,13 @@ def outward(points: NDArray) -> NDArray:
 def leg_axes(direction: NDArray) -> NDArray:
     """Return the axes (..., 3, 3), columns x, y, z, of legs along z: x = s1 is horizontal, y = z cross x = -s2.
 
-    direction: unit vectors (..., 3). s1 and s2 are the axes that the paper's universal joints turn about (eq. 11). A
-    vertical leg takes the fixed frame's x for s1.
+    direction: unit vectors (..., 3). s1 and s2 are the axes of the paper's universal joints (eq. 11). For a vertical
+    leg, s1 is the fixed frame's x.
     """
     across = np.cross(_UP, direction)
     size = _length(across)[..., None]
     upright = size.real < _VERTICAL
-    # Square to the leg to first order as well, so that derivatives by a complex step are those of axes.
+    # Orthogonal to the leg to first order as well, so that complex steps give the derivatives of the axes.
     aside = np.eye(3)[0] - direction * direction[..., :1]
     x = np.where(upright, aside, across / np.where(upright, 1.0, size))
     return np.stack([x, np.cross(direction, x), direction], -1)

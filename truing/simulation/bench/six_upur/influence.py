@@ -29,7 +29,7 @@ def about(G: NDArray, point: NDArray) -> NDArray:
 
 
 def per_length(G: NDArray, length_m: float) -> NDArray:
-    """Return G without units: moments over a characteristic length. 1 m leaves it as it is, 1 mm is G in mm."""
+    """Return G without units: moments over a characteristic length; 1 m leaves it unchanged, 1 mm gives G in mm."""
     return G / _levers(length_m)[:, None]
 
 
@@ -39,9 +39,9 @@ def characteristic_length(G: NDArray) -> NDArray:
 
 
 def sensitivities(G: NDArray) -> NDArray:
-    """Return what one unit of each load makes of all leg forces (..., 6): column norms of J = 1 / G; 1, then 1/m.
+    """Return the norm (..., 6) of the six leg forces per unit of each load: column norms of J = 1 / G; 1, then 1/m.
 
-    Whatever the screws, the squares of the first three have reciprocals that add up to 6 at most (`force_bound`).
+    For any unit screws, the reciprocal squares of the first three add up to 6 at most (`force_bound`).
     """
     J = np.linalg.inv(G)
     return np.sqrt(np.sum(J * J, -2))
@@ -50,8 +50,8 @@ def sensitivities(G: NDArray) -> NDArray:
 def force_bound(sensitivity: NDArray) -> NDArray:
     """Return the sum (...) of 1/S^2 over the forces, of sensitivities (..., 6): at most the number of legs.
 
-    The rows of G times the columns of its inverse are 1, and the squared force rows of unit screws add up to the legs'
-    number; so six unit screws cannot have a sum above 6.
+    The rows of G times the columns of its inverse are 1, and the squared force rows of unit screws add up to the number
+    of legs; so the sum is at most 6 for six unit screws.
     """
     return np.sum(sensitivity[..., :3] ** -2.0, -1)
 
@@ -62,14 +62,14 @@ class Merit:
 
     length_m: float
     condition: NDArray  # (...) of the 2-norm
-    isotropy: NDArray  # (...) 1 / condition: 1 where all wrenches are seen alike
+    isotropy: NDArray  # (...) 1 / condition: 1 if all wrenches are measured equally well
     force_isotropy: NDArray  # (...) smallest over largest singular value of the force rows
     torque_isotropy: NDArray  # (...) and of the moment rows, whatever the length
     sensitivity: NDArray  # (..., 6)
 
 
 def merit(G: NDArray, length_m: float = 1.0) -> Merit:
-    """Return the merit of G (..., 6, 6); raises LinAlgError where six legs do not hold the platform."""
+    """Return the merit of G (..., 6, 6); raises LinAlgError if six legs do not hold the platform."""
     scaled = per_length(G, length_m)
     whole, force, torque = (_isotropy(rows) for rows in (scaled, scaled[..., :3, :], scaled[..., 3:, :]))
     return Merit(length_m, 1.0 / whole, whole, force, torque, sensitivities(scaled))

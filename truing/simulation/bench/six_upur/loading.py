@@ -1,7 +1,7 @@
-"""The wrench that a bench really applies: one axis, off its line, and driven by two units.
+"""True wrench of a load on the bench: load of one axis, off its line, and driven by two units.
 
-A force acts off the origin or a torque brings a force along; two units share a load otherwise when they push than when
-they pull, and their difference is a moment. All follow from the nominal load alone.
+A force acts off the origin, or a torque is accompanied by a force. Two units share a load differently when they push
+and when they pull, and their difference is a moment. All are functions of the nominal load only.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ def eccentric_wrench(
 ) -> NDArray:
     """Return wrenches (..., 6) of loads (...) whose line of action is off the origin.
 
-    offset_m: of a force, whose moment is offset x force; force_per_m: what a torque brings along, N per N m. What does
-    not concern the axis has no effect.
+    offset_m: of a force, whose moment is offset x force; force_per_m: force that accompanies a torque, N per N m. The
+    one that does not apply to the axis has no effect.
     """
     wrench = wrench_of(axis, load)
     force, moment = wrench[..., :3], wrench[..., 3:]
@@ -37,10 +37,10 @@ def eccentric_wrench(
 
 @dataclass(frozen=True)
 class Imbalance:
-    """A parasitic wrench per load (6,): 1 or m where a force is driven, 1/m or 1 where a torque is.
+    """A parasitic wrench per load (6,): 1 or m for a driven force, 1/m or 1 for a driven torque.
 
-    ratio: on average; asymmetry: how much larger it is for positive loads than for negative ones; growth: by how much
-    it grows from no load to the largest.
+    ratio: on average; asymmetry: difference between positive and negative loads; growth: increase from no load to the
+    largest.
     """
 
     ratio: NDArray
@@ -49,12 +49,13 @@ class Imbalance:
 
 
 def imbalance(ratio: ArrayLike = 0.0, asymmetry: ArrayLike = 0.0, growth: ArrayLike = 0.0) -> Imbalance:
-    """Return an imbalance, each of its numbers one for all components or six of them."""
+    """Return an imbalance; each argument is one number for all components or six of them."""
     return Imbalance(*(np.broadcast_to(np.asarray(each), (6,)) for each in (ratio, asymmetry, growth)))
 
 
 def imbalanced_wrench(axis: str, load: ArrayLike, found: Imbalance, largest: float) -> NDArray:
-    """Return wrenches (..., 6) of loads (...): each and, of it, ratio + asymmetry/2 sign + growth |load| / largest."""
+    """Return wrenches (..., 6) of loads (...) plus their parasitic part ratio + asymmetry/2 sign + growth |load| /
+    largest."""
     wrench, F = wrench_of(axis, load), np.asarray(load)[..., None]
     size = F * np.sign(F.real)
     return wrench + F * found.ratio + 0.5 * size * found.asymmetry + F * size / largest * found.growth
@@ -62,7 +63,7 @@ def imbalanced_wrench(axis: str, load: ArrayLike, found: Imbalance, largest: flo
 
 @dataclass(frozen=True)
 class LoadingUnits:
-    """Units that drive one axis together: where they act (U, 3), m from the platform's origin, and how.
+    """Units that drive one axis together: positions (U, 3), m from the platform's origin, and forces.
 
     pushing and pulling: the force (U, 3) of each per nominal load, for positive and for negative loads.
     """
@@ -78,7 +79,7 @@ class LoadingUnits:
         return F * np.where(F.real < 0.0, pulling, pushing)
 
     def imbalance(self, axis: str) -> Imbalance:
-        """Return what these units do beside driving the axis."""
+        """Return the parasitic part of these units' load on the axis."""
         per_load = [_wrench_per_load(self.at, force) for force in (self.pushing, self.pulling)]
         mean, apart = 0.5 * (per_load[0] + per_load[1]), per_load[0] - per_load[1]
         return imbalance(mean - wrench_of(axis, 1.0), apart)

@@ -1,4 +1,4 @@
-"""A sensor as it was designed: its compliance, its G and G', and how uncertain its tolerances leave them."""
+"""A sensor as designed: its compliance, G and G', and their uncertainty by tolerances."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ class SimulatedCompliance:
 
     @property
     def sigma(self) -> Array:
-        """One standard deviation (6, 6) of every entry."""
+        """Standard deviation (6, 6) of every entry."""
         return np.sqrt(np.diag(self.covariance)).reshape(6, 6)
 
 
 @dataclass(frozen=True)
 class NominalSensor:
-    """A sensor as it was designed, and one standard deviation of what may differ from that.
+    """A sensor as designed, with the standard deviations of its dimensions and stiffnesses.
 
-    ``elastic`` is None where only a compliance is given; ``compliance`` (6, 6), SI, is None where neither is.
+    ``elastic`` is None if only a compliance is given; ``compliance`` (6, 6), SI, is None if neither is.
     ``length_sigma`` (5,), m: platform and base radius, the clearances, the sensor's installation; ``stiffness_sigma``
-    relative.
+    is relative.
     """
 
     joints: JointCentres
@@ -48,14 +48,15 @@ class NominalSensor:
 
 
 def simulated(sensor: NominalSensor) -> SimulatedCompliance | None:
-    """Return the compliance of a sensor as designed, with what its tolerances leave open; None where none is known."""
+    """Return the compliance of a sensor as designed, with its covariance by tolerances; None if it is unknown."""
     return None if sensor.compliance is None else SimulatedCompliance(sensor.compliance, _covariance(sensor))
 
 
 def _covariance(sensor: NominalSensor) -> Array:
-    """By the legs' length errors, and by elastic parameters that are off in all legs together and in each alone.
+    """Return the covariance by length errors, and by elastic parameters with errors common to all legs and of each leg.
 
-    Both in full: how legs share their tolerance is told by the diagnosis alone, and this holds whatever the share.
+    Both errors count in full: only the diagnosis estimates their shares, and the result is an upper bound for any
+    share.
     """
     stiffness = sensor.stiffness_sigma
     if sensor.elastic is None:
@@ -74,9 +75,9 @@ def _covariance(sensor: NominalSensor) -> Array:
 class Theory:
     """G and G' (6, 6), moments about the platform's origin, with covariance by the tolerances of length.
 
-    with_joints: what cells see where joints resist and carry a part of the load past them; None without elements.
-    synthetic (6,): the error that G' is at, m and rad: assembly, one sigma, and the largest displacement under load.
-    length_m: at which moments weigh as much as forces.
+    with_joints: G for cells whose elastic joints carry a part of the load; None without elements. synthetic (6,): the
+    error for G', m and rad: one sigma of assembly plus the largest displacement under load. length_m: length at which
+    moments weigh as much as forces.
     """
 
     nominal: MatrixEstimate
@@ -87,12 +88,13 @@ class Theory:
 
 
 def farthest(values: Array) -> Array:
-    """Of every column of (N, K) the value farthest from zero, with its sign."""
+    """Return the value farthest from zero in every column of (N, K), with its sign."""
     return values[np.abs(values).argmax(axis=0), np.arange(values.shape[1])]
 
 
 def theory_of(sensor: NominalSensor, largest: Array) -> Theory:
-    """Return what the drawing says; largest (6,): the largest displacement of any load case, m and rad."""
+    """Return the theory of the sensor as designed; largest (6,): the largest displacement of any load case, m and
+    rad."""
     joints = sensor.joints
     G = influence_matrix(joints)
     change = influence_change(joints, motion_of_sources(joints)).reshape(-1, G.size)

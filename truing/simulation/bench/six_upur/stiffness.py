@@ -1,4 +1,4 @@
-"""The platform on elastic legs: stiffness, compliance, and what each leg carries (force-sensor paper, eq. 24-28).
+"""A platform on elastic legs: stiffness, compliance, and leg forces (force-sensor paper, eq. 24-28).
 
 The platform is rigid. Wrenches and displacements are at its origin in axes of the fixed frame; the compliance is that
 of the unloaded geometry.
@@ -16,7 +16,7 @@ from truing.estimation.rotation import skew
 from truing.simulation.bench.six_upur.elements import LegElement, LegParts, leg_parts
 from truing.simulation.bench.six_upur.geometry import JointCentres, leg_axes
 
-# Below this share of the largest, an eigenvalue of a leg's compliance cannot be told from rounding.
+# An eigenvalue of a leg's compliance below this share of the largest is rounding.
 _RIGID = 1e-13
 
 
@@ -40,14 +40,14 @@ class ElasticSensor:
 
     @property
     def leg_wrenches(self) -> NDArray:
-        """Return what each leg carries (..., 6, 6, 6), at the origin, by the wrench on the platform; the sum is 1."""
+        """Wrench of each leg (..., 6, 6, 6), at the origin, by the wrench on the platform; their sum is 1."""
         return self.leg_stiffness @ self.compliance[..., None, :, :]
 
     @property
     def axial_forces(self) -> NDArray:
-        """Return the forces (..., 6, 6) along the legs, tension positive, by the wrench on the platform.
+        """Forces (..., 6, 6) along the legs, tension positive, by the wrench on the platform.
 
-        Where joints resist nothing this is 1 / G.
+        For joints without stiffness this is 1 / G.
         """
         return np.einsum("...li,...lij->...lj", self.joints.direction, self.leg_wrenches[..., :3, :])
 
@@ -55,7 +55,7 @@ class ElasticSensor:
 def elastic_sensor(joints: JointCentres, elements: Sequence[LegElement]) -> ElasticSensor:
     """Return a sensor whose six legs are made of the same elements.
 
-    Raises ValueError where elements do not fit the legs, or leave them rigid in some direction.
+    Raises ValueError if elements do not fit the legs, or leave them rigid in some direction.
     """
     parts = leg_parts(elements, joints.length)
     J_F = end_transport(joints.arm, leg_axes(joints.direction))
@@ -66,15 +66,15 @@ def elastic_sensor(joints: JointCentres, elements: Sequence[LegElement]) -> Elas
 def end_transport(arm: NDArray, axes: NDArray) -> NDArray:
     """Return J_F (..., 6, 6) of legs that end at arm (..., 3), m from the origin, with axes (..., 3, 3) (eq. 25).
 
-    Its transpose takes the platform's displacement to the leg's end: eq. 24 as corrected, which is printed as its
-    inverse.
+    Its transpose converts the platform's displacement to that of the leg's end (eq. 24 as corrected; printed as its
+    inverse).
     """
     upper = np.concatenate([axes, np.zeros_like(axes)], -1)
     return np.concatenate([upper, np.concatenate([skew(arm) @ axes, axes], -1)], -2)
 
 
 def _giving(parts: LegParts, joints: JointCentres) -> NDArray:
-    """Return the legs' compliance (..., 6, 6, 6), which must give in all directions for its inverse to exist."""
+    """Return the legs' compliance (..., 6, 6, 6), which must be positive definite for its inverse to exist."""
     found = parts.compliance.sum(-3)
     lever = np.ones((*joints.length.shape, 6))
     lever[..., 3:] = joints.length[..., None].real

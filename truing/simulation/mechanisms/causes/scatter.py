@@ -15,8 +15,8 @@ from truing.simulation.inputs import APPROACH, ORDER, Missing, ranks
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
-# Groups of neighbouring poses that are tried: from a twelfth of the campaign to half of it, each a twelfth longer
-# than the one before, each group an eighth behind the one before.
+# Lengths of groups, as shares of the campaign: shortest, longest, and ratio of successive lengths; groups of one length
+# are shifted by an eighth of it.
 _SHORTEST, _LONGEST, _GROWTH = 1 / 12, 1 / 2, 13 / 12
 _FEWEST_IN_GROUP, _FEWEST_POSES = 3, 12
 _PLAUSIBLE_M = 1e-5
